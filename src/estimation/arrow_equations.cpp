@@ -5,14 +5,6 @@
 namespace helix_arm::estimation {
 namespace {
 
-// U'^-1 x.
-void divideByRoot(const RowMajor& U, Eigen::VectorXd& x) {
-  for (Eigen::Index i = 0; i < U.rows(); ++i) {
-    for (Eigen::Index k = 0; k < i; ++k) x[i] -= U(k, i) * x[k];
-    x[i] /= U(i, i);
-  }
-}
-
 // Blocks of some rows and columns, too small for the overhead of general ones.
 void addBlock(const double* from, int stride, int rows, int columns, double* to,
               Eigen::Index to_stride) {
@@ -166,19 +158,14 @@ void ArrowEquations::addTerm(std::size_t t, const double* J, double weight) {
 
 Eigen::VectorXd ArrowEquations::gradient() const {
   Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    out[columns_[i]] = gradient_[static_cast<Eigen::Index>(i)];
-  }
+  out(columns_) = gradient_;
   for (const Eliminated& one : shapes_or_tags_) out.segment(one.column, one.size) = one.gradient;
   return out;
 }
 
 Eigen::VectorXd ArrowEquations::diagonal() const {
   Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    out[columns_[i]] = rest_(row, row);
-  }
+  out(columns_) = rest_.diagonal();
   for (const Eliminated& one : shapes_or_tags_) {
     out.segment(one.column, one.size) = one.own.diagonal();
   }
@@ -203,10 +190,7 @@ Eigen::MatrixXd ArrowEquations::dense() const {
 bool ArrowEquations::factor(const Eigen::VectorXd& damping) {
   root_ = rest_;
   scaled_gradient_ = gradient_;
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    root_(row, row) += damping[columns_[i]];
-  }
+  root_.diagonal() += damping(columns_);
   for (Eliminated& one : shapes_or_tags_) {
     if (!one.active) continue;
     one.root = one.own;
@@ -215,7 +199,7 @@ bool ArrowEquations::factor(const Eigen::VectorXd& damping) {
     one.scaled_cross = one.cross;
     divideByTransposed(one.root, one.scaled_cross);
     one.scaled_gradient = one.gradient;
-    divideByRoot(one.root, one.scaled_gradient);
+    divideByTransposed(one.root, one.scaled_gradient);
     subtractSquare(one.scaled_cross, one.at, square_, root_);
     scaled_gradient_(one.at) -= one.scaledCross().transpose() * one.scaled_gradient;
   }
@@ -226,9 +210,7 @@ Eigen::VectorXd ArrowEquations::step() const {
   Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
   Eigen::VectorXd rest = -scaled_gradient_;
   solveUpper(root_, rest);
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    out[columns_[i]] = rest[static_cast<Eigen::Index>(i)];
-  }
+  out(columns_) = rest;
   for (const Eliminated& one : shapes_or_tags_) {
     if (!one.active) continue;
     Eigen::VectorXd own = -one.scaled_gradient;

@@ -16,6 +16,9 @@ struct Solved {
   double cost = 0;  ///< readings and priors: half the robust sum of squares
 };
 
+/// A least squares ends once a step lowers its cost by less than this fraction.
+inline constexpr double kSolvedTolerance = 1e-9;
+
 /// What to minimise.
 struct DescentTask {
   double noise_scale;  ///< noise as a multiple of the expected noise
@@ -24,7 +27,7 @@ struct DescentTask {
   /// null: none.
   const Eigen::VectorXd* held = nullptr;
   int max_iterations = 100;
-  double tolerance = 1e-9;  ///< ends once a step lowers the cost by less than this fraction
+  double tolerance = kSolvedTolerance;  ///< in place of that
 };
 
 /// Levenberg and Marquardt's method over the values of the parameters, with the radius of the trust

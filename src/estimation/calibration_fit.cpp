@@ -76,11 +76,16 @@ Values valuesAmong(const std::vector<ParameterInfo>& infos, Eigen::Index entries
 }
 
 // Covariance including the uncertainty of parameters that were held at their values during the fit.
-// @param all  problem whose parameters include the fitted ones; moved to their values.
-Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationProblem& fitted,
-                                      CalibrationProblem& all, double noise_scale) {
+// @param all  includes the fitted parameters.
+Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const CalibrationProblem& fitted,
+                                      const std::vector<ArmCaptures>& arms,
+                                      const CalibrationOptions& options, const Selection& all,
+                                      double noise_scale) {
+  const Selection& own = fitted.selection();
+  if (all.stiffness.size() == own.stiffness.size() && all.rig == own.rig) return covariance;
+  CalibrationProblem everything(arms, options, all);
   const std::vector<ParameterInfo>& known = fitted.parameters();
-  const std::vector<ParameterInfo>& infos = all.parameters();
+  const std::vector<ParameterInfo>& infos = everything.parameters();
   std::vector<int> fitted_columns, held_columns;
   for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
     const bool is_fitted = std::any_of(known.begin(), known.end(), [&](const ParameterInfo& one) {
@@ -89,8 +94,8 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationPro
     (is_fitted ? fitted_columns : held_columns).push_back(i);
   }
   if (held_columns.empty()) return covariance;
-  all.values() = valuesAmong(infos, all.values().stiffness.size(), fitted);
-  const Eigen::MatrixXd H = statisticsOf(all, noise_scale).information;
+  everything.values() = valuesAmong(infos, everything.values().stiffness.size(), fitted);
+  const Eigen::MatrixXd H = statisticsOf(everything, noise_scale).information;
   const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
   const Eigen::MatrixXd shift = covariance * cross;
   Eigen::VectorXd prior(held_columns.size());
@@ -177,7 +182,7 @@ bool stiffnessIsIdentified(const CalibrationFit& fit) {
                      [](bool identified) { return identified; });
 }
 
-// @param all  problem of all parameters that could be fitted.
+// @param all  parameters that could be fitted.
 Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                       const Selection& selection, const Selection& all, double bias) {
   Candidate candidate;
@@ -202,11 +207,8 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.covariance = statistics.covariance;
   judge(fit.covariance);
   if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
-  if (all.stiffness.size() > selection.stiffness.size() || all.rig != selection.rig) {
-    CalibrationProblem everything(arms, options, all);
-    fit.covariance =
-        withUncertaintyOfHeld(statistics.covariance, *fit.problem, everything, fit.noise_scale);
-  }
+  fit.covariance = withUncertaintyOfHeld(statistics.covariance, *fit.problem, arms, options, all,
+                                         fit.noise_scale);
   fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
   judge(fit.covariance);
   return candidate;
@@ -323,9 +325,10 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
   const Eigen::VectorXd optimum = asked.values().stiffness;
   const Eigen::Index entries = optimum.size();
   const Eigen::MatrixXd own = statisticsOf(asked, fit.asked_noise_scale).covariance;
-  CalibrationProblem everything(arms, options, allOf(asked.selection(), arms, kind));
-  Eigen::MatrixXd covariance = withUncertaintyOfHeld(own, asked, everything, fit.asked_noise_scale)
-                                   .topLeftCorner(entries, entries);
+  Eigen::MatrixXd covariance =
+      withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
+                            fit.asked_noise_scale)
+          .topLeftCorner(entries, entries);
   const Values reported = valuesAmong(asked.parameters(), entries, *fit.problem);
   Eigen::VectorXd mean = optimum - reported.stiffness;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));

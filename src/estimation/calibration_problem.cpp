@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "calibration_checks.hpp"
@@ -140,8 +139,7 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
   if (!state.shape.found) return H;
   Eigen::MatrixXd by_pieces;
   std::vector<double> residual, J;
-  for (const ReadingTerm& term :
-       expectedTerms(work.shared, work.shared.arms.front(), place, state, work.blocks)) {
+  for (const ReadingTerm& term : expectedTerms(work.shared, place, state, work.blocks)) {
     const ReadingCost& cost = *term.cost;
     residual.resize(static_cast<std::size_t>(cost.residuals()));
     J.resize(static_cast<std::size_t>(cost.residuals() * cost.stride()));

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -22,9 +21,6 @@ struct Comparison {
   double limit;   ///< value of `square` beyond which it is an outlier; infinite if it cannot be one
   double error;   ///< error for reports [rad, px or m]
 };
-
-/// A least squares ends once a step lowers its cost by less than this fraction.
-constexpr double kSolvedTolerance = 1e-9;
 
 /// Arms, their readings and the values of the fitted parameters.
 ///

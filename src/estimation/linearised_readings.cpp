@@ -16,20 +16,17 @@ LinearisedReadings::LinearisedReadings(Shared& shared, ReadingKind kind,
       known_(places.size(), kNothing),
       states_(places.size()),
       squares_(terms.size(), 0.0) {
-  std::size_t residuals = 0, entries = 0;
+  std::size_t entries = 0;
   for (std::size_t t = 0; t < terms.size(); ++t) {
     const ReadingCost& cost = *terms[t].cost;
     const auto capture = static_cast<std::size_t>(cost.place().capture);
     first_term_[capture] = std::min(first_term_[capture], t);
-    first_residual_.push_back(residuals);
     first_entry_.push_back(entries);
-    residuals += static_cast<std::size_t>(cost.residuals());
     entries += static_cast<std::size_t>(cost.residuals() * cost.stride());
   }
   for (std::size_t c = places.size(); c-- > 0;) {
     first_term_[c] = std::min(first_term_[c], first_term_[c + 1]);
   }
-  residuals_.resize(residuals);
   jacobians_.resize(entries, 0.0);
 }
 
@@ -50,16 +47,17 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
   state = stateAt(shared_, places_[capture], kind_, values, derivatives);
   for (std::size_t t = first_term_[capture]; t < first_term_[capture + 1]; ++t) {
     const ReadingCost& cost = *terms_[t].cost;
-    double* const residual = &residuals_[first_residual_[t]];
+    residuals_.resize(static_cast<std::size_t>(cost.residuals()));
     double* const jacobian = derivatives ? &jacobians_[first_entry_[t]] : nullptr;
-    const bool found =
-        state.shape.found && cost.evaluate(state, values, residual, jacobian, by_pieces_);
     squares_[t] = std::numeric_limits<double>::infinity();
-    if (found) {
-      squares_[t] = Eigen::Map<const Eigen::VectorXd>(residual, cost.residuals()).squaredNorm();
+    if (!state.shape.found ||
+        !cost.evaluate(state, values, residuals_.data(), jacobian, by_pieces_)) {
+      continue;
     }
+    squares_[t] =
+        Eigen::Map<const Eigen::VectorXd>(residuals_.data(), cost.residuals()).squaredNorm();
     for (int r = 0; derivatives && r < cost.residuals(); ++r) {
-      jacobian[r * cost.stride() + cost.columns()] = residual[r];
+      jacobian[r * cost.stride() + cost.columns()] = residuals_[r];
     }
   }
   known_[capture] = derivatives ? kDerivatives : kResiduals;

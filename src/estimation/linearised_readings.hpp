@@ -30,7 +30,7 @@ class LinearisedReadings {
   // deviations.
   /// Squared residuals; infinite if the term has none there.
   double square(std::size_t term) const { return squares_[term]; }
-  /// (residuals x stride) row major: derivatives, residual, zeros.
+  /// (residuals x stride) row major: derivatives, residual, zeros. Undefined without residuals.
   const double* jacobian(std::size_t term) const { return &jacobians_[first_entry_[term]]; }
   const CaptureState& state(int capture) const { return states_[capture]; }
 
@@ -43,13 +43,15 @@ class LinearisedReadings {
   const ReadingKind kind_;
   const std::vector<Place>& places_;
   const std::vector<ReadingTerm>& terms_;
-  std::vector<std::size_t> first_term_;                    // (captures + 1)
-  std::vector<std::size_t> first_residual_, first_entry_;  // (terms)
+  std::vector<std::size_t> first_term_;   // (captures + 1)
+  std::vector<std::size_t> first_entry_;  // (terms)
   Eigen::VectorXd at_;
   std::vector<Known> known_;          // (captures)
   std::vector<CaptureState> states_;  // (captures)
   std::vector<double> squares_;       // (terms)
-  std::vector<double> residuals_, jacobians_;
+  std::vector<double> jacobians_;
+  // Workspace.
+  std::vector<double> residuals_;
   Eigen::MatrixXd by_pieces_;
 };
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Cholesky>
-#include <array>
 #include <cmath>
 #include <set>
 #include <utility>

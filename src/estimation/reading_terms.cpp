@@ -94,9 +94,9 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
   return state;
 }
 
-std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& arm,
-                                       const Place& place, const CaptureState& state,
-                                       const ParameterBlocks& blocks) {
+std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
+                                       const CaptureState& state, const ParameterBlocks& blocks) {
+  const ArmCaptures& arm = shared.arms[place.arm];
   std::vector<ReadingTerm> terms;
   std::vector<bool> seen(arm.layout.tags.size(), false);
   const auto add = [&](const Reading& reading) {

@@ -38,13 +38,12 @@ std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const
 CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,
                      bool derivatives);
 
-/// The readings that an arm is expected to give at these pressures: those of its captures, each tag
-/// once, if it faces the camera.
+/// The readings that an arm is expected to give at the pressures of a place: those of its captures,
+/// each tag once, if it faces the camera.
 ///
 /// @param place  must outlive them. @param state  there, at the current values.
-std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& arm,
-                                       const Place& place, const CaptureState& state,
-                                       const ParameterBlocks& blocks);
+std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
+                                       const CaptureState& state, const ParameterBlocks& blocks);
 
 /// Adds the weighted J'J of a term to that of all free parameters.
 ///

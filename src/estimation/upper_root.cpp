@@ -114,11 +114,8 @@ HELIX_ARM_CLONES void divideRows(const double* U, int n, double* X, int stride) 
 bool factorUpper(RowMajor& S) { return factorRows(S.data(), static_cast<int>(S.rows())); }
 
 void solveUpper(const RowMajor& U, Eigen::VectorXd& x) {
+  divideByTransposed(U, x);
   const Eigen::Index n = U.rows();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    x[i] /= U(i, i);
-    x.tail(n - i - 1) -= x[i] * U.row(i).tail(n - i - 1).transpose();
-  }
   for (Eigen::Index i = n; i-- > 0;) {
     x[i] = (x[i] - U.row(i).tail(n - i - 1).dot(x.tail(n - i - 1))) / U(i, i);
   }
@@ -126,6 +123,14 @@ void solveUpper(const RowMajor& U, Eigen::VectorXd& x) {
 
 void divideByTransposed(const RowMajor& U, RowMajor& X) {
   divideRows(U.data(), static_cast<int>(U.rows()), X.data(), static_cast<int>(X.cols()));
+}
+
+void divideByTransposed(const RowMajor& U, Eigen::VectorXd& x) {
+  const Eigen::Index n = U.rows();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    x[i] /= U(i, i);
+    x.tail(n - i - 1) -= x[i] * U.row(i).tail(n - i - 1).transpose();
+  }
 }
 
 RowMajor inverseOfUpper(const RowMajor& U) {

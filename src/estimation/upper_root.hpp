@@ -24,6 +24,7 @@ void solveUpper(const RowMajor& U, Eigen::VectorXd& x);
 ///
 /// @param X  (any x padded columns).
 void divideByTransposed(const RowMajor& U, RowMajor& X);
+void divideByTransposed(const RowMajor& U, Eigen::VectorXd& x);
 
 /// (U'U)^-1, both triangles.
 RowMajor inverseOfUpper(const RowMajor& U);
