@@ -9,18 +9,12 @@
 #include <benchmark/benchmark.h>
 #include <sys/mman.h>
 
+#include "helix_arm/basics/vector_clones.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "support/paper_arm.hpp"
 
 #ifdef __x86_64__
 #include <emmintrin.h>
-#endif
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define HELIX_ARM_CLONES \
-  __attribute__((target_clones("avx512f", "arch=haswell", "default"), noinline))
-#else
-#define HELIX_ARM_CLONES
 #endif
 
 namespace helix_arm::benchmark {
@@ -123,10 +117,9 @@ void batchThreads(::benchmark::State& state) {
 }
 
 // The same six arrays and next to no arithmetic, fetched ahead; written through the caches.
-HELIX_ARM_CLONES
-void readAndWrite(const double* __restrict a, const double* __restrict b,
-                  const double* __restrict c, double* __restrict x, double* __restrict y,
-                  double* __restrict z) {
+HELIX_ARM_CLONES __attribute__((noinline)) void readAndWrite(
+    const double* __restrict a, const double* __restrict b, const double* __restrict c,
+    double* __restrict x, double* __restrict y, double* __restrict z) {
   constexpr std::size_t kLine = 8, kAhead = 16 * kLine;
   for (std::size_t j = 0; j < kSamples; j += kLine) {
     for (const double* place : {a, b, c}) __builtin_prefetch(place + j + kAhead);
@@ -165,8 +158,7 @@ void bandwidthRoof(::benchmark::State& state, Copy copy) {
   }
 }
 
-HELIX_ARM_CLONES
-void multiplyAdd(double* accumulators, long steps) {
+HELIX_ARM_CLONES __attribute__((noinline)) void multiplyAdd(double* accumulators, long steps) {
   double local[kAccumulators];
   for (int i = 0; i < kAccumulators; ++i) local[i] = accumulators[i];
   for (long step = 0; step < steps; ++step) {
