@@ -36,7 +36,7 @@ set(others_io "Eigen|openssl|yaml-cpp")
 set(others_cli "Eigen|CLI|cairo|nlohmann")
 set(others_python "Eigen|opencv2|pybind11")
 set(others_nodes "")
-set(others_rviz_panel "rviz|pluginlib|ros")  # and Qt, whose headers have no folder
+set(others_rviz_panel "rviz|pluginlib")  # and Qt, whose headers have no folder
 
 set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli python rviz_panel)
 foreach(package common pressure vision calibration cockpit follow tools)

@@ -20,4 +20,5 @@ foreach(planted "\"ros/ros.h\"" "<ceres/ceres.h>" "\"../io/document.hpp\"" "<yam
 endforeach()
 expect_fault(src/ros_bridge/vision/overlay.cpp "#include \"helix_arm/ros_bridge/pressure/pressure_loop.hpp\"")
 expect_fault(src/model/arm.cpp "#include \"helix_arm/statics/load.hpp\"")
+expect_fault(src/rviz_panel/cockpit_panel.cpp "#include <ros/time.h>")
 expect_fault(src/stray.cpp "// a file outside the layers")

@@ -1,8 +1,8 @@
 #include "board_arguments.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include "arguments.hpp"
 #include "completion.hpp"

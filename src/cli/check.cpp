@@ -21,6 +21,8 @@ using procedures::RigCheck;
 using procedures::Severity;
 using procedures::SightFigures;
 
+constexpr int kDecimals = 2;  // of a pressure in kPa
+
 struct CheckArguments {
   std::string scene;
   bool probe = false;
@@ -40,7 +42,7 @@ std::optional<double> supplyOf(const Answer& answer) {
 
 std::string kpaOf(double pressure) {
   std::ostringstream text;
-  text << std::fixed << std::setprecision(2) << pressure / 1e3 << " kPa";
+  text << std::fixed << std::setprecision(kDecimals) << pressure / 1e3 << " kPa";
   return text.str();
 }
 
@@ -48,15 +50,13 @@ std::string kpaOf(double pressure) {
 void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& findings) {
   const std::string name = regulator::describe(*scene.regulator);
   const Eigen::VectorXd& pressure = answer.readings->pressure;
-  std::string said;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const std::string& actuator = scene.arm.actuator(i).name;
-    said += (i > 0 ? ", " : "") + actuator + " ";
-    said += std::isfinite(pressure[i]) ? kpaOf(pressure[i]) : "no reading";
     if (std::isfinite(pressure[i])) continue;
-    findings.push_back({Severity::kFault, "no_reading", actuator, "its channel gives no reading",
+    findings.push_back({Severity::kFault, "no_reading", scene.arm.actuator(i).name,
+                        "its channel gives no reading",
                         "look at its sensor and address: helix_arm regulator SCENE probe"});
   }
+  std::string said = pressureText(scene, pressure, kDecimals);
   const std::optional<double> supply = supplyOf(answer);
   if (supply) said += ", supply " + kpaOf(*supply);
   findings.push_back({Severity::kNote, "answered", name,

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
+#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 
 namespace helix_arm::cli {
@@ -13,6 +15,7 @@ using Words = std::vector<std::string>;
 constexpr char kWordsOffer[] = "words";
 constexpr char kListOffer[] = "list";
 constexpr char kSceneOffer[] = "scene";
+constexpr char kProfileOffer[] = "profile";
 constexpr char kAnyFile[] = "*";
 constexpr char kSceneFile[] = "*.yaml";
 // Parts of the names of types that may be files; TEXT is of options that name no type.
@@ -53,6 +56,11 @@ struct Completions {
 Completions valuesOf(CLI::Option* option, const std::string& word) {
   if (offered(option, kSceneOffer) != nullptr) {
     return {kSceneFile, io::shippedNames(io::kShippedScenes)};
+  }
+  if (CLI::Validator* const besides = offered(option, kProfileOffer)) {
+    Words words = wordsOf(besides);
+    for (std::string& profile : io::shippedProfiles()) words.push_back(std::move(profile));
+    return {"", words};
   }
   if (CLI::Validator* const words = offered(option, kWordsOffer)) return {"", wordsOf(words)};
   if (CLI::Validator* const list = offered(option, kListOffer)) {
@@ -220,5 +228,9 @@ void offerList(CLI::Option* option, const std::vector<std::string>& words) {
 }
 
 void offerScenes(CLI::Option* option) { offer(option, kSceneOffer, {}); }
+
+void offerProfiles(CLI::Option* option, const std::vector<std::string>& besides) {
+  offer(option, kProfileOffer, besides);
+}
 
 }  // namespace helix_arm::cli

@@ -26,5 +26,7 @@ void offerWords(CLI::Option* option, const std::vector<std::string>& words);
 void offerList(CLI::Option* option, const std::vector<std::string>& words);
 /// The same of an option that takes the name of a shipped scene, or a file.
 void offerScenes(CLI::Option* option);
+/// The same of an option that takes the name of a shipped regulator profile, or another word.
+void offerProfiles(CLI::Option* option, const std::vector<std::string>& besides);
 
 }  // namespace helix_arm::cli

@@ -325,9 +325,7 @@ Subcommand addNew(CLI::App& app) {
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", scene.regulator,
       "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
-  std::vector<std::string> offered = io::shippedProfiles();
-  offered.insert(offered.begin(), {"simulated", "none"});
-  offerWords(command->get_option("--regulator"), offered);
+  offerProfiles(command->get_option("--regulator"), {"simulated", "none"});
   add("--device", scene.device, "serial device of a regulator on a serial line");
   add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,

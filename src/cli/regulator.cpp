@@ -5,7 +5,6 @@
 #include <limits>
 #include <sstream>
 #include <thread>
-#include <variant>
 #include <vector>
 
 #include "arguments.hpp"
@@ -83,8 +82,7 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
             << ": connected, which vents; nothing else was written\n"
             << std::fixed;
   // Without a line to a device, their rate is that of this computer.
-  const bool simulated =
-      std::holds_alternative<regulator::SimulatedRegulatorConfig>(*scene.regulator);
+  const bool hardware = regulator::isHardware(*scene.regulator);
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int readings = result.readings[static_cast<std::size_t>(i)];
     std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
@@ -93,7 +91,7 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
       std::cout << "no reading\n";
     } else {
       std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
-      if (!simulated) {
+      if (hardware) {
         std::cout << ", " << std::setprecision(1) << readings / result.seconds
                   << " readings a second";
       }
@@ -185,9 +183,9 @@ Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
   }
 }
 
-std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure) {
+std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure, int decimals) {
   std::ostringstream text;
-  text << std::fixed << std::setprecision(1);
+  text << std::fixed << std::setprecision(decimals);
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     text << (i > 0 ? ", " : "") << scene.arm.actuator(i).name;
     if (std::isfinite(pressure[i])) {

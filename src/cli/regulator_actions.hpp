@@ -46,7 +46,7 @@ struct Vented {
 Vented ventAll(regulator::Driver& driver, const io::Scene& scene);
 
 /// "muscle_1 12.3 kPa, muscle_2 no reading".
-std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure);
+std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure, int decimals = 1);
 /// Numbers, null where there is none.
 nlohmann::json readingsJson(const Eigen::VectorXd& pressure);
 /// A reading for csv, empty where there is none.

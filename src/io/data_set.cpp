@@ -68,21 +68,16 @@ class TableReader {
       faults_.add(0, "has no rows; expected at least one below the header");
   }
 
+  /// Of a table without faults.
   void takeValues() {
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Eigen::Map<const Rows> all(cells_.data(), static_cast<int>(rows_),
-                                     static_cast<int>(data_.columns.size()));
-    std::vector<int> kept;
-    for (int i = 0; i < all.cols(); ++i) {
-      if (!skips_[static_cast<std::size_t>(i)]) kept.push_back(i);
-    }
-    data_.values.resize(all.rows(), static_cast<int>(kept.size()));
     std::vector<std::string> names;
-    for (const int i : kept) {
-      data_.values.col(static_cast<int>(names.size())) = all.col(i);
-      names.push_back(std::move(data_.columns[static_cast<std::size_t>(i)]));
+    for (std::size_t i = 0; i < data_.columns.size(); ++i) {
+      if (!skips_[i]) names.push_back(std::move(data_.columns[i]));
     }
     data_.columns = std::move(names);
+    data_.values = Eigen::Map<const Rows>(cells_.data(), static_cast<int>(rows_),
+                                          static_cast<int>(data_.columns.size()));
   }
 
  private:
@@ -139,11 +134,11 @@ class TableReader {
     if (count != columns) {
       faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
                             std::to_string(columns) + ", one per column");
+      return;
     }
-    // The expected number of cells, even if the row has others.
     for (std::size_t i = 0; i < columns; ++i) {
-      const std::string_view cell = count == columns ? takeCell(content) : std::string_view();
-      cells_.push_back(count == columns && !skips_[i] ? numberOf(cell, i, line) : 0);
+      const std::string_view cell = takeCell(content);
+      if (!skips_[i]) cells_.push_back(numberOf(cell, i, line));
     }
   }
 
@@ -169,7 +164,7 @@ class TableReader {
   FaultList& faults_;
   const std::vector<std::string>& skipped_;
   std::vector<bool> skips_;    // a column
-  std::vector<double> cells_;  // in row order
+  std::vector<double> cells_;  // in row order, without the skipped columns
   std::size_t rows_ = 0;
   std::string cell_;
   bool full_ = false;  // the rest is not read

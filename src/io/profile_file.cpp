@@ -39,13 +39,11 @@ std::optional<Value> readDocument(const fs::path& path, FaultList& faults) {
   return parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
 }
 
-// Content of a profile file below its single top-level key.
+// Content of a profile file's document below its single top-level key.
 template <class Profile>
-std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<Profile> reader,
-                                FaultList& faults) {
-  const std::optional<Value> document = readDocument(path, faults);
-  if (!document) return std::nullopt;
-  const MapReader file(*document, "", {kSerial, kModbus}, faults);
+std::optional<Profile> readContent(const Value& document, const fs::path& path, const char* kind,
+                                   Reader<Profile> reader, FaultList& faults) {
+  const MapReader file(document, "", {kSerial, kModbus}, faults);
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
   if (!found) return std::nullopt;
   if (*found != kind) {
@@ -53,8 +51,7 @@ std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<P
         *found, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
     return std::nullopt;
   }
-  std::optional<Profile> profile =
-      reader(*document->find(kind), kind, path.stem().string(), faults);
+  std::optional<Profile> profile = reader(*document.find(kind), kind, path.stem().string(), faults);
   return faults.empty() ? std::move(profile) : std::nullopt;
 }
 
@@ -73,7 +70,10 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
   }
   const fs::path path = pathOf(*profile);
   FaultList in_file(path.string());
-  std::optional<Profile> read = readFile(path, kind, reader, in_file);
+  std::optional<Profile> read;
+  if (const std::optional<Value> document = readDocument(path, in_file)) {
+    read = readContent(*document, path, kind, reader, in_file);
+  }
   if (!in_file.empty())
     keys.complain("profile",
                   "is " + basics::quoted(*profile, kLongestProfile) + ", which has faults:");
@@ -101,9 +101,11 @@ RegulatorProfile loadRegulatorProfile(const std::string& profile) {
   std::optional<RegulatorProfile> read;
   const std::optional<Value> document = readDocument(path, faults);
   if (document && document->find(kModbus) != nullptr) {
-    read = readFile<regulator::ModbusProfile>(path, kModbus, readModbusProfile, faults);
+    read =
+        readContent<regulator::ModbusProfile>(*document, path, kModbus, readModbusProfile, faults);
   } else if (document) {
-    read = readFile<regulator::SerialProfile>(path, kSerial, readSerialProfile, faults);
+    read =
+        readContent<regulator::SerialProfile>(*document, path, kSerial, readSerialProfile, faults);
   }
   faults.throwIfAny();
   return read.value();

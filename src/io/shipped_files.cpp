@@ -34,6 +34,8 @@ std::vector<std::string> shippedNames(const std::string& folder, const std::stri
   return names;
 }
 
+bool isPath(const std::string& given) { return given.find_first_of("/.") != std::string::npos; }
+
 std::optional<std::string> shippedNameOf(const std::string& path, const std::string& folder,
                                          const std::string& extension) {
   std::error_code error;
@@ -47,8 +49,7 @@ std::optional<std::string> shippedNameOf(const std::string& path, const std::str
 std::optional<std::string> findScene(const std::string& given) {
   std::error_code error;
   if (shippedNameOf(given, kShippedScenes)) return std::nullopt;
-  const bool path = given.empty() || given.find_first_of("/.") != std::string::npos;
-  if (path || fs::is_regular_file(given, error)) return given;
+  if (given.empty() || isPath(given) || fs::is_regular_file(given, error)) return given;
   const std::vector<std::string> shipped = shippedNames(kShippedScenes);
   if (std::find(shipped.begin(), shipped.end(), given) == shipped.end()) return std::nullopt;
   return fs::path(shippedFolder(kShippedScenes)) / (given + ".yaml");

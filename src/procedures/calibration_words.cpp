@@ -76,6 +76,15 @@ std::string textOf(const estimation::Combination& one) {
   return one.name + format(" +- a factor of %.2g", std::exp(one.relative_error));
 }
 
+std::vector<std::string> placementTexts(bool base, std::size_t tags) {
+  std::vector<std::string> out;
+  if (base) out.emplace_back("pose of the base");
+  if (tags > 0) {
+    out.push_back("places of " + std::to_string(tags) + (tags == 1 ? " tag" : " tags"));
+  }
+  return out;
+}
+
 std::string tipErrorText(const CalibrationOutcome& outcome) {
   if (!outcome.tip_error_before || !outcome.tip_error_after) return "";
   return format("tip error %.1f mm before, %.1f mm after", 1e3 * *outcome.tip_error_before,
@@ -102,11 +111,7 @@ std::string resultText(const std::string& scene, const CalibrationOutcome& outco
       if (one.identifiable) add(textOf(one));
     }
   }
-  if (base) add("pose of the base");
-  if (!found.tags.empty()) {
-    add("places of " + std::to_string(found.tags.size()) +
-        (found.tags.size() == 1 ? " tag" : " tags"));
-  }
+  for (const std::string& text : placementTexts(base, found.tags.size())) add(text);
   return out + ": " + (list.empty() ? "the data determined no parameter" : list);
 }
 

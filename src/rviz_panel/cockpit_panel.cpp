@@ -12,7 +12,6 @@
 #include <OgreQuaternion.h>
 #include <OgreVector3.h>
 #include <pluginlib/class_list_macros.hpp>
-#include <ros/time.h>
 #include <rviz/frame_manager.h>
 #include <rviz/properties/property.h>
 #include <rviz/properties/vector_property.h>
@@ -90,7 +89,7 @@ CockpitPanel::CockpitPanel(QWidget* parent) : rviz::Panel(parent) {
   // Not where the field merely loses the focus: a name may be half typed.
   connect(namespace_, &QLineEdit::returnPressed, this, [this] { commit(); });
   connect(connect_, &QPushButton::clicked, this, [this] { commit(); });
-  connect(namespace_, &QLineEdit::textChanged, this, [this] { markNamespace(); });
+  connect(namespace_, &QLineEdit::textChanged, this, [this] { markNamespace(view()); });
 }
 
 CockpitPanel::~CockpitPanel() = default;
@@ -179,11 +178,11 @@ void CockpitPanel::stop(bool engage) {
   with([engage](auto& link) { link.emergencyStop(engage); });
 }
 
-void CockpitPanel::markNamespace() {
+void CockpitPanel::markNamespace(const ros_bridge::CockpitView& view) {
   const bool edited = typed() != wanted_;
-  const bool connected = !edited && link_ && builder_.connectingTo().empty();
+  const bool connected = !edited && link_ && view.connecting_to.empty();
   connect_->setEnabled(edited);
-  const std::string arm = ros_bridge::armName(view());
+  const std::string arm = ros_bridge::armName(view);
   const QString tip = QString::fromStdString(
       connected ? "Namespace of the arm's nodes, such as left (launch argument ns)"
       : edited  ? "Not connected: Enter or Connect does. The buttons are those of " + arm
@@ -208,8 +207,8 @@ void CockpitPanel::refresh() {
   pressures_->display(view);
   tip_->display(view);
   calibration_->display(view);
-  chart_->add(ros::SteadyTime::now().toSec(), view);
-  markNamespace();
+  chart_->add(view);
+  markNamespace(view);
   lookAt(view);
 }
 
@@ -236,9 +235,8 @@ void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
   if (!ros_bridge::isToChange(now, view.base_frame)) return;
   Ogre::Vector3 base;
   Ogre::Quaternion turn;
-  if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, ros::Time(), base, turn)) {
-    return;
-  }
+  // {}: the latest
+  if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, {}, base, turn)) return;
   const Ogre::Vector3 axis = turn.xAxis();
   const double aspect = static_cast<double>(window_.width()) / window_.height();
   const ros_bridge::ArmCamera next =

@@ -45,7 +45,7 @@ class CockpitPanel : public rviz::Panel {
   /// The name in the field.
   std::string typed() const;
   /// Shows whether the panel is connected to the name in the field.
-  void markNamespace();
+  void markNamespace(const ros_bridge::CockpitView& view);
   void tellNamespace(const std::string& fault, bool refused);
   /// Begins anew with the arm to which a connection was made, if one was.
   void takeLink();

@@ -32,8 +32,7 @@ QStringList paintedLines(const QString& text, const QFont& font, int width, int 
 FixedText::FixedText(QWidget* parent, const char* name, int lines) : QLabel(parent), lines_(lines) {
   setObjectName(name);
   setTextFormat(Qt::PlainText);
-  setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);
-  QSizePolicy keeps = sizePolicy();
+  QSizePolicy keeps(QSizePolicy::Ignored, QSizePolicy::Fixed);
   keeps.setRetainSizeWhenHidden(true);
   setSizePolicy(keeps);
   fixHeight();

@@ -17,7 +17,6 @@ using namespace ros_bridge;
 
 constexpr double kStep = 100;  // of a slider [Pa]
 constexpr double kKilo = 1e3;  // Pa per kPa
-constexpr int kColumns = 5;
 
 // The widest scale inside the limits: the end of a slider is never refused.
 int lowestStep(const CockpitChannel& channel) {
@@ -35,6 +34,10 @@ PressureBox::PressureBox(QWidget* parent, Set set)
   grid_->setColumnStretch(1, 1);
   why_not_ = new FixedText(this, "pressures_why_not", 1);
   grid_->addWidget(why_not_, 0, 0, 1, kColumns);
+}
+
+std::array<QWidget*, PressureBox::kColumns> PressureBox::Row::parts() const {
+  return {label, slider, limits, value, reading};
 }
 
 PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
@@ -65,10 +68,7 @@ PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
   connect(row.value, QOverload<double>::of(&QDoubleSpinBox::valueChanged), this,
           [this, channel](double kilopascal) { set_(channel, kKilo * kilopascal); });
   int column = 0;
-  for (QWidget* part :
-       std::initializer_list<QWidget*>{row.label, row.slider, row.limits, row.value, row.reading}) {
-    grid_->addWidget(part, index + 1, column++);
-  }
+  for (QWidget* part : row.parts()) grid_->addWidget(part, index + 1, column++);
   return row;
 }
 
@@ -79,10 +79,7 @@ void PressureBox::makeRows(const CockpitView& view) {
   }
   if (same) return;
   for (const Row& row : rows_) {
-    for (QWidget* part : std::initializer_list<QWidget*>{row.label, row.slider, row.limits,
-                                                         row.value, row.reading}) {
-      part->deleteLater();
-    }
+    for (QWidget* part : row.parts()) part->deleteLater();
   }
   rows_.clear();
   for (const CockpitChannel& channel : view.channels) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <QGroupBox>
+#include <array>
 #include <cstddef>
 #include <functional>
 #include <string>
@@ -26,12 +27,17 @@ class PressureBox : public QGroupBox {
   void display(const ros_bridge::CockpitView& view);
 
  private:
+  static constexpr int kColumns = 5;
+
   struct Row {
     std::string name;
     QLabel* label;
     QSlider* slider;        ///< [0.1 kPa]
     QDoubleSpinBox* value;  ///< [kPa]
     QLabel *limits, *reading;
+
+    /// From left to right.
+    std::array<QWidget*, kColumns> parts() const;
   };
 
   void makeRows(const ros_bridge::CockpitView& view);

@@ -58,13 +58,15 @@ void drawFrame(QPainter& painter, const QRectF& area, const QString& text) {
 StripChart::StripChart(QWidget* parent) : QWidget(parent), history_(kSpan, kPeriod) {
   setObjectName("strip_chart");
   setMinimumHeight(kHeight);
+  clock_.start();
 }
 
-void StripChart::add(double now, const ros_bridge::CockpitView& view) {
+void StripChart::add(const ros_bridge::CockpitView& view) {
   std::vector<double> pressures;
   for (const auto& channel : view.channels) pressures.push_back(channel.measured);
   from_target_ = view.loop && std::isfinite(view.loop->error);
-  history_.add(now, pressures, from_target_ ? view.loop->error : view.tip_error);
+  history_.add(1e-9 * static_cast<double>(clock_.nsecsElapsed()), pressures,
+               from_target_ ? view.loop->error : view.tip_error);
   update();
 }
 

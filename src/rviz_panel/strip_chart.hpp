@@ -1,5 +1,6 @@
 #pragma once
 
+#include <QElapsedTimer>
 #include <QWidget>
 
 #include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
@@ -12,11 +13,9 @@ class StripChart : public QWidget {
  public:
   explicit StripChart(QWidget* parent);
 
-  /// Adds a moment. @param now  steady time [s].
-  void add(double now, const ros_bridge::CockpitView& view);
+  /// Adds the present moment.
+  void add(const ros_bridge::CockpitView& view);
   void clear();
-
-  const ros_bridge::StripHistory& history() const { return history_; }
 
  protected:
   void paintEvent(QPaintEvent* event) override;
@@ -25,6 +24,7 @@ class StripChart : public QWidget {
   void drawPressures(QPainter& painter, const QRectF& area) const;
   void drawError(QPainter& painter, const QRectF& area) const;
 
+  QElapsedTimer clock_;
   ros_bridge::StripHistory history_;
   bool from_target_ = false;  ///< the error is that of the closed loop, not that of the model
 };

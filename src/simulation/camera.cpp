@@ -253,7 +253,7 @@ void SimulatedCamera::Workspace::develop() {
 
 SimulatedCamera::SimulatedCamera(const ArmView& view, const vision::TagFamily& family,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
-    : SimulatedCamera(checked(view, body, config), printsOf(view.layout, family), body, config) {}
+    : SimulatedCamera(view, printsOf(checked(view, body, config).layout, family), body, config) {}
 SimulatedCamera::SimulatedCamera(const ArmView& view, const std::vector<CardPrint>& prints,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
     : work_(std::make_unique<Workspace>(view, prints, body, config)) {}

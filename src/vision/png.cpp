@@ -4,7 +4,6 @@
 #include <array>
 #include <csetjmp>
 #include <cstdio>
-#include <memory>
 #include <new>
 
 #include <png.h>

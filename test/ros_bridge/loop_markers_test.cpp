@@ -1,5 +1,7 @@
 #include "helix_arm/ros_bridge/follow/loop_markers.hpp"
 
+#include <algorithm>
+
 #include <gtest/gtest.h>
 
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -20,10 +22,10 @@ LoopMarkers::Tips sample() {
 }
 
 Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
-  lie::SE3 X_WB;  // it hangs
-  X_WB.rotation << 0, 0, 1, 0, 1, 0, -1, 0, 0;
-  const auto array = LoopMarkers("arm_base", 1.0, sideView(X_WB.rotation.col(0), 0.3, 0.03), X_WB)
-                         .draw(ros::Time(5), tips);
+  Eigen::Matrix3d R_WB;  // it hangs
+  R_WB << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
+  const auto array = LoopMarkers("arm_base", 1.0).draw(ros::Time(5), view, tips);
   for (const Marker& marker : array.markers) {
     if (marker.ns == ns) return marker;
   }
@@ -42,6 +44,26 @@ TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
               1e-9);
   EXPECT_GT(table.pose.position.y - ellipsoid.pose.position.y, ellipsoid.scale.y);
   EXPECT_NE(table.pose.position.y, drawn(sample(), names::kLoopStateNs).pose.position.y);
+}
+
+// After a reload, the same markers draw an arm that is mounted otherwise.
+TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
+  const LoopMarkers markers("arm_base", 1.0);
+  Eigen::Matrix3d hangs, rolled;
+  hangs << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y
+  for (const Eigen::Matrix3d& R_WB : {hangs, rolled, hangs}) {
+    const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
+    const auto array = markers.draw(ros::Time(5), view, sample());
+    const auto state =
+        std::find_if(array.markers.begin(), array.markers.end(),
+                     [](const Marker& marker) { return marker.ns == names::kLoopStateNs; });
+    ASSERT_NE(state, array.markers.end());
+    const auto& at = state->pose.position;
+    const Eigen::Vector3d beyond = R_WB * (Eigen::Vector3d(at.x, at.y, at.z) - *sample().predicted);
+    EXPECT_LT(beyond.z(), -0.01);
+    EXPECT_LT(beyond.head<2>().norm(), 1e-12);
+  }
 }
 
 TEST(LoopMarkers, ABudgetThatIsContradictedHasAnotherColour) {

@@ -17,13 +17,16 @@ std::string shippedFolder(const std::string& folder);
 std::vector<std::string> shippedNames(const std::string& folder,
                                       const std::string& extension = ".yaml");
 
+/// A text with a `/` or a `.` is a path; any other is the name of what the package ships.
+bool isPath(const std::string& given);
+
 /// The name of the shipped file that a path to no file seems to mean: demo of rigs/demo.yaml.
 std::optional<std::string> shippedNameOf(const std::string& path, const std::string& folder,
                                          const std::string& extension = ".yaml");
 
 /// The path of a scene that is given by its path or by the name of a shipped scene; nothing on a
-/// name that is neither. A file that exists comes first. A text with a `/` or a `.` is a path;
-/// nothing, too, where shippedNameOf() knows what is meant.
+/// name that is neither. A file that exists comes first. Nothing, too, where shippedNameOf() knows
+/// what is meant.
 std::optional<std::string> findScene(const std::string& given);
 /// What is wrong with such a name, with those of the shipped scenes.
 std::string unknownScene(const std::string& given);

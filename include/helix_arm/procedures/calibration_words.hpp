@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,10 @@ std::string textOf(const estimation::Parameter& parameter);
 /// Name and relative error: "K_gamma^0.97 K_kappa^0.25 +- 1.2 %", or of 100 % and more
 /// "+- a factor of 15".
 std::string textOf(const estimation::Combination& combination);
+
+/// What stands for the numbers of a placement: "pose of the base" if it has some, "places of 3
+/// tags" if these have some.
+std::vector<std::string> placementTexts(bool base, std::size_t tags);
 
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.
 std::string tipErrorText(const CalibrationOutcome& outcome);

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <set>
+#include <utility>
 
 #include <ros/names.h>
 #include <ros/param.h>
@@ -13,8 +14,8 @@
 
 #include "helix_arm/Reload.h"
 #include "helix_arm/Save.h"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -59,10 +60,8 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
       out.push_back(shownText(name) + numbers + unit);
     }
   }
-  if (base) out.emplace_back("pose of the base");
-  if (!tags.empty()) {
-    out.push_back("places of " + std::to_string(tags.size()) +
-                  (tags.size() == 1 ? " tag" : " tags"));
+  for (std::string& text : procedures::placementTexts(base, tags.size())) {
+    out.push_back(std::move(text));
   }
   if (!zeros.empty()) out.push_back("not distinguishable from 0: " + zeros);
   return out;

@@ -2,20 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <utility>
 
 #include <ros/service.h>
-#include <ros/this_node.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"

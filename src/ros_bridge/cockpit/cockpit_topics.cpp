@@ -5,7 +5,6 @@
 
 #include <ros/this_node.h>
 
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_link.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
@@ -37,10 +36,8 @@ double lengthOf(const ArmShape& shape) {
 }
 
 double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  for (const auto& entry : status.values) {
-    if (entry.key == key) return std::strtod(entry.value.c_str(), nullptr);
-  }
-  return kUnknown;
+  const std::string text = valueOf(status, key);
+  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
 }
 
 // The value of a key in kPa, in Pa.

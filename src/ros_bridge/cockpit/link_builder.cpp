@@ -103,6 +103,7 @@ std::string LinkBuilder::silentMaster() const {
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {
+  if (!link) return;
   CockpitLink* const last = link.get();
   try {
     std::thread([last] { delete last; }).detach();

@@ -8,6 +8,8 @@
 
 #include <unistd.h>
 
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+
 namespace helix_arm::ros_bridge {
 namespace {
 
@@ -20,15 +22,7 @@ bool isSameFolder(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, fault) && !fault;
 }
 
-fs::path variable(const char* name) {
-  const char* const value = std::getenv(name);
-  return value == nullptr ? "" : value;
-}
-
-fs::path rosHome() {
-  const fs::path given = variable("ROS_HOME");
-  return given.empty() ? variable("HOME") / ".ros" : given;
-}
+fs::path rosHome() { return fs::path(defaultFolder()).parent_path(); }
 
 fs::path ofProcess(long process, const char* file) {
   return fs::path("/proc") / std::to_string(process) / file;
@@ -70,7 +64,8 @@ std::optional<fs::path> launchersFolder() {
 }  // namespace
 
 std::filesystem::path callersFolder() {
-  const fs::path shell = variable("PWD");
+  const char* const pwd = std::getenv("PWD");
+  const fs::path shell = pwd == nullptr ? "" : pwd;
   fs::path folder = fs::current_path();
   if (isSameFolder(folder, rosHome())) {
     if (const auto launcher = launchersFolder()) {

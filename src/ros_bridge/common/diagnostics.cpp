@@ -21,6 +21,13 @@ void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
   status.values.push_back(entry);
 }
 
+std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {
+  for (const auto& entry : status.values) {
+    if (entry.key == key) return entry.value;
+  }
+  return "";
+}
+
 std::string fixed(double value, int decimals) {
   char text[64];
   std::snprintf(text, sizeof text, "%.*f", decimals, value);

@@ -21,16 +21,13 @@ std::string join(const Parts&... parts) {
   return out.str();
 }
 
-// A bare word names what the package ships; with a `/` or a `.` it is a path.
-bool isPath(const std::string& given) { return given.find_first_of("/.") != std::string::npos; }
-
 }  // namespace
 
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
                                     const std::string& extension) {
   if (given.empty()) return std::nullopt;
   if (given.front() == '/') return given;
-  if (isPath(given)) return std::nullopt;
+  if (io::isPath(given)) return std::nullopt;
   return join(io::shippedFolder(folder), "/", given, extension);
 }
 
@@ -108,7 +105,7 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
                                           const std::string& extension) {
   const std::string given = text(name, "");
   if (given.empty()) return given;
-  if (isPath(given)) {
+  if (io::isPath(given)) {
     const std::string path = absolute(name, given);
     const auto meant = io::shippedNameOf(path, folder, extension);
     if (!meant) return path;

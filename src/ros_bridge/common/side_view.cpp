@@ -1,6 +1,7 @@
 #include "helix_arm/ros_bridge/common/side_view.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 
@@ -91,9 +92,18 @@ SideView sideView(const Eigen::Vector3d& axis, double length, double radius) {
   return out;
 }
 
+SideView seenFrom(const Eigen::Matrix3d& R_WB, SideView view) {
+  for (Eigen::Vector3d* vector : {&view.right, &view.up, &view.beyond, &view.headline,
+                                  &view.legend_top, &view.table_top, &view.centre}) {
+    *vector = R_WB.transpose() * *vector;
+  }
+  return view;
+}
+
 SideView sideViewOf(const io::Scene& scene) {
-  return sideView(scene.X_WB.rotation.col(0), scene.arm.restLength(),
-                  scene.looks.front().separator_radius);
+  const Eigen::Matrix3d& R_WB = scene.X_WB.rotation;
+  return seenFrom(
+      R_WB, sideView(R_WB.col(0), scene.arm.restLength(), scene.looks.front().separator_radius));
 }
 
 Eigen::Vector3d centreOfLines(const SideView& view, const Eigen::Vector3d& top, int n,
@@ -106,7 +116,7 @@ std::string lineOfColumn(int i, int n, const std::string& text) {
          std::string(static_cast<std::size_t>(n - 1 - i), '\n');
 }
 
-visualization_msgs::Marker legendLine(LegendLine line, const SideView& view, const lie::SE3& X_WB,
+visualization_msgs::Marker legendLine(LegendLine line, const SideView& view,
                                       visualization_msgs::Marker marker) {
   const auto row = static_cast<std::size_t>(line);
   const LegendText& entry = kLegend[row];
@@ -116,7 +126,7 @@ visualization_msgs::Marker legendLine(LegendLine line, const SideView& view, con
   marker.scale.z = height;
   marker.color = color(entry.r, entry.g, entry.b);
   marker.text = lineOfColumn(marker.id, kLegendLineCount, entry.text);
-  marker.pose.position = toPointMsg(X_WB.rotation.transpose() * place);
+  marker.pose.position = toPointMsg(place);
   return marker;
 }
 

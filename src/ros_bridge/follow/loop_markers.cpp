@@ -24,14 +24,13 @@ constexpr double kTableRise = 0.03;     // its end is clear of the measured tip'
 
 }  // namespace
 
-LoopMarkers::LoopMarkers(std::string base_frame, double lifetime, const SideView& view,
-                         const lie::SE3& X_WB)
-    : view_(view), X_WB_(X_WB), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+LoopMarkers::LoopMarkers(std::string base_frame, double lifetime)
+    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
-void LoopMarkers::addLegend(const ros::Time& stamp, LegendLine line, bool drawn,
-                            visualization_msgs::MarkerArray& out) const {
+void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
+                            bool drawn, visualization_msgs::MarkerArray& out) const {
   out.markers.push_back(
-      legendLine(line, view_, X_WB_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+      legendLine(line, view, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
   if (!drawn) out.markers.back().action = Marker::DELETE;
 }
 
@@ -95,7 +94,8 @@ Marker LoopMarkers::words(const ros::Time& stamp, const char* ns,
   return out;
 }
 
-visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const Tips& tips) const {
+visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const SideView& view,
+                                                  const Tips& tips) const {
   visualization_msgs::MarkerArray out;
   Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
   wanted.color = color(1.0, 0.3, 0.9, 0.7);
@@ -106,23 +106,22 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   if (tips.predicted) shapeLike(tips.covariance, *tips.predicted, ellipsoid);
   const auto beside = [&](double to_right, double beyond) {
     if (!tips.predicted) return std::optional<Eigen::Vector3d>();
-    const Eigen::Vector3d offset = to_right * view_.right + beyond * view_.beyond;
-    return std::optional<Eigen::Vector3d>(*tips.predicted +
-                                          X_WB_.rotation.transpose() * offset * view_.scale);
+    const Eigen::Vector3d offset = to_right * view.right + beyond * view.beyond;
+    return std::optional<Eigen::Vector3d>(*tips.predicted + offset * view.scale);
   };
   Marker table = words(stamp, names::kErrorBudgetNs, beside(kTableOffset, -kTableRise),
-                       kTableHeight * view_.scale, tips.budget);
+                       kTableHeight * view.scale, tips.budget);
   if (tips.outside) table.color = color(1.0, 0.5, 0.2);
   out.markers = {std::move(wanted),
                  std::move(predicted),
                  std::move(ellipsoid),
-                 words(stamp, names::kLoopStateNs, beside(0, kTextOffset),
-                       kTextHeight * view_.scale, tips.text),
+                 words(stamp, names::kLoopStateNs, beside(0, kTextOffset), kTextHeight * view.scale,
+                       tips.text),
                  std::move(table),
                  arrow(stamp, tips),
                  curve(stamp, tips)};
-  addLegend(stamp, LegendLine::kPredicted, !tips.curve.empty(), out);
-  addLegend(stamp, LegendLine::kWanted, tips.wanted.has_value(), out);
+  addLegend(stamp, view, LegendLine::kPredicted, !tips.curve.empty(), out);
+  addLegend(stamp, view, LegendLine::kWanted, tips.wanted.has_value(), out);
   return out;
 }
 

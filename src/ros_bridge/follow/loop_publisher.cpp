@@ -54,7 +54,7 @@ LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
     : scene_(scene),
       base_frame_(std::move(base_frame)),
       period_(kSlack / options.rate),
-      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate), sideViewOf(scene), scene.X_WB),
+      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate)),
       status_publisher_(node.advertise<LoopStatus>(names::kSightLoopStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
@@ -169,7 +169,7 @@ void LoopPublisher::draw() {
   tips.outside = outside_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
   if (!force_text_.empty()) tips.text += "\n" + force_text_;
-  marker_publisher_.publish(markers_.draw(ros::Time::now(), tips));
+  marker_publisher_.publish(markers_.draw(ros::Time::now(), sideViewOf(scene_), tips));
   if (!handle_) return;
   if (const auto& at = tips.wanted ? tips.wanted : tips.predicted) {
     handle_->follow({Eigen::Matrix3d::Identity(), *at});

@@ -37,7 +37,7 @@ constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
 
 // Blue to lilac: bright enough for text on a dark background, and unlike the colours of the curves
-// (kLegend), which show through the muscles.
+// (legendLine), which show through the muscles.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
       {{0.4, 0.65, 1.0}, {0.6, 0.6, 1.0}, {0.8, 0.62, 1.0}, {1.0, 0.8, 1.0}}};
@@ -147,10 +147,7 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
 }  // namespace
 
 ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
-    : scene_(scene),
-      view_(sideViewOf(scene)),
-      base_frame_(std::move(base_frame)),
-      lifetime_(lifetime) {}
+    : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
 Marker ArmMarkers::marker(const char* ns, int id, int type) const {
   std_msgs::Header header;
@@ -172,31 +169,30 @@ void ArmMarkers::tell(const control::SafetyReport& report, const std::string& re
   reason_ = reason;
 }
 
-void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
-  const Eigen::Matrix3d R_BW = scene_.X_WB.rotation.transpose();
+void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray& out) const {
   Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
-  banner.scale.z = kBannerHeight * view_.scale;
+  banner.scale.z = kBannerHeight * view.scale;
   banner.color = stateColor(safety_);
   banner.text = nameOf(base_frame_) + stateText(safety_);
-  banner.pose.position = toPointMsg(R_BW * view_.headline);
+  banner.pose.position = toPointMsg(view.headline);
   const std::vector<std::string> lines = wrapped(reason_);
   if (!lines.empty()) {
     Marker reason = banner;
     reason.id = 1;
-    reason.scale.z = kReasonHeight * view_.scale;
+    reason.scale.z = kReasonHeight * view.scale;
     reason.text = lines.front();
     for (std::size_t i = 1; i < lines.size(); ++i) reason.text += "\n" + lines[i];
     // The first line stays below the state, however many follow.
-    const Eigen::Vector3d first = view_.headline - kBannerHeight * view_.scale * view_.up;
-    reason.pose.position = toPointMsg(
-        R_BW * centreOfLines(view_, first, static_cast<int>(lines.size()), reason.scale.z));
+    const Eigen::Vector3d first = view.headline - kBannerHeight * view.scale * view.up;
+    reason.pose.position =
+        toPointMsg(centreOfLines(view, first, static_cast<int>(lines.size()), reason.scale.z));
     out.markers.push_back(std::move(reason));
   }
   out.markers.push_back(std::move(banner));
   for (const LegendLine line : {LegendLine::kModel, LegendLine::kTrace}) {
     if (line == LegendLine::kTrace && trace_.size() < 2) continue;
-    out.markers.push_back(legendLine(line, view_, scene_.X_WB,
-                                     marker(names::kLegendNs, 0, Marker::TEXT_VIEW_FACING)));
+    out.markers.push_back(
+        legendLine(line, view, marker(names::kLegendNs, 0, Marker::TEXT_VIEW_FACING)));
   }
 }
 
@@ -205,7 +201,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
                                                  const ros::Time& stamp) {
   if (stamp < stamp_) trace_.clear();
   stamp_ = stamp;
-  view_ = sideViewOf(scene_);
+  const SideView view = sideViewOf(scene_);
   const model::Arm& arm = scene_.arm;
   const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
   extendTrace(model::tipPose(shape).translation);
@@ -225,12 +221,11 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
               tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kLineHeight * view_.scale;
+      text.scale.z = kLineHeight * view.scale;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
       text.pose.position =
-          toPointMsg(scene_.X_WB.rotation.transpose() *
-                     centreOfLines(view_, view_.table_top, arm.actuatorCount(), text.scale.z));
+          toPointMsg(centreOfLines(view, view.table_top, arm.actuatorCount(), text.scale.z));
       tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
@@ -267,7 +262,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
     for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
     out.markers.push_back(std::move(trace));
   }
-  addWords(out);
+  addWords(view, out);
   drawn_.clear();
   for (const Marker& drawn : out.markers) drawn_.emplace_back(drawn.ns, drawn.id);
   return out;

@@ -34,13 +34,6 @@ bool allFinite(const std::vector<double>& values) {
   return true;
 }
 
-std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {
-  for (const auto& entry : status.values) {
-    if (entry.key == key) return entry.value;
-  }
-  return "";
-}
-
 std::uint64_t countOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {
   return std::strtoull(valueOf(status, key).c_str(), nullptr, 10);
 }

@@ -11,6 +11,7 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
@@ -119,7 +120,7 @@ void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
     regulator_->command(command_);
     noteInput();
   } else {
-    drop(names::kPressureCommand, std::get<control::Refusal>(checked));
+    drop(names::kPressureCommand, std::get<control::Refusal>(checked).message, bad_inputs_);
   }
 }
 
@@ -130,14 +131,8 @@ void SimulatedRigNode::onReading(const PressureArrayConstPtr& reading) {
     noteInput();
     publishTruth(reading->header);
   } else {
-    drop(names::kPressureMeasured, std::get<control::Refusal>(checked));
+    drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
   }
-}
-
-void SimulatedRigNode::drop(const char* topic, const control::Refusal& refusal) {
-  if (!bad_inputs_.add()) return;
-  logWarning("%s: %s (dropped, %lu so far)", topic, refusal.message.c_str(),
-             static_cast<unsigned long>(bad_inputs_.total()));
 }
 
 void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
@@ -153,10 +148,13 @@ void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wr
   } else {
     fault = std::get<control::Refusal>(checked).message;
   }
-  if (bad_forces_.add()) {
-    logWarning("~%s: %s (dropped, %lu so far)", names::kTipForce, fault.c_str(),
-               static_cast<unsigned long>(bad_forces_.total()));
-  }
+  drop(std::string("~") + names::kTipForce, fault, bad_forces_);
+}
+
+void SimulatedRigNode::drop(const std::string& topic, const std::string& fault, FaultCount& count) {
+  if (!count.add()) return;
+  logWarning("%s: %s (dropped, %lu so far)", topic.c_str(), fault.c_str(),
+             static_cast<unsigned long>(count.total()));
 }
 
 void SimulatedRigNode::noteInput() {

@@ -38,11 +38,6 @@ std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
 VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
     : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
-void VisionMarkers::lookAt(const SideView& view, const lie::SE3& X_WB) {
-  view_ = view;
-  X_WB_ = X_WB;
-}
-
 Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
   std_msgs::Header header;
   header.frame_id = base_frame_;
@@ -100,8 +95,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
 
   const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
   Marker words = marker(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
-  words.pose.position = toPointMsg(tip.translation + X_WB_.rotation.transpose() * view_.beyond *
-                                                         (kTextOffset * view_.scale));
+  words.pose.position = toPointMsg(tip.translation + view_.beyond * (kTextOffset * view_.scale));
   words.scale.z = kTextHeight * view_.scale;
   words.color = measured_color;
   words.text = text;
@@ -113,7 +107,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   out.markers.push_back(std::move(ball));
   for (const LegendLine line : kLines) {
     out.markers.push_back(
-        legendLine(line, view_, X_WB_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+        legendLine(line, view_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
     if (line == LegendLine::kModelThen && model == nullptr) {
       out.markers.back().action = Marker::DELETE;
     }

@@ -1,8 +1,12 @@
 #include "helix_arm/ros_bridge/vision/vision_options.hpp"
 
+#include <algorithm>
 #include <filesystem>
+#include <string>
 #include <system_error>
+#include <vector>
 
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/ros_bridge/common/callers_folder.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -21,18 +25,16 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   VisionOptions out;
   out.scene = reader.file("scene", "config/scenes", ".yaml");
   out.source = reader.text("source", out.source);
-  const bool is_topic = out.source == names::kCompressedImage;  // which has a slash
-  const bool is_word =
-      is_topic || out.source == kTopic || out.source == names::kImage || out.source == kWebcam;
-  const bool is_path = out.source.find_first_of("/.") != std::string::npos;
+  std::vector<std::string> words = {kTopic, names::kImage, names::kCompressedImage, kWebcam};
+  // Before its path: image/compressed has a slash.
+  const bool is_word = std::find(words.begin(), words.end(), out.source) != words.end();
   std::error_code fault;  // counts as not there
   if (!is_word && !out.source.empty() &&
-      (is_path || std::filesystem::exists(callersFolder() / out.source, fault))) {
+      (io::isPath(out.source) || std::filesystem::exists(callersFolder() / out.source, fault))) {
     out.source = reader.absolute("source", out.source);
   } else {
-    out.source = reader.choice("source", out.source,
-                               {kTopic, names::kImage, names::kCompressedImage, kWebcam,
-                                "a path (with a / or a ., or of what is there)"});
+    words.emplace_back("a path (with a / or a ., or of what is there)");
+    out.source = reader.choice("source", out.source, words);
   }
   out.use_camera_info = reader.flag("use_camera_info", out.use_camera_info);
   out.camera_info_url = reader.text("camera_info_url", "");

@@ -81,7 +81,7 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const SightRepor
 
 void VisionStatusPublisher::lookAt(const io::Scene& scene) {
   const basics::MutexLock lock(mutex_);
-  markers_.lookAt(sideViewOf(scene), scene.X_WB);
+  markers_.lookAt(sideViewOf(scene));
 }
 
 void VisionStatusPublisher::drawMarkers(const Measurement& measurement,

@@ -15,6 +15,8 @@ std::string statusName(const std::string& node, const std::string& what);
 /// Appends a key and its value.
 void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
               const std::string& value);
+/// The value of a key; empty without it.
+std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key);
 
 /// A number as text with this number of decimals.
 std::string fixed(double value, int decimals = 1);

@@ -1,19 +1,18 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <string>
 
 #include <visualization_msgs/Marker.h>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/lie/se3.hpp"
 
 namespace helix_arm::ros_bridge {
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
-/// they cover neither the arm nor each other. All vectors are in the world frame, whose z axis
-/// points up, and begin at the arm's base. Everything grows with the arm's length.
+/// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
+/// the world frame, whose z axis points up, or in those of the base. Everything grows with the
+/// arm's length.
 ///
 /// A hanging or standing arm has its columns of text beside it; any other arm runs to the right,
 /// with the columns above it.
@@ -32,11 +31,17 @@ struct SideView {
   double distance(double field_of_view, double aspect) const;
 };
 
+/// In the axes of the world frame.
 /// @param axis    in which the arm leaves its base, world frame.
 /// @param length  of the arm, > 0 [m].
 /// @param radius  of its discs [m].
 SideView sideView(const Eigen::Vector3d& axis, double length, double radius);
 
+/// The same in the axes of the base, but for yaw and pitch.
+/// @param view  in the axes of the world frame.
+SideView seenFrom(const Eigen::Matrix3d& R_WB, SideView view);
+
+/// Of the arm of a scene, in the axes of its base, in which it is drawn.
 SideView sideViewOf(const io::Scene& scene);
 
 /// From the centre of a line of text to that of the next, by rviz, in heights of a letter.
@@ -55,9 +60,10 @@ enum class LegendLine { kModel, kTrace, kMeasured, kModelThen, kPredicted, kWant
 inline constexpr int kLegendLineCount = 6;
 
 /// A line of the legend as a marker of the arm's base frame.
+/// @param view    in the axes of the base.
 /// @param marker  text of the legend's namespace, with header and lifetime; its id becomes the
 ///                line's.
-visualization_msgs::Marker legendLine(LegendLine line, const SideView& view, const lie::SE3& X_WB,
+visualization_msgs::Marker legendLine(LegendLine line, const SideView& view,
                                       visualization_msgs::Marker marker);
 
 }  // namespace helix_arm::ros_bridge

@@ -6,7 +6,6 @@
 
 #include <visualization_msgs/MarkerArray.h>
 
-#include "helix_arm/lie/se3.hpp"
 #include "helix_arm/ros_bridge/common/side_view.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -36,9 +35,11 @@ class LoopMarkers {
   };
 
   /// @param lifetime  longer than the period of drawing [s].
-  LoopMarkers(std::string base_frame, double lifetime, const SideView& view, const lie::SE3& X_WB);
+  LoopMarkers(std::string base_frame, double lifetime);
 
-  visualization_msgs::MarkerArray draw(const ros::Time& stamp, const Tips& tips) const;
+  /// @param view  in the axes of the base.
+  visualization_msgs::MarkerArray draw(const ros::Time& stamp, const SideView& view,
+                                       const Tips& tips) const;
 
  private:
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
@@ -48,12 +49,10 @@ class LoopMarkers {
   visualization_msgs::Marker words(const ros::Time& stamp, const char* ns,
                                    const std::optional<Eigen::Vector3d>& place, double height,
                                    const std::string& text) const;
-  void addLegend(const ros::Time& stamp, LegendLine line, bool drawn,
+  void addLegend(const ros::Time& stamp, const SideView& view, LegendLine line, bool drawn,
                  visualization_msgs::MarkerArray& out) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
-  SideView view_;
-  lie::SE3 X_WB_;
   std::string base_frame_;
   ros::Duration lifetime_;
 };

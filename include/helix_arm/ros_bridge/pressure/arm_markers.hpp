@@ -48,10 +48,9 @@ class ArmMarkers {
  private:
   visualization_msgs::Marker marker(const char* ns, int id, int type) const;
   void extendTrace(const Eigen::Vector3d& tip);
-  void addWords(visualization_msgs::MarkerArray& out) const;
+  void addWords(const SideView& view, visualization_msgs::MarkerArray& out) const;
 
   const io::Scene& scene_;
-  SideView view_;
   std::string base_frame_;
   ros::Duration lifetime_;
   ros::Time stamp_;

@@ -10,7 +10,6 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/mutex.hpp"
-#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -93,7 +92,7 @@ class SimulatedRigNode {
   void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench);
   void onReading(const PressureArrayConstPtr& reading);
   void onLoop(const ros::SteadyTimerEvent& event);
-  void drop(const char* topic, const control::Refusal& refusal);
+  static void drop(const std::string& topic, const std::string& fault, FaultCount& count);
   void noteInput();
   void noteSilence(const ros::SteadyTime& now);
   /// The arm at the pressures that it feels now.

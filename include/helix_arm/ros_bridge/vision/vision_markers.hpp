@@ -22,8 +22,8 @@ class VisionMarkers {
   /// @param lifetime  longer than the period of drawing [s].
   VisionMarkers(std::string base_frame, double lifetime);
 
-  /// Of the arm whose texts are drawn from now on.
-  void lookAt(const SideView& view, const lie::SE3& X_WB);
+  /// Of the arm whose texts are drawn from now on, in the axes of its base.
+  void lookAt(const SideView& view) { view_ = view; }
 
   /// @param measurement  has a measured shape; without a model none is drawn.
   /// @param text         beyond the tip.
@@ -37,7 +37,6 @@ class VisionMarkers {
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
 
   SideView view_ = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
-  lie::SE3 X_WB_;
   std::string base_frame_;
   ros::Duration lifetime_;
 };
