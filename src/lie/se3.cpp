@@ -32,12 +32,6 @@ Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   return q;
 }
 
-// u.v with the additional eleven bits of the extended format.
-long double extendedDot(double ux, double uy, double uz, double vx, double vy, double vz) {
-  const long double x = ux, y = uy, z = uz;
-  return x * vx + y * vy + z * vz;
-}
-
 }  // namespace
 
 Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
@@ -47,31 +41,6 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
 }
 
 SE3 SE3::inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
-
-SE3 SE3::exp(const Tangent& xi) {
-  const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
-  // In double precision, |w|^2 would contribute the largest error; w.v where the curve returns to
-  // its start.
-  const long double square = extendedDot(wx, wy, wz, wx, wy, wz);
-  const auto x = static_cast<double>(square);
-  const auto [a, b, c, cosine] = expCoefficients(x, static_cast<double>(square - x));
-  SE3 X;
-  // R = cos I + a [w] + b w w'
-  const double bx = b * wx, by = b * wy, bz = b * wz;
-  const double ax = a * wx, ay = a * wy, az = a * wz;
-  X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //
-      bx * wy + az, cosine + by * wy, by * wz - ax,            //
-      bx * wz - ay, by * wz + ax, cosine + bz * wz;
-  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: no cancellation at large
-  // angles.
-  const double along =
-      c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
-                             : static_cast<double>(extendedDot(wx, wy, wz, vx, vy, vz)));
-  X.translation << a * vx + (by * vz - bz * vy) + along * wx,  //
-      a * vy + (bz * vx - bx * vz) + along * wy,               //
-      a * vz + (bx * vy - by * vx) + along * wz;
-  return X;
-}
 
 SE3::Tangent SE3::log() const {
   const Eigen::Vector4d q = quaternionOf(rotation);

@@ -290,23 +290,30 @@ Group ArmOf<Group>::tip(const InputRef& q) const {
 
 template <class Group>
 Group ArmOf<Group>::tipInside(const InputRef& q) const noexcept {
-  if (tapered()) {
-    Group X;
-    for (int k = 0; k < sectionCount(); ++k) {
-      if (tapers_[k]) {
-        const auto lengths = lengthsOf(q, k);
-        for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(lengths));
-      } else {
-        X = X * Group::exp(sectionTwist(q, k));
-      }
-      if (links_) X = X * (*links_)[k];
-    }
-    return X;
-  }
+  return tapered() ? taperedTip(q) : untaperedTip(q);
+}
+
+template <class Group>
+Group ArmOf<Group>::untaperedTip(const InputRef& q) const noexcept {
   Group X = Group::exp(sectionTwist(q, 0));
   if (links_) X = X * (*links_)[0];
   for (int k = 1; k < sectionCount(); ++k) {
     X = X * Group::exp(sectionTwist(q, k));
+    if (links_) X = X * (*links_)[k];
+  }
+  return X;
+}
+
+template <class Group>
+Group ArmOf<Group>::taperedTip(const InputRef& q) const noexcept {
+  Group X;
+  for (int k = 0; k < sectionCount(); ++k) {
+    if (tapers_[k]) {
+      const auto lengths = lengthsOf(q, k);
+      for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(lengths));
+    } else {
+      X = X * Group::exp(sectionTwist(q, k));
+    }
     if (links_) X = X * (*links_)[k];
   }
   return X;

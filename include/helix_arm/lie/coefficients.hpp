@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 
 /// Scalar functions of the rotation angle theta that appear in exp, log and their Jacobians.
 ///
@@ -60,9 +62,14 @@ inline double factorialSeries(double y) {
 
 /// square - root * root, accurate to the last bit (Dekker), for |root| < 1e150.
 inline double squareRemainder(double square, double root) {
-  constexpr double kSplit = 134217729.0;  // 2^27 + 1: halves the digits
-  const double t = kSplit * root;
-  const double high = t - (t - root), low = root - high;
+  // The root is halved by its bits, not by arithmetic, which would fail where products are fused.
+  constexpr std::uint64_t kUpperDigits = ~((std::uint64_t{1} << 27) - 1);
+  std::uint64_t bits = 0;
+  std::memcpy(&bits, &root, sizeof bits);
+  bits &= kUpperDigits;
+  double high = 0;
+  std::memcpy(&high, &bits, sizeof high);
+  const double low = root - high;
   return ((square - high * high) - 2.0 * high * low) - low * low;
 }
 

@@ -181,6 +181,9 @@ class ArmOf {
   ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
   typename Group::Tangent sectionTwist(const InputRef& q, int k) const noexcept;
+  // Each returns the one pose that it builds, in place: a copy waits for all of its numbers.
+  Group untaperedTip(const InputRef& q) const noexcept;
+  Group taperedTip(const InputRef& q) const noexcept;
   [[noreturn]] void refuse(const InputRef& q) const;
 
   std::vector<ActuatorOf<Group>> actuators_;
