@@ -85,12 +85,7 @@ PressureSeriesNode::PressureSeriesNode()
   using Node = PressureSeriesNode;
   target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   command_subscriber_ = listen(node_, names::kPressureCommand, 10, &Node::onCommand, this);
-  static ros::SteadyTimer hack = node_.createSteadyTimer(
-      ros::WallDuration(0.6),
-      [this](const ros::SteadyTimerEvent&) {
-        status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
-      },
-      true);
+  status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
   timer_ = repeat(node_, "the series", 1.0 / options_.rate, &Node::onTick, this);
 }
 
