@@ -323,6 +323,57 @@ TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
   }
 }
 
+void expectSame(const ShapeDerivative& found, const ShapeDerivative& expected, double tolerance) {
+  EXPECT_LE((found.tip - expected.tip).norm(), tolerance * expected.tip.norm());
+  EXPECT_LE((found.twists - expected.twists).norm(), tolerance * expected.twists.norm());
+}
+
+// Under load, equations with fewer right-hand sides round otherwise.
+TEST(Jacobian, WhatIsWantedDoesNotDependOnTheRest) {
+  Random random(5);
+  const Load load = weight(Posture::kHorizontal, 0.15, 1000);
+  Load two_sections;
+  two_sections.mass = {0.0, 0.0};
+  two_sections.K_eps = {900.0, 1100.0};
+  const TierSetting linear{Tier::kLinear, 0};
+  const std::pair<ArmModel, double> cases[] = {
+      {ArmModel(variedArm(2, 4, true, random), std::nullopt, two_sections, linear), 0.0},
+      {ArmModel(taperedArm(), std::nullopt, load, linear), 0.0},
+      {ArmModel(softHelicalArm(), std::nullopt, load, TierSetting{Tier::kLoaded, 5}), 1e-12},
+      {ArmModel(softHelicalArm(), std::nullopt, load, TierSetting{Tier::kExact, 0}), 1e-12}};
+  for (const auto& [model, tolerance] : cases) {
+    SCOPED_TRACE(model.choice().setting.name());
+    const Eigen::VectorXd q = model.arm().inputAt(0.4);
+    const ShapeJacobian whole = jacobianAt(model, q);
+    ASSERT_EQ(whole.status, SolveStatus::kConverged);
+    for (const JacobianParts wanted : {JacobianParts{false, false}, {true, false}, {false, true}}) {
+      const ShapeJacobian found = jacobianAt(model, q, wanted);
+      EXPECT_EQ(found.status, whole.status);
+      EXPECT_EQ(found.tip.translation, whole.tip.translation);
+      EXPECT_EQ(found.twists, whole.twists);
+      expectSame(found.by_inputs, whole.by_inputs, tolerance);
+      expectSame(found.by_lengths, whole.by_lengths, tolerance);
+      ASSERT_EQ(found.by_stiffness.has_value(), wanted.by_stiffness);
+      if (found.by_stiffness) expectSame(*found.by_stiffness, *whole.by_stiffness, tolerance);
+      ASSERT_EQ(found.by_load.has_value(), wanted.by_load);
+      if (found.by_load) expectSame(*found.by_load, *whole.by_load, tolerance);
+    }
+  }
+}
+
+// In the tiers without load the shape is that of the model's solution.
+TEST(Jacobian, HasTheShapeOfTheSolution) {
+  Random random(6);
+  for (const ArmModel& model : {ArmModel(variedArm(3, 3, true, random)), ArmModel(taperedArm())}) {
+    const Eigen::VectorXd q = randomInput(model.arm(), random);
+    const ShapeJacobian found = jacobianAt(model, q, {false, false});
+    const Solution expected = model.solve(q);
+    EXPECT_LT((found.tip.translation - expected.tip.translation).norm(), 1e-14);
+    EXPECT_LT((found.tip.rotation - expected.tip.rotation).norm(), 1e-14);
+    EXPECT_LT((found.twists - expected.shape.twists()).norm(), 1e-14);
+  }
+}
+
 TEST(Jacobian, WithoutTheColumnsOfALoadTheOthersAreTheSame) {
   const model::Arm arm = softHelicalArm();
   const Load load = weight(Posture::kHorizontal, 0.15, 1000);
