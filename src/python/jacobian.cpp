@@ -48,13 +48,15 @@ constexpr std::array<const char*, 4> kByWords{"pressures", "lengths", "stiffness
 using Wanted = std::array<bool, kByWords.size()>;
 
 Wanted wantedOf(const py::list& by) {
-  constexpr const char* kRule = "expected one or several of pressures, lengths, stiffness, load";
-  basics::require(!by.empty(), "by is empty; ", kRule);
+  std::string words;
+  for (const char* word : kByWords) words += (words.empty() ? "" : ", ") + std::string(word);
+  basics::require(!by.empty(), "by is empty; expected one or several of ", words);
   Wanted wanted{};
   for (std::size_t i = 0; i < by.size(); ++i) {
     const std::string word = textOf(by[i], ("by[" + std::to_string(i) + "]").c_str());
     const auto found = std::find(kByWords.begin(), kByWords.end(), word);
-    basics::require(found != kByWords.end(), "by holds \"", basics::quoted(word), "\"; ", kRule);
+    basics::require(found != kByWords.end(), "by holds \"", basics::quoted(word),
+                    "\"; expected one or several of ", words);
     wanted[static_cast<std::size_t>(found - kByWords.begin())] = true;
   }
   return wanted;

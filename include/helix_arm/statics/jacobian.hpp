@@ -33,10 +33,10 @@ struct ShapeJacobian {
 
 /// Derivatives at inputs q (n), analytic. Under load they follow from the implicit function theorem
 /// at the tier's own equilibrium.
+/// @param wanted  What is left out takes no time. In the tiers that take no load, the other
+///     derivatives do not depend on it; under load they do by rounding.
 /// @throws as Arm::lengths() does, and as requireTables() for an arm with tables of stiffness. The
 /// derivatives are NaN unless the solution converged.
-/// @param wanted  What is left out takes no time. The other derivatives do not depend on it without
-///     load; under load, to rounding.
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q,
                          const JacobianParts& wanted = {});
 
