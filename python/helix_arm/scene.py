@@ -131,8 +131,8 @@ class Scene(_core.Scene):
         """Derivatives of tip and twists with respect to pressures, free lengths, stiffness and a load at the tip.
 
         pressures_pa: (n,) or (N, n) [Pa]. threads: of a batch; 0 for all cores. by: with respect to what, one or several of
-        these words; the fields of the others are None. Stiffness takes most of the time. Analytic; under load, by the implicit
-        function theorem at the tier's own equilibrium.
+        these words; the fields of the others are None. Stiffness and load take most of the time. Analytic; under load, by the
+        implicit function theorem at the tier's own equilibrium.
         """
         words = [by] if isinstance(by, str) else _list_of(by, "by", "a list of words, such as [\"pressures\"]")
         return results.Jacobian(**self._jacobian(pressures_pa, words, threads))

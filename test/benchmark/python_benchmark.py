@@ -109,7 +109,7 @@ def main():
         print(f"derivatives of {DERIVATIVE_ROWS} rows, one thread")
         for name, seconds in [("tips by pressures in PyTorch", derived),
                               ("jacobian(by=\"pressures\"): tips, orientations, twists", by_pressures),
-                              ("jacobian(): also by lengths, stiffness and load", by_all)]:
+                              ("jacobian(): also by lengths and stiffness", by_all)]:
             print(f"  {name:<56} {1e9 * seconds:10.2f} {seconds / derived:8.2f} to PyTorch")
 
     forward = median_s(lambda: scene.forward(rows), 3)
