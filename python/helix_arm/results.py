@@ -52,15 +52,16 @@ class Jacobian(Result):
     Rows of tip_by_*: velocity of the tip [m], then its angular velocity [rad], base frame. Those of twists_by_*: sections, then
     v [m] and w [rad] of the twist. Columns of *_by_stiffness: K_gamma, K_tau [m^2] and K_kappa [m^2] of each actuator; NaN
     where an entry of 0 would resist a motion that nothing else resists. Columns of *_by_load: a force [N], then a moment [N m]
-    at the tip, which keep their directions in the base frame; None without K_eps of the arm.
+    at the tip, which keep their directions in the base frame; None without K_eps of the arm. What jacobian(by=...) leaves out
+    is None.
     """
 
-    tip_by_pressures: np.ndarray  #: (N, 6, n) per Pa; of tendons, per rad
-    twists_by_pressures: np.ndarray  #: (N, sections, 6, n)
-    tip_by_lengths: np.ndarray  #: (N, 6, n) per m of free length
-    twists_by_lengths: np.ndarray  #: (N, sections, 6, n)
-    tip_by_stiffness: np.ndarray  #: (N, 6, n, 3)
-    twists_by_stiffness: np.ndarray  #: (N, sections, 6, n, 3)
+    tip_by_pressures: Optional[np.ndarray]  #: (N, 6, n) per Pa; of tendons, per rad
+    twists_by_pressures: Optional[np.ndarray]  #: (N, sections, 6, n)
+    tip_by_lengths: Optional[np.ndarray]  #: (N, 6, n) per m of free length
+    twists_by_lengths: Optional[np.ndarray]  #: (N, sections, 6, n)
+    tip_by_stiffness: Optional[np.ndarray]  #: (N, 6, n, 3)
+    twists_by_stiffness: Optional[np.ndarray]  #: (N, sections, 6, n, 3)
     tip_by_load: Optional[np.ndarray]  #: (N, 6, 6)
     twists_by_load: Optional[np.ndarray]  #: (N, sections, 6, 6)
     converged: Flags  #: (N,) whether a shape balances the load; the derivatives are NaN where not

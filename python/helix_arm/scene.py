@@ -126,13 +126,16 @@ class Scene(_core.Scene):
         """
         return results.Inverse(**self._inverse(tip, pose, twists, start, prefer, cocontraction, position_tolerance_m, threads))
 
-    def jacobian(self, pressures_pa: Numbers, threads: int = 1) -> results.Jacobian:
+    def jacobian(self, pressures_pa: Numbers, threads: int = 1, *,
+                 by: Union[str, Sequence[str]] = ("pressures", "lengths", "stiffness", "load")) -> results.Jacobian:
         """Derivatives of tip and twists with respect to pressures, free lengths, stiffness and a load at the tip.
 
-        pressures_pa: (n,) or (N, n) [Pa]. Analytic; under load, by the implicit function theorem at
-        the tier's own equilibrium.
+        pressures_pa: (n,) or (N, n) [Pa]. threads: of a batch; 0 for all cores. by: with respect to what, one or several of
+        these words; the fields of the others are None. Stiffness and load take most of the time. Analytic; under load, by the
+        implicit function theorem at the tier's own equilibrium.
         """
-        return results.Jacobian(**self._jacobian(pressures_pa, threads))
+        words = [by] if isinstance(by, str) else _list_of(by, "by", "a list of words, such as [\"pressures\"]")
+        return results.Jacobian(**self._jacobian(pressures_pa, words, threads))
 
     def workspace(self, points: int = 100_000, *, seed: int = 1, sensitivity: bool = False, extremes: bool = False,
                   threads: int = 0) -> results.Workspace:

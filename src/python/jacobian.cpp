@@ -1,9 +1,13 @@
 #include "helix_arm/statics/jacobian.hpp"
 
-#include <limits>
+#include <algorithm>
+#include <array>
+#include <optional>
 #include <string>
 
 #include "bindings.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "parallel.hpp"
 #include "poses.hpp"
 
@@ -17,7 +21,7 @@ using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMa
 
 // The two arrays of one derivative, per row.
 struct Arrays {
-  Arrays(const Rows& inputs, int sections, std::initializer_list<py::ssize_t> by) : columns(1) {
+  Arrays(const Rows& inputs, int sections, const std::vector<py::ssize_t>& by) : columns(1) {
     for (const py::ssize_t size : by) columns *= size;
     std::vector<py::ssize_t> entry{sections, 6};
     entry.insert(entry.end(), by.begin(), by.end());
@@ -33,24 +37,71 @@ struct Arrays {
     Table::Map(tip_data + 6 * at, 6, columns) = derivative.tip;
     Table::Map(twists_data + rows * at, rows, columns) = derivative.twists;
   }
-  void addTo(py::dict& out, const std::string& by) const {
-    out[("tip_by_" + by).c_str()] = tip;
-    out[("twists_by_" + by).c_str()] = twists;
-  }
 
   py::ssize_t columns;
   py::array_t<double> tip, twists;
   double *tip_data, *twists_data;
 };
 
-py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::handle& threads) {
+enum By { kPressures, kLengths, kStiffness, kLoad };
+constexpr std::array<const char*, 4> kByWords{"pressures", "lengths", "stiffness", "load"};
+using Wanted = std::array<bool, kByWords.size()>;
+
+Wanted wantedOf(const py::list& by) {
+  std::string words;
+  for (const char* word : kByWords) words += (words.empty() ? "" : ", ") + std::string(word);
+  basics::require(!by.empty(), "by is empty; expected one or several of ", words);
+  Wanted wanted{};
+  for (std::size_t i = 0; i < by.size(); ++i) {
+    const std::string word = textOf(by[i], ("by[" + std::to_string(i) + "]").c_str());
+    const auto found = std::find(kByWords.begin(), kByWords.end(), word);
+    basics::require(found != kByWords.end(), "by holds \"", basics::quoted(word),
+                    "\"; expected one or several of ", words);
+    wanted[static_cast<std::size_t>(found - kByWords.begin())] = true;
+  }
+  return wanted;
+}
+
+// Of the derivatives that are wanted.
+struct AllArrays {
+  AllArrays(const Scene& scene, const Rows& inputs, Wanted wanted) {
+    wanted[kLoad] = wanted[kLoad] && scene.model().load();
+    const int sections = scene.arm().sectionCount();
+    const py::ssize_t n = scene.arm().actuatorCount();
+    const std::array<std::vector<py::ssize_t>, kByWords.size()> columns{{{n}, {n}, {n, 3}, {6}}};
+    for (std::size_t i = 0; i < by.size(); ++i) {
+      if (wanted[i]) by[i].emplace(inputs, sections, columns[i]);
+    }
+  }
+  statics::JacobianParts parts() const {
+    return {by[kStiffness].has_value(), by[kLoad].has_value()};
+  }
+  void set(std::size_t row, const statics::ShapeJacobian& found) {
+    if (by[kPressures]) by[kPressures]->set(row, found.by_inputs);
+    if (by[kLengths]) by[kLengths]->set(row, found.by_lengths);
+    if (by[kStiffness]) by[kStiffness]->set(row, *found.by_stiffness);
+    if (by[kLoad]) by[kLoad]->set(row, *found.by_load);
+  }
+  py::dict fields() const {
+    py::dict out;
+    for (std::size_t i = 0; i < by.size(); ++i) {
+      const std::string ending = std::string("_by_") + kByWords[i];
+      out[("tip" + ending).c_str()] = by[i] ? py::object(by[i]->tip) : py::none();
+      out[("twists" + ending).c_str()] = by[i] ? py::object(by[i]->twists) : py::none();
+    }
+    return out;
+  }
+
+  std::array<std::optional<Arrays>, kByWords.size()> by;
+};
+
+py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::list& by,
+                  const py::handle& threads) {
   const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const Wanted wanted = wantedOf(by);
   const std::size_t thread_count = threadCount(threads);
-  const int sections = scene.arm().sectionCount();
-  const py::ssize_t n = scene.arm().actuatorCount();
-  Arrays by_pressures(inputs, sections, {n}), by_lengths(inputs, sections, {n}),
-      by_stiffness(inputs, sections, {n, 3}), by_load(inputs, sections, {6});
-  const bool has_load = scene.model().load().has_value();
+  AllArrays arrays(scene, inputs, wanted);
+  const statics::JacobianParts parts = arrays.parts();
   const auto rows = static_cast<std::size_t>(inputs.rows());
   std::unique_ptr<bool[]> converged(new bool[rows]);
   {
@@ -61,21 +112,13 @@ py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::han
                Eigen::VectorXd q;
                for (std::size_t row = first; row < end; ++row) {
                  scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
-                 const statics::ShapeJacobian found = statics::jacobianAt(scene.model(), q);
+                 const statics::ShapeJacobian found = statics::jacobianAt(scene.model(), q, parts);
                  converged[row] = found.status == statics::SolveStatus::kConverged;
-                 by_pressures.set(row, found.by_inputs);
-                 by_lengths.set(row, found.by_lengths);
-                 by_stiffness.set(row, found.by_stiffness);
-                 if (found.by_load) by_load.set(row, *found.by_load);
+                 arrays.set(row, found);
                }
              });
   }
-  py::dict out;
-  by_pressures.addTo(out, "pressures");
-  by_lengths.addTo(out, "lengths");
-  by_stiffness.addTo(out, "stiffness");
-  out["tip_by_load"] = has_load ? py::object(by_load.tip) : py::none();
-  out["twists_by_load"] = has_load ? py::object(by_load.twists) : py::none();
+  py::dict out = arrays.fields();
   out["converged"] = inputs.single()
                          ? py::object(py::bool_(converged[0]))
                          : py::array_t<bool>(static_cast<py::ssize_t>(rows), converged.get());
@@ -85,7 +128,7 @@ py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::han
 }  // namespace
 
 void bindJacobian(py::class_<Scene>& scene) {
-  scene.def("_jacobian", jacobian, py::arg("pressures_pa"), py::arg("threads"));
+  scene.def("_jacobian", jacobian, py::arg("pressures_pa"), py::arg("by"), py::arg("threads"));
 }
 
 }  // namespace helix_arm::python

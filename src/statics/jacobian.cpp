@@ -2,6 +2,8 @@
 
 #include <limits>
 #include <optional>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "gauss_rule.hpp"
@@ -17,6 +19,8 @@ namespace {
 using lie::SE3;
 using lie::Vector6;
 using Change = ActuatorChange<SE3>;
+
+constexpr int kEntries = Change::kEntries;
 
 void setColumn(ShapeDerivative& to, int column, const ShapeDerivative& from, int source) {
   to.tip.col(column) = from.tip.col(source);
@@ -78,42 +82,75 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
   return out;
 }
 
-// By the parameters of a change, without load.
-ShapeDerivative unloadedDerivative(const model::Arm& arm, const model::Unloaded& unloaded,
-                                   const Change& change) {
-  ShapeDerivative out = constantDerivative(arm.sectionCount(), change.count(), 0.0);
+// The shape has no derivative by these entries of the stiffness.
+void markJumps(const model::Arm& arm, const Change& change, ShapeDerivative& by_stiffness) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    for (int component = 0; component < kEntries; ++component) {
+      if (!change.jumps(i, component)) continue;
+      by_stiffness.tip.col(kEntries * i + component).setConstant(kNan);
+      by_stiffness.twists.col(kEntries * i + component).setConstant(kNan);
+    }
+  }
+}
+
+// Without load: the tip, and the derivatives by parameters that change one section each.
+// @param byPiece  of section k and its piece j: (6 x parameters of the section) derivatives of the
+//     piece's twist.
+template <class ByPiece>
+std::pair<SE3, ShapeDerivative> unloadedDerivative(const model::Arm& arm,
+                                                   const model::Unloaded& unloaded,
+                                                   int per_actuator, const ByPiece& byPiece) {
+  ShapeDerivative out =
+      constantDerivative(arm.sectionCount(), per_actuator * arm.actuatorCount(), 0.0);
   const model::PiecesOf<SE3> pieces = arm.pieces(unloaded);
   const int per_section = arm.piecesPerSection();
-  Motions motions = Motions::Zero(6, change.count());
   SE3 X;
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
-    std::optional<model::TaperTwist<SE3>> profile;
-    if (arm.taper(k)) profile.emplace(*arm.taper(k), unloaded.lengths.segment(first, count));
+    const int first = per_actuator * arm.firstActuator(k);
     for (int j = 0; j < per_section; ++j) {
       const Vector6 g = pieces.col(k * per_section + j);
-      const double from = static_cast<double>(j) / per_section, to = (j + 1.0) / per_section;
-      const Motions by = profile ? taperStep(*profile, change, k, from, to).by
-                                 : Motions(change.twist(k, 0.0) / per_section);
-      motions.middleCols(change.first(k), change.columns(k)) +=
-          X.adjoint() * SE3::leftJacobian(g) * by;
-      out.twists.block(6 * k, change.first(k), 6, change.columns(k)) += by;
+      const lie::Matrix6 motion = X.adjoint() * SE3::leftJacobian(g);
+      const auto by = byPiece(k, j);
+      for (int column = 0; column < by.cols(); ++column) {
+        out.tip.col(first + column) += motion * by.col(column);
+        out.twists.block<6, 1>(6 * k, first + column) += by.col(column);
+      }
       X = X * SE3::exp(g);
     }
     X = X * arm.link(k);
   }
-  out.tip = velocitiesOf(X, motions);
+  out.tip = velocitiesOf(X, out.tip);
+  return {X, std::move(out)};
+}
+
+// By the entries of the stiffness, without load. @param unloaded  at these lengths.
+ShapeDerivative unloadedByStiffness(const model::Arm& arm, const model::Unloaded& unloaded,
+                                    const Eigen::VectorXd& lengths) {
+  const Change change(arm, nullptr, lengths, Change::By::kLengthsAndStiffness);
+  const int per_section = arm.piecesPerSection();
+  std::optional<model::TaperTwist<SE3>> profile;
+  const auto byPiece = [&](int k, int j) -> Motions {
+    const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
+    if (!arm.taper(k)) return change.twist(k, 0.0).rightCols(kEntries * count) / per_section;
+    if (j == 0) profile.emplace(*arm.taper(k), lengths.segment(first, count));
+    const double from = static_cast<double>(j) / per_section, to = (j + 1.0) / per_section;
+    return taperStep(*profile, change, k, from, to).by.rightCols(kEntries * count);
+  };
+  ShapeDerivative out = unloadedDerivative(arm, unloaded, kEntries, byPiece).second;
+  markJumps(arm, change, out);
   return out;
 }
 
-// By the parameters of a change, then by a load at the tip, at the equilibrium of a tier.
+// By the parameters of a change and, on request, by a load at the tip, at the equilibrium of a
+// tier.
 ShapeResponse loadedResponse(const model::Arm& arm, const Load& load, const TierSetting& setting,
-                             const Eigen::VectorXd& lengths, const Change& change) {
+                             const Eigen::VectorXd& lengths, const Change& change, bool by_load) {
   const model::Unloaded unloaded = unloadedUnderOfLengths(arm, load, lengths);
   // In space, even if the arm stays in its plane: the tip's load may leave it.
   return setting.tier == Tier::kExact
-             ? ExactArm(arm, load).differentiate(unloaded, change)
-             : LoadedArm(arm, load, setting.order).differentiate(unloaded, change);
+             ? ExactArm(arm, load).differentiate(unloaded, change, by_load)
+             : LoadedArm(arm, load, setting.order).differentiate(unloaded, change, by_load);
 }
 
 // The stiffness alone.
@@ -125,62 +162,74 @@ Load withoutForces(const Load& load) {
   return out;
 }
 
-// Splits the columns of a change.
-void split(const model::Arm& arm, const Change& change, const ShapeDerivative& by,
-           ShapeJacobian& out) {
-  const int count = arm.actuatorCount(), sections = arm.sectionCount();
-  out.by_lengths = constantDerivative(sections, count, 0.0);
-  out.by_stiffness = constantDerivative(sections, Change::kEntries * count,
-                                        std::numeric_limits<double>::quiet_NaN());
-  for (int k = 0; k < sections; ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      setColumn(out.by_lengths, i, by, change.lengthColumn(k, i));
-      for (int component = 0; component < Change::kEntries; ++component) {
-        if (change.jumps(i, component)) continue;
-        setColumn(out.by_stiffness, Change::kEntries * i + component, by,
-                  change.stiffnessColumn(k, i, component));
-      }
-    }
-  }
-}
-
 ShapeDerivative byLoad(const ShapeResponse& response) {
   return {response.by.tip.rightCols<6>(), response.by.twists.rightCols<6>()};
 }
 
-}  // namespace
-
-ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q) {
+ShapeJacobian loadedJacobian(const ArmModel& model, const Eigen::VectorXd& lengths,
+                             const JacobianParts& wanted) {
   const model::Arm& arm = model.arm();
-  const std::optional<Load>& load = model.load();
-  const TierSetting& setting = model.choice().setting;
-  const Eigen::VectorXd lengths = arm.lengths(q);
+  const Load& load = *model.load();
+  const Change change(
+      arm, &load, lengths,
+      wanted.by_stiffness ? Change::By::kLengthsAndStiffness : Change::By::kLengths);
+  const ShapeResponse found =
+      loadedResponse(arm, load, model.choice().setting, lengths, change, wanted.by_load);
   ShapeJacobian out;
-  if (takesLoad(setting.tier)) {
-    const Change change(arm, &*load, lengths, Change::By::kLengthsAndStiffness);
-    const ShapeResponse found = loadedResponse(arm, *load, setting, lengths, change);
-    out.status = found.at.status;
-    out.tip = found.at.tip;
-    out.twists = found.at.shape.twists();
-    split(arm, change, found.by, out);
-    out.by_load = byLoad(found);
-  } else {
-    const Change change(arm, nullptr, lengths, Change::By::kLengthsAndStiffness);
-    const Solution found = model.solve(q);
-    out.tip = found.tip;
-    out.twists = found.shape.twists();
-    split(arm, change, unloadedDerivative(arm, arm.unloadedOfLengths(lengths), change), out);
-    if (load && !arm.tapered() && load->tables.empty()) {
-      out.by_load = byTipLoad(arm, *load, out.twists);
-    } else if (load) {
-      const Load none = withoutForces(*load);
-      const Change under(arm, &none, lengths, Change::By::kLengths);
-      const ShapeResponse at_rest =
-          loadedResponse(arm, none, {Tier::kLoaded, kMostOrder}, lengths, under);
-      out.status = at_rest.at.status;
-      out.by_load = byLoad(at_rest);
+  out.status = found.at.status;
+  out.tip = found.at.tip;
+  out.twists = found.at.shape.twists();
+  const int sections = arm.sectionCount(), count = arm.actuatorCount();
+  out.by_lengths = constantDerivative(sections, count, 0.0);
+  if (wanted.by_stiffness) out.by_stiffness = constantDerivative(sections, kEntries * count, 0.0);
+  for (int k = 0; k < sections; ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      setColumn(out.by_lengths, i, found.by, change.lengthColumn(k, i));
+      for (int component = 0; wanted.by_stiffness && component < kEntries; ++component) {
+        setColumn(*out.by_stiffness, kEntries * i + component, found.by,
+                  change.stiffnessColumn(k, i, component));
+      }
     }
   }
+  if (wanted.by_stiffness) markJumps(arm, change, *out.by_stiffness);
+  if (wanted.by_load) out.by_load = byLoad(found);
+  return out;
+}
+
+// Of the tiers that take no load.
+ShapeJacobian unloadedJacobian(const ArmModel& model, const model::InputRef& q,
+                               const JacobianParts& wanted) {
+  const model::Arm& arm = model.arm();
+  const std::optional<Load>& load = model.load();
+  const model::Unloaded unloaded = arm.unloaded(q);
+  ShapeJacobian out;
+  out.twists = unloaded.twists;
+  std::tie(out.tip, out.by_lengths) = unloadedDerivative(
+      arm, unloaded, 1, [&](int k, int j) { return arm.pieceByLengths(k, j, unloaded); });
+  if (wanted.by_stiffness) out.by_stiffness = unloadedByStiffness(arm, unloaded, arm.lengths(q));
+  if (!wanted.by_load || !load) return out;
+  if (!arm.tapered() && load->tables.empty()) {
+    out.by_load = byTipLoad(arm, *load, out.twists);
+    return out;
+  }
+  const Load none = withoutForces(*load);
+  const Eigen::VectorXd lengths = arm.lengths(q);
+  const Change change(arm, &none, lengths, Change::By::kLengths);
+  const ShapeResponse at_rest =
+      loadedResponse(arm, none, {Tier::kLoaded, kMostOrder}, lengths, change, true);
+  out.status = at_rest.at.status;
+  out.by_load = byLoad(at_rest);
+  return out;
+}
+
+}  // namespace
+
+ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q,
+                         const JacobianParts& wanted) {
+  const model::Arm& arm = model.arm();
+  ShapeJacobian out = takesLoad(model.choice().setting.tier)
+                          ? loadedJacobian(model, arm.lengths(q), wanted)
+                          : unloadedJacobian(model, q, wanted);
   out.by_inputs = out.by_lengths;
   for (int i = 0; i < q.size(); ++i) {
     const double slope = arm.actuator(i).contraction.slopeInside(q[i]);

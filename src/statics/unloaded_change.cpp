@@ -46,6 +46,9 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
   const bool has_tables = load != nullptr && !load->tables.empty();
   const model::UnloadedOf<Group> unloaded =
       has_tables ? unloadedUnderOfLengths(arm, *load, lengths) : arm.unloadedOfLengths(lengths);
+  to_actuator_.reserve(static_cast<std::size_t>(arm.actuatorCount()));
+  compliance_.reserve(static_cast<std::size_t>(arm.sectionCount()));
+  constant_.reserve(static_cast<std::size_t>(arm.sectionCount()));
   for (int i = 0; i < arm.actuatorCount(); ++i) to_actuator_.push_back(toActuatorAt(i, 0.0));
   for (int k = 0; k < arm.sectionCount(); ++k) {
     setJumps(k);

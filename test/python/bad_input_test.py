@@ -77,6 +77,19 @@ class RuleTest(unittest.TestCase):
         self.refuses(TypeError, ["sensitivity is of type int; expected True or False"], self.scene.workspace, 5, sensitivity=1)
         np.testing.assert_array_equal(self.scene.tips(GOOD, threads=np.int32(2)), self.scene.tips(GOOD))
 
+    def test_words_of_derivatives(self):
+        jacobian, rule = self.scene.jacobian, "expected one or several of pressures, lengths, stiffness, load"
+        self.refuses(ValueError, ["by holds \"presures\"; " + rule], jacobian, GOOD, by="presures")
+        self.refuses(ValueError, ["by holds \"tip\"; " + rule], jacobian, GOOD, by=["pressures", "tip"])
+        self.refuses(ValueError, ["by holds \"\"; " + rule], jacobian, GOOD, by="")
+        for empty in [[], (), {}, np.zeros(0)]:
+            self.refuses(ValueError, ["by is empty; " + rule], jacobian, GOOD, by=empty)
+        for bad in [None, 3, 2.5, object(), b"load"]:
+            self.refuses(TypeError, [f"by is of type {type(bad).__name__}; expected a list of words"], jacobian, GOOD, by=bad)
+        self.refuses(TypeError, ["by[1] is of type int; expected a str"], jacobian, GOOD, by=["load", 3])
+        self.refuses(ValueError, ["by[0] is '\\udc80'"], jacobian, GOOD, by="\udc80")
+        self.refuses(TypeError, ["positional arguments"], jacobian, GOOD, 1, "load")
+
     def test_out_that_overlaps(self):
         memory = np.tile(GOOD, (5, 1))
         for rows, out in [(memory, memory), (memory[:-1], memory[1:]), (memory[::-1][1:], memory[:-1])]:
@@ -233,7 +246,7 @@ class RandomCallTest(unittest.TestCase):
         scenes = [helix_arm.Scene.load(name) for name in ["demo", "planar_50", "loaded"]]
         arguments = {
             "forward": ["pressures_pa", "threads"], "tips": ["pressures_pa", "out", "threads"],
-            "curve": ["pressures_pa", "points"], "jacobian": ["pressures_pa"],
+            "curve": ["pressures_pa", "points"], "jacobian": ["pressures_pa", "threads", "by"],
             "inverse": ["tip", "pose", "twists", "start", "prefer", "cocontraction", "threads"],
             "workspace": ["points", "seed", "sensitivity"], "fit": ["captures"], "localize": ["image", "pressures_pa"],
             "calibrate": ["data", "fit", "contraction", "curvature_noise_rad", "corner_noise_px", "position_noise_m",
@@ -244,6 +257,8 @@ class RandomCallTest(unittest.TestCase):
             name = str(random.choice(list(arguments)))
             # The run of a follow() that is right takes seconds.
             given = {one: self.value(random) for one in arguments[name] if random.integers(3) > 0}
+            if name == "jacobian" and random.integers(3) > 0:
+                given["by"] = random.choice(["pressures", "lengths", "stiffness", "load", "tip"], random.integers(4)).tolist()
             if isinstance(given.get("points"), int):
                 given["points"] = min(given["points"], 1000)
             if name == "follow":

@@ -1,4 +1,5 @@
 """Inverse, curve, Jacobian and workspace through the package: each against the forward model."""
+import itertools
 import unittest
 
 import helix_arm
@@ -136,7 +137,38 @@ class JacobianTest(unittest.TestCase):
             for name, value in scene.jacobian(row).to_dict().items():
                 np.testing.assert_array_equal(getattr(batch, name)[i], value, err_msg=name)
 
+    def test_what_is_left_out_is_none_and_the_rest_is_the_same(self):
+        words = ["pressures", "lengths", "stiffness", "load"]
+        # Under load, equations with fewer right-hand sides round otherwise.
+        cases = [("demo", {"tier": "linear"}, 0), ("spatial_101", {}, 0), ("planar_76", {}, 0), ("tapered_50_25", {}, 0),
+                 ("loaded", {"tier": "loaded", "order": 5}, 1e-12), ("loaded", {"tier": "exact"}, 1e-12)]
+        for name, overrides, tolerance in cases:
+            scene = helix_arm.Scene.load(name, overrides)
+            for p in [pressures_of(scene, 1)[0], pressures_of(scene, 3)]:
+                whole = scene.jacobian(p).to_dict()
+                for count in range(1, 5):
+                    for by in itertools.combinations(words, count):
+                        found = scene.jacobian(p, by=by, threads=2).to_dict()
+                        self.assertEqual(list(found), list(whole))
+                        for field, expected in whole.items():
+                            wanted = field == "converged" or field.split("_by_")[1] in by
+                            if not wanted or expected is None:
+                                self.assertIsNone(found[field], (name, by, field))
+                                continue
+                            np.testing.assert_allclose(found[field], expected, rtol=0, err_msg=f"{name} {by} {field}",
+                                                       atol=tolerance * np.abs(expected).max())
+
+    def test_by_is_one_word_or_several(self):
+        scene = helix_arm.Scene.load("demo")
+        p = pressures_of(scene, 2)
+        expected = scene.jacobian(p, by=["lengths"]).to_dict()
+        for by in ["lengths", ("lengths",), {"lengths"}, ["lengths", "lengths"], np.array(["lengths"])]:
+            for field, value in scene.jacobian(p, 2, by=by).to_dict().items():
+                np.testing.assert_array_equal(value, expected[field])
+
     def test_load_needs_the_extensional_stiffness(self):
+        for by in ["load", ["load", "pressures"]]:
+            self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3), by=by).tip_by_load)
         self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3)).tip_by_load)
         compliance = helix_arm.Scene.load("demo").jacobian(np.zeros(3)).tip_by_load
         self.assertEqual(compliance.shape, (6, 6))

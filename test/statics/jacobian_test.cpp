@@ -159,8 +159,8 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByEveryEntryOfTheStiffness) {
             step);
         const int column = 3 * i + component;
         const double size = std::max(twists.norm(), 1e-3 / entry(own, component));
-        EXPECT_LT((found.by_stiffness.tip.col(column) - tip).norm(), kAnalytic * size);
-        EXPECT_LT((found.by_stiffness.twists.col(column) - twists).norm(), kAnalytic * size);
+        EXPECT_LT((found.by_stiffness->tip.col(column) - tip).norm(), kAnalytic * size);
+        EXPECT_LT((found.by_stiffness->twists.col(column) - twists).norm(), kAnalytic * size);
       }
     }
   }
@@ -174,9 +174,9 @@ TEST(Jacobian, IsNanWhereAnEntryWouldResistWhatNothingElseDoes) {
   ASSERT_LT(arm.equilibrium(0).rank, 6);
   const ShapeJacobian found =
       jacobianAt(ArmModel(arm), Eigen::VectorXd(Eigen::VectorXd::Constant(1, 1e5)));
-  EXPECT_TRUE(found.by_stiffness.tip.col(0).allFinite());
-  EXPECT_TRUE(found.by_stiffness.tip.col(1).array().isNaN().all());
-  EXPECT_TRUE(found.by_stiffness.tip.col(2).allFinite());
+  EXPECT_TRUE(found.by_stiffness->tip.col(0).allFinite());
+  EXPECT_TRUE(found.by_stiffness->tip.col(1).array().isNaN().all());
+  EXPECT_TRUE(found.by_stiffness->tip.col(2).allFinite());
 }
 
 TEST(Jacobian, ByALoadIsTheDerivativeOfTheExactShape) {
@@ -274,7 +274,7 @@ TEST(Jacobian, UnderLoadIsTheDerivativeOfTheTiersShapes) {
           },
           1e-3, kAnalytic, "length");
       expectColumn(
-          found.by_stiffness, 3 * i + 2,
+          *found.by_stiffness, 3 * i + 2,
           [&](double change) {
             return thereOf(ArmModel(restiffened(arm, i, 2, change), std::nullopt, load, setting)
                                .solveLengths(lengths));
@@ -320,6 +320,57 @@ TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
     ASSERT_NE(found.status, SolveStatus::kConverged) << model.choice().setting.name();
     EXPECT_EQ(found.by_lengths.cols(), lengths.size());
     EXPECT_TRUE(found.by_lengths.array().isNaN().all());
+  }
+}
+
+void expectSame(const ShapeDerivative& found, const ShapeDerivative& expected, double tolerance) {
+  EXPECT_LE((found.tip - expected.tip).norm(), tolerance * expected.tip.norm());
+  EXPECT_LE((found.twists - expected.twists).norm(), tolerance * expected.twists.norm());
+}
+
+// Under load, equations with fewer right-hand sides round otherwise.
+TEST(Jacobian, WhatIsWantedDoesNotDependOnTheRest) {
+  Random random(5);
+  const Load load = weight(Posture::kHorizontal, 0.15, 1000);
+  Load two_sections;
+  two_sections.mass = {0.0, 0.0};
+  two_sections.K_eps = {900.0, 1100.0};
+  const TierSetting linear{Tier::kLinear, 0};
+  const std::pair<ArmModel, double> cases[] = {
+      {ArmModel(variedArm(2, 4, true, random), std::nullopt, two_sections, linear), 0.0},
+      {ArmModel(taperedArm(), std::nullopt, load, linear), 0.0},
+      {ArmModel(softHelicalArm(), std::nullopt, load, TierSetting{Tier::kLoaded, 5}), 1e-12},
+      {ArmModel(softHelicalArm(), std::nullopt, load, TierSetting{Tier::kExact, 0}), 1e-12}};
+  for (const auto& [model, tolerance] : cases) {
+    SCOPED_TRACE(model.choice().setting.name());
+    const Eigen::VectorXd q = model.arm().inputAt(0.4);
+    const ShapeJacobian whole = jacobianAt(model, q);
+    ASSERT_EQ(whole.status, SolveStatus::kConverged);
+    for (const JacobianParts wanted : {JacobianParts{false, false}, {true, false}, {false, true}}) {
+      const ShapeJacobian found = jacobianAt(model, q, wanted);
+      EXPECT_EQ(found.status, whole.status);
+      EXPECT_EQ(found.tip.translation, whole.tip.translation);
+      EXPECT_EQ(found.twists, whole.twists);
+      expectSame(found.by_inputs, whole.by_inputs, tolerance);
+      expectSame(found.by_lengths, whole.by_lengths, tolerance);
+      ASSERT_EQ(found.by_stiffness.has_value(), wanted.by_stiffness);
+      if (found.by_stiffness) expectSame(*found.by_stiffness, *whole.by_stiffness, tolerance);
+      ASSERT_EQ(found.by_load.has_value(), wanted.by_load);
+      if (found.by_load) expectSame(*found.by_load, *whole.by_load, tolerance);
+    }
+  }
+}
+
+// In the tiers without load the shape is that of the model's solution.
+TEST(Jacobian, HasTheShapeOfTheSolution) {
+  Random random(6);
+  for (const ArmModel& model : {ArmModel(variedArm(3, 3, true, random)), ArmModel(taperedArm())}) {
+    const Eigen::VectorXd q = randomInput(model.arm(), random);
+    const ShapeJacobian found = jacobianAt(model, q, {false, false});
+    const Solution expected = model.solve(q);
+    EXPECT_LT((found.tip.translation - expected.tip.translation).norm(), 1e-14);
+    EXPECT_LT((found.tip.rotation - expected.tip.rotation).norm(), 1e-14);
+    EXPECT_LT((found.twists - expected.shape.twists()).norm(), 1e-14);
   }
 }
 

@@ -171,10 +171,10 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
         entry(there, component) += change;
         return c.at(c.arm.withStiffness(i, there), c.load, lengths);
       };
-      double step = stepOf(found.by_stiffness, alike[i], size, angle);
+      double step = stepOf(*found.by_stiffness, alike[i], size, angle);
       if (value > 0) step = std::min(step, kEntryStep * value);
       if (value == 0) step = std::min(0.1 * step, kEntryStep * own.kappa);
-      expectColumn(found.by_stiffness, alike[i], alike,
+      expectColumn(*found.by_stiffness, alike[i], alike,
                    columnFrom(value > 0 ? kCentral : kForward, changed, step), tolerance, step,
                    c.name + ": stiffness");
     }
@@ -405,9 +405,9 @@ TEST(LoadedJacobian, IsNanWhereAnEntryWouldResistWhatNothingElseDoes) {
     const ShapeJacobian found =
         jacobianAt(ArmModel(arm, std::nullopt, load, setting), arm.inputAt(0.3));
     ASSERT_EQ(found.status, SolveStatus::kConverged);
-    EXPECT_TRUE(found.by_stiffness.tip.col(0).allFinite());
-    EXPECT_TRUE(found.by_stiffness.tip.col(1).array().isNaN().all());
-    EXPECT_TRUE(found.by_stiffness.tip.col(2).allFinite());
+    EXPECT_TRUE(found.by_stiffness->tip.col(0).allFinite());
+    EXPECT_TRUE(found.by_stiffness->tip.col(1).array().isNaN().all());
+    EXPECT_TRUE(found.by_stiffness->tip.col(2).allFinite());
   }
 }
 
