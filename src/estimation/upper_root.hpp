@@ -24,6 +24,7 @@ void solveUpper(const RowMajor& U, Eigen::VectorXd& x);
 ///
 /// @param X  (any x padded columns).
 void divideByTransposed(const RowMajor& U, RowMajor& X);
+/// Replaces x (any) by U'^-1 x.
 void divideByTransposed(const RowMajor& U, Eigen::VectorXd& x);
 
 /// (U'U)^-1, both triangles.

@@ -235,8 +235,8 @@ void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
   if (!ros_bridge::isToChange(now, view.base_frame)) return;
   Ogre::Vector3 base;
   Ogre::Quaternion turn;
-  // {}: the latest
-  if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, {}, base, turn)) return;
+  rviz::FrameManager* const frames = vis_manager_->getFrameManager();
+  if (!frames->getTransform(view.base_frame, /*time=*/{}, base, turn)) return;  // the latest
   const Ogre::Vector3 axis = turn.xAxis();
   const double aspect = static_cast<double>(window_.width()) / window_.height();
   const ros_bridge::ArmCamera next =

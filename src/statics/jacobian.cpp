@@ -216,7 +216,7 @@ ShapeJacobian unloadedJacobian(const ArmModel& model, const model::InputRef& q,
   const Eigen::VectorXd lengths = arm.lengths(q);
   const Change change(arm, &none, lengths, Change::By::kLengths);
   const ShapeResponse at_rest =
-      loadedResponse(arm, none, {Tier::kLoaded, kMostOrder}, lengths, change, true);
+      loadedResponse(arm, none, {Tier::kLoaded, kMostOrder}, lengths, change, /*by_load=*/true);
   out.status = at_rest.at.status;
   out.by_load = byLoad(at_rest);
   return out;

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/vector_clones.hpp"
 #include "log_coefficient.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
@@ -156,6 +157,20 @@ TEST(Coefficients, AgreeWithTheirDefinitionWhereTheReductionChangesQuadrant) {
   }
   worst.print("at the quadrants");
   worst.expectWithin(8.0);
+}
+
+// With fused products where the processor has them.
+HELIX_ARM_CLONES double remainderOf(double square, double root) {
+  return detail::squareRemainder(square, root);
+}
+
+TEST(SquareRemainder, KeepsItsDigitsWithFusedProductsToo) {
+  test::Random random(7);
+  for (int i = 0; i < 20000; ++i) {
+    const double root = random.logUniform(1e-100, 1e100);
+    const double square = root * root;
+    EXPECT_NEAR(remainderOf(square, root), -std::fma(root, root, -square), 1e-31 * square);
+  }
 }
 
 TEST(Coefficients, AreTheirLimitsAtZeroAndForDenormals) {

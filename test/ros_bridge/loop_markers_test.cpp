@@ -46,7 +46,7 @@ TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
   EXPECT_NE(table.pose.position.y, drawn(sample(), names::kLoopStateNs).pose.position.y);
 }
 
-// After a reload, the same markers draw an arm that is mounted otherwise.
+// The same markers draw an arm that is mounted otherwise.
 TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
   const LoopMarkers markers("arm_base", 1.0);
   Eigen::Matrix3d hangs, rolled;

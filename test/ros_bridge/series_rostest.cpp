@@ -265,6 +265,13 @@ TEST_F(Answers, WhoIsEndedBeforeItHearsAnAnswerRepeatsItsTarget) {
       << series_.output();
 }
 
+TEST_F(Answers, WhoIsNeverAnsweredEndsAllTheSame) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  series_.signal(SIGINT);
+  EXPECT_EQ(series_.exitCode(), 0) << series_.output();
+  EXPECT_EQ(series_.output().find("/rest"), std::string::npos) << series_.output();
+}
+
 // Its last target may still be on its way, and would cancel the request.
 TEST_F(Answers, AnArmThatDoesNotAnswerIsNotAskedForRest) {
   ASSERT_TRUE(connected()) << series_.outputNow();

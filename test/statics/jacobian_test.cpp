@@ -364,7 +364,11 @@ TEST(Jacobian, WhatIsWantedDoesNotDependOnTheRest) {
 // In the tiers without load the shape is that of the model's solution.
 TEST(Jacobian, HasTheShapeOfTheSolution) {
   Random random(6);
-  for (const ArmModel& model : {ArmModel(variedArm(3, 3, true, random)), ArmModel(taperedArm())}) {
+  const model::PlanarArm planar = planarArm();
+  const ArmModel in_plane(model::embed(planar), planar);
+  ASSERT_EQ(in_plane.choice().setting.tier, Tier::kPlanar);
+  for (const ArmModel& model :
+       {ArmModel(variedArm(3, 3, true, random)), ArmModel(taperedArm()), in_plane}) {
     const Eigen::VectorXd q = randomInput(model.arm(), random);
     const ShapeJacobian found = jacobianAt(model, q, {false, false});
     const Solution expected = model.solve(q);

@@ -34,9 +34,11 @@ struct ShapeJacobian {
 /// Derivatives at inputs q (n), analytic. Under load they follow from the implicit function theorem
 /// at the tier's own equilibrium.
 /// @param wanted  What is left out takes no time. In the tiers that take no load, the other
-///     derivatives do not depend on it; under load they do by rounding.
-/// @throws as Arm::lengths() does, and as requireTables() for an arm with tables of stiffness. The
-/// derivatives are NaN unless the solution converged.
+///     derivatives do not depend on it, and only those by load may fail to converge; under load
+///     they do by rounding.
+/// @throws as Arm::lengths() does, and as requireTables() where the tables of stiffness are used:
+/// under load, and for the derivatives by load. The derivatives are NaN unless the solution
+/// converged.
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q,
                          const JacobianParts& wanted = {});
 

@@ -180,16 +180,21 @@ void PressureSeriesNode::publishTarget() {
   trace_.sent(header.stamp);
 }
 
+bool PressureSeriesNode::mayBeUnheard() const { return trace_.isUnheard() && !yielding_; }
+
+bool PressureSeriesNode::mayCommand() const {
+  return trace_.commands() || trace_.awaitsAnswer() || (mayBeUnheard() && end_began_.isZero());
+}
+
 void PressureSeriesNode::endSeries() {
   if (EndRequest::isUrgent()) return;  // without a master, the call would block
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (end_began_.isZero()) end_began_ = now;
-  if (trace_.awaitsAnswer()) {
-    // The arm may follow a target whose answer came before target_status was connected.
-    const bool repeats = now - end_began_ < ros::WallDuration(CommandTrace::kPatience);
-    if (repeats && !trace_.isHeard()) publishTarget();
-    return;
+  // The arm may follow a target whose answer came before target_status was connected.
+  if (mayBeUnheard() && now - end_began_ < ros::WallDuration(CommandTrace::kPatience)) {
+    return publishTarget();
   }
+  if (trace_.awaitsAnswer()) return;
   if (trace_.commands()) requestRest();
   EndRequest::make();
 }

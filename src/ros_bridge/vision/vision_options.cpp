@@ -26,7 +26,7 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   out.scene = reader.file("scene", "config/scenes", ".yaml");
   out.source = reader.text("source", out.source);
   std::vector<std::string> words = {kTopic, names::kImage, names::kCompressedImage, kWebcam};
-  // Before its path: image/compressed has a slash.
+  // Words come first: image/compressed has a slash, and would count as a path.
   const bool is_word = std::find(words.begin(), words.end(), out.source) != words.end();
   std::error_code fault;  // counts as not there
   if (!is_word && !out.source.empty() &&

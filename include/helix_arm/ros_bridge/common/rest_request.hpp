@@ -23,8 +23,8 @@ class CommandTrace {
   bool commands() const;
   /// Whether the last target may still be answered: it has waited for less than kPatience.
   bool awaitsAnswer() const;
-  /// Whether any target of this node was answered: target_status is connected.
-  bool isHeard() const { return heard_; }
+  /// Whether this node has sent targets of which none was answered.
+  bool isUnheard() const { return waits_ && !heard_; }
 
  private:
   ros::Time last_stamp_;

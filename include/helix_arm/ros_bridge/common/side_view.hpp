@@ -37,7 +37,7 @@ struct SideView {
 /// @param radius  of its discs [m].
 SideView sideView(const Eigen::Vector3d& axis, double length, double radius);
 
-/// The same in the axes of the base, but for yaw and pitch.
+/// The same in the axes of the base, except for yaw and pitch.
 /// @param view  in the axes of the world frame.
 SideView seenFrom(const Eigen::Matrix3d& R_WB, SideView view);
 

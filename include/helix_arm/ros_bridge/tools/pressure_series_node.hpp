@@ -59,7 +59,7 @@ class PressureSeriesNode {
 
   int finish() const { return verdict_; }
   /// The arm follows the series, or is about to: it is to be brought to rest first.
-  bool mayCommand() const { return trace_.commands() || trace_.awaitsAnswer(); }
+  bool mayCommand() const;
 
  private:
   /// Consecutive messages that indicate that the series is not for this arm.
@@ -77,7 +77,11 @@ class PressureSeriesNode {
   void publishTarget();
   /// Once no target is on its way any more, asks for rest where the arm follows; ends the node.
   /// Where no target was answered yet, repeats the last one, for CommandTrace::kPatience at most.
+  /// Ends after twice that time at the latest.
   void endSeries();
+  /// Targets were sent and none was answered, neither to this node nor to another that it gives way
+  /// to.
+  bool mayBeUnheard() const;
   /// Warns, and ends the node if the trouble persists.
   void suffer(Trouble& trouble, const std::string& what);
 
