@@ -27,7 +27,7 @@ struct DescentTask {
   /// null: none.
   const Eigen::VectorXd* held = nullptr;
   int max_iterations = 100;
-  double tolerance = kSolvedTolerance;  ///< in place of that
+  double tolerance = kSolvedTolerance;  ///< the fraction at which this one ends
 };
 
 /// Levenberg and Marquardt's method over the values of the parameters, with the radius of the trust

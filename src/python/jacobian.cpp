@@ -47,9 +47,14 @@ enum By { kPressures, kLengths, kStiffness, kLoad };
 constexpr std::array<const char*, 4> kByWords{"pressures", "lengths", "stiffness", "load"};
 using Wanted = std::array<bool, kByWords.size()>;
 
+std::string allWords() {
+  std::string out;
+  for (const char* word : kByWords) out += (out.empty() ? "" : ", ") + std::string(word);
+  return out;
+}
+
 Wanted wantedOf(const py::list& by) {
-  std::string words;
-  for (const char* word : kByWords) words += (words.empty() ? "" : ", ") + std::string(word);
+  static const std::string words = allWords();
   basics::require(!by.empty(), "by is empty; expected one or several of ", words);
   Wanted wanted{};
   for (std::size_t i = 0; i < by.size(); ++i) {

@@ -1,7 +1,5 @@
 #include "helix_arm/statics/unloaded_change.hpp"
 
-#include <algorithm>
-
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "nearest_input.hpp"
