@@ -119,4 +119,12 @@ TipReference TipPath::at(double time) const noexcept {
   return reference;
 }
 
+TipSegment TipPath::segment(std::size_t i) const {
+  const Knot &a = knots_[i], &b = knots_[i + 1];
+  const double h = b.time - a.time;
+  const Eigen::Vector3d middle = 3.0 / h * (b.position - a.position) - a.velocity - b.velocity;
+  return {a.time, b.time, std::max({a.velocity.norm(), middle.norm(), b.velocity.norm()}),
+          a.turn.norm() / h};
+}
+
 }  // namespace helix_arm::control

@@ -13,11 +13,10 @@ namespace helix_arm::follow {
 namespace {
 
 constexpr char kCulprit[] = "path check";
-constexpr double kStep = 0.01;  // [s]
-constexpr int kMostPlaces = 200'000;
-constexpr int kPlacesBeyond = 200;  // examined after the first one out of reach
-constexpr int kHalvings = 6;        // of a step in which pressures change too fast
-constexpr double kJumpPart = 0.5;   // of that change within 1 / 2^kHalvings of the step: a jump
+constexpr double kLeastWindow = kCheckStep / 2;  // of a rate [s]
+constexpr int kPlacesBeyond = 200;               // examined after the first one out of reach
+constexpr int kHalvings = 6;                     // of a step in which pressures change too fast
+constexpr double kJumpPart = 0.5;  // of that change within 1 / 2^kHalvings of the step: a jump
 
 // Inputs along a path, each position starting from the previous solution.
 class Walk {
@@ -41,14 +40,33 @@ class Walk {
   Eigen::VectorXd input_;
 };
 
-// The fastest step of an actuator, relative to its permitted change.
+// The fastest step of an actuator, relative to its permitted change, which is that of kLeastWindow
+// at least: the noise of the inverse divided by a shorter time would look like a rate.
 struct Fastest {
   double excess = 0.0;
   int actuator = -1;
   double begin = 0.0, end = 0.0;  // [s]
   Eigen::VectorXd from;           // inputs at the beginning
   double change = 0.0;            // of the actuator [Pa]
+
+  void see(const model::Range& time, const Eigen::VectorXd& first, const Eigen::VectorXd& last,
+           const PathRules& rules) {
+    const double window = std::max(time.upper - time.lower, kLeastWindow);
+    for (int i = 0; i < last.size(); ++i) {
+      const double step = last[i] - first[i];
+      const double rate = std::abs(step) / (window * kSlewShare * rules.slew[i]);
+      if (rate > excess) *this = {rate, i, time.lower, time.upper, first, step};
+    }
+  }
 };
+
+// Places of a segment after its first point.
+double placesOf(const control::TipSegment& segment) {
+  const double speed =
+      segment.top_speed + statics::InverseOptions{}.rotation_weight * segment.turn_rate;
+  return std::ceil((segment.end - segment.begin) *
+                   std::max(1.0 / kCheckStep, speed / kCheckSpacing));
+}
 
 void validate(const PathRules& rules, const model::Arm& arm) {
   basics::requirePositive(kCulprit, "the tolerance [m]", rules.tolerance);
@@ -67,11 +85,27 @@ std::string placeText(double time, const Eigen::Vector3d& position) {
   return out.str();
 }
 
-PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, double residual,
-                        const PathRules& rules) {
+std::optional<PathRefusal> tooLong(const control::TipPath& path) {
+  double places = 1.0;
+  for (std::size_t i = 0; i < path.segmentCount(); ++i) places += placesOf(path.segment(i));
+  if (places <= kMostCheckPlaces) return std::nullopt;
+  PathRefusal out{PathFault::kTooLong, path.lastTime(), path.at(path.lastTime()).position};
+  std::ostringstream text;
+  text.precision(10);
+  text << "the path takes " << path.lastTime() - path.firstTime() << " s and has " << places
+       << " places to check, one for each point and at least one every " << 1e3 * kCheckStep
+       << " ms and every " << 1e3 * kCheckSpacing << " mm; expected at most " << kMostCheckPlaces
+       << ", as in " << kCheckStep * kMostCheckPlaces << " s; send it in parts";
+  out.reason = text.str();
+  return out;
+}
+
+// `next` is the time of the next point, where a path that leaves the reach often turns back.
+PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, double next,
+                        double residual, const PathRules& rules) {
   PathRefusal out{PathFault::kUnreachable, since, path.at(since).position, residual};
-  for (int k = 1; k <= kPlacesBeyond; ++k) {
-    const double time = since + (path.lastTime() - since) * k / kPlacesBeyond;
+  for (int k = 0; k <= kPlacesBeyond; ++k) {
+    const double time = k == 0 ? next : since + (path.lastTime() - since) * k / kPlacesBeyond;
     const double there = walk.to(time).residual;
     if (!(there > out.residual)) continue;
     out.time = time;
@@ -122,7 +156,7 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
   const bool jumps = isJump(path, solver, step);
   PathRefusal out{jumps ? PathFault::kJump : PathFault::kTooFast, time, path.at(time).position};
   out.actuator = step.actuator;
-  out.rate = std::abs(step.change) / (step.end - step.begin);
+  out.rate = step.excess * kSlewShare * rules.slew[step.actuator];
   const std::string& name = arm.actuator(step.actuator).name;
   std::ostringstream text;
   text.precision(3);
@@ -147,26 +181,27 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
                                      statics::InverseSolver& solver, const Eigen::VectorXd& start,
                                      const PathRules& rules, const std::function<bool()>& stops) {
   validate(rules, arm);
-  const double duration = path.lastTime() - path.firstTime();
-  const int places = std::clamp(static_cast<int>(std::ceil(duration / kStep)), 1, kMostPlaces);
+  if (const auto refusal = tooLong(path)) return refusal;
   Walk walk(path, solver, start);
-  Eigen::VectorXd before;
   Fastest fastest;
-  double last = path.firstTime();
-  for (int k = 0; k <= places; ++k) {
-    if (stops && stops()) return std::nullopt;
-    const double time = path.firstTime() + duration * k / places;
-    const statics::InverseResult& result = walk.to(time);
-    if (!(result.residual <= rules.tolerance)) {
-      return unreachable(path, walk, time, result.residual, rules);
+  double since = path.firstTime();
+  Eigen::VectorXd before;  // inputs at that time
+  for (std::size_t i = 0; i < path.segmentCount(); ++i) {
+    const control::TipSegment segment = path.segment(i);
+    const auto places = static_cast<int>(placesOf(segment));
+    for (int k = i == 0 ? 0 : 1; k <= places; ++k) {
+      if (stops && stops()) return std::nullopt;
+      const double time =
+          k == places ? segment.end : segment.begin + (segment.end - segment.begin) * k / places;
+      const statics::InverseResult& result = walk.to(time);
+      if (!(result.residual <= rules.tolerance)) {
+        return unreachable(path, walk, time, segment.end, result.residual, rules);
+      }
+      if (before.size() > 0) fastest.see({since, time}, before, result.input, rules);
+      if (before.size() > 0 && time - since < kLeastWindow) continue;
+      since = time;
+      before = result.input;
     }
-    for (int i = 0; k > 0 && i < arm.actuatorCount(); ++i) {
-      const double change = result.input[i] - before[i];
-      const double excess = std::abs(change) / ((time - last) * kSlewShare * rules.slew[i]);
-      if (excess > fastest.excess) fastest = {excess, i, last, time, before, change};
-    }
-    before = result.input;
-    last = time;
   }
   if (fastest.excess <= 1) return std::nullopt;
   return tooFast(path, arm, solver, fastest, rules);

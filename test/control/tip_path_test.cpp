@@ -116,6 +116,33 @@ TEST(TipPath, VelocityIsTheDerivativeOfPosition) {
 }
 
 // Acceleration on each side of a point, linear there: from two differences of the velocity.
+TEST(TipPath, NoPlaceOfASegmentIsFasterThanItsTopSpeed) {
+  test::Random random(8);
+  double closest = kInfinity;
+  for (int k = 0; k < 50; ++k) {
+    std::vector<TipWayPoint> points = randomPoints(random, 5);
+    for (TipWayPoint& point : points) {
+      if (k % 2 == 0) point.velocity = random.uniform(0.0, 2.0) * random.direction<3>();
+      point.rotation = turned(random.direction<3>(), random.uniform(0.0, 1.5));
+    }
+    const TipPath path(points);
+    ASSERT_EQ(path.segmentCount(), points.size() - 1);
+    for (std::size_t i = 0; i < path.segmentCount(); ++i) {
+      const TipSegment segment = path.segment(i);
+      EXPECT_EQ(segment.begin, points[i].time);
+      EXPECT_EQ(segment.end, points[i + 1].time);
+      for (int n = 1; n < 100; ++n) {
+        const TipReference there =
+            path.at(segment.begin + (segment.end - segment.begin) * n / 100.0);
+        EXPECT_LE(there.velocity.norm(), segment.top_speed * (1 + 1e-12));
+        EXPECT_NEAR(there.angular_velocity.norm(), segment.turn_rate, 1e-9 * segment.turn_rate);
+        closest = std::min(closest, segment.top_speed - there.velocity.norm());
+      }
+    }
+  }
+  EXPECT_LT(closest, 0.01) << "the bound is attained";
+}
+
 TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
   test::Random random(5);
   const std::vector<TipWayPoint> points = randomPoints(random, 30);

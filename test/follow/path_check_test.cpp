@@ -8,6 +8,7 @@
 
 #include "helix_arm/control/tip_path_shapes.hpp"
 #include "support/paper_arm.hpp"
+#include "support/random.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::follow {
@@ -131,6 +132,97 @@ TEST_F(PathCheck, StopsAtTheNextPlaceWhenAskedTo) {
   EXPECT_EQ(asked, 2);
   EXPECT_TRUE(checked(100'000));
   EXPECT_GT(asked, 2);
+}
+
+// The arm rests, except for a moment in which it should be 0.3 m away.
+TEST_F(PathCheck, ASpikeOfAnyLengthIsFound) {
+  const Eigen::Vector3d rest = tipAt({0.5, 0.4, 0.4}), away = rest + Eigen::Vector3d(0, 0.3, 0),
+                        still = Eigen::Vector3d::Zero();
+  for (const double length : {1e-5, 1e-3, 4e-3, 0.1}) {
+    const double middle = 1.0050001;
+    const TipPath path({{0.0, rest, {}, still},
+                        {middle - length / 2, rest, {}, still},
+                        {middle, away, {}, still},
+                        {middle + length / 2, rest, {}, still},
+                        {4.0, rest, {}, still}});
+    const auto refused = check(path, std::numeric_limits<double>::infinity());
+    ASSERT_TRUE(refused) << length;
+    EXPECT_EQ(refused->fault, PathFault::kUnreachable);
+    EXPECT_NEAR(refused->time, middle, 1e-12) << "the farthest place";
+  }
+  // Between two points at the same place, 10 ms apart: h (v_a - v_b) / 8 away in the middle.
+  const Eigen::Vector3d fast(0, 0.3 * 4 / 0.01, 0);
+  const auto refused =
+      check(TipPath({{1.0, rest, {}, fast}, {1.01, rest, {}, Eigen::Vector3d(-fast)}}),
+            std::numeric_limits<double>::infinity());
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->fault, PathFault::kUnreachable);
+  EXPECT_NEAR(refused->time, 1.005, 1e-3);
+}
+
+TEST_F(PathCheck, APathOfMorePlacesThanAreCheckedIsRefused) {
+  const Eigen::Vector3d rest = tipAt({0.5, 0.4, 0.4}), away = rest + Eigen::Vector3d(0, 0.3, 0);
+  int asked = 0;
+  const auto refusalOf = [&](const TipPath& path) {
+    asked = 0;
+    return checkPath(path, arm, solver, arm.inputAt(0.0),
+                     {kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)},
+                     [&] { return ++asked > 3; });
+  };
+  // Points 5 s apart around a spike.
+  const double middle = 5e5;
+  const auto refused = refusalOf(TipPath({{0.0, rest},
+                                          {middle - 2, rest},
+                                          {middle, away},
+                                          {middle + 2, rest},
+                                          {control::kLongestPath, rest}}));
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->fault, PathFault::kTooLong);
+  EXPECT_EQ(refused->time, control::kLongestPath);
+  EXPECT_EQ(asked, 0) << "no place is solved";
+  EXPECT_EQ(
+      refusalOf(straight(rest, rest, control::kLongestPath))->reason,
+      "the path takes 1000000 s and has 100000001 places to check, one for each point and at "
+      "least one every 10 ms and every 2 mm; expected at most 1000000, as in 10000 s; send it "
+      "in parts");
+  // The limit, from both sides: one place more than steps.
+  const double longest = kCheckStep * (kMostCheckPlaces - 1) - 1e-6;
+  EXPECT_TRUE(refusalOf(straight(rest, rest, longest + 2 * kCheckStep)));
+  EXPECT_FALSE(refusalOf(straight(rest, rest, longest)));
+  EXPECT_GT(asked, 3) << "only stopped";
+}
+
+// At times of no grid, with polynomials that turn between the points.
+TEST_F(PathCheck, EveryPlaceOfAnAcceptedPathIsWithinReach) {
+  test::Random random(7);
+  const Eigen::Vector3d middle = tipAt({0.5, 0.4, 0.4});
+  statics::InverseSolver fresh(arm);
+  int accepted = 0, refused = 0;
+  for (int trial = 0; trial < 100; ++trial) {
+    std::vector<TipWayPoint> points;
+    const double step = std::pow(10.0, random.uniform(-3, -1));
+    const double size = random.uniform(0.0, 0.03), swing = random.uniform(0.0, 0.3);
+    for (int k = 0; k < 6; ++k) {
+      points.push_back({step * (k + random.uniform(0, 0.5)),
+                        middle + size * random.direction<3>(),
+                        {},
+                        Eigen::Vector3d(swing / step * random.direction<3>())});
+    }
+    const TipPath path(points);
+    if (check(path, std::numeric_limits<double>::infinity())) {
+      ++refused;
+      continue;
+    }
+    ++accepted;
+    Eigen::VectorXd input = arm.inputAt(0.4);
+    for (int k = 0; k < 1000; ++k) {
+      const double time = random.uniform(path.firstTime(), path.lastTime());
+      const auto& result = fresh.toPosition(path.at(time).position, input);
+      EXPECT_LE(result.residual, kPathTolerance + kCheckSpacing / 2) << trial << " at " << time;
+    }
+  }
+  EXPECT_GT(accepted, 10);
+  EXPECT_GT(refused, 10);
 }
 
 TEST_F(PathCheck, RulesThatAreNoneAreRefused) {

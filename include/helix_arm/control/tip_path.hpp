@@ -25,6 +25,15 @@ struct TipReference {
   Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();  ///< [rad/s]; 0 without rotation
 };
 
+/// The part of a path between two neighbouring points.
+struct TipSegment {
+  double begin, end;  ///< times of the points [s]
+  /// Largest coefficient of the velocity's Bernstein polynomials, whose convex hull holds the
+  /// velocity: nowhere in the segment is the position faster [m/s].
+  double top_speed;
+  double turn_rate;  ///< norm of the angular velocity, 0 without rotations [rad/s]
+};
+
 /// Limits of a path. With them every value of TipPath::at() is finite.
 inline constexpr std::size_t kFewestWayPoints = 2;
 inline constexpr std::size_t kMostWayPoints = 100'000;
@@ -54,6 +63,9 @@ class TipPath {
   double firstTime() const { return knots_.front().time; }  ///< >= 0 [s]
   double lastTime() const { return knots_.back().time; }    ///< [s]
   bool hasRotations() const { return has_rotations_; }
+
+  std::size_t segmentCount() const { return knots_.size() - 1; }
+  TipSegment segment(std::size_t i) const;
 
  private:
   struct Knot {

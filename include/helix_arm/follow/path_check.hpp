@@ -15,6 +15,12 @@ namespace helix_arm::follow {
 inline constexpr double kPathTolerance = 0.002;
 /// Part of the slew rate that a path may use; the rest is for corrections.
 inline constexpr double kSlewShare = 0.8;
+/// A path is checked at each of its points, and between them at most this far apart: in time [s],
+inline constexpr double kCheckStep = 0.01;
+/// and along the path, where a turn counts as InverseOptions::rotation_weight [m].
+inline constexpr double kCheckSpacing = 0.002;
+/// A path with more such places is refused.
+inline constexpr int kMostCheckPlaces = 1'000'000;
 
 /// What a path must keep.
 struct PathRules {
@@ -27,12 +33,13 @@ enum class PathFault {
   kUnreachable,  ///< it leaves what the arm reaches
   kJump,         ///< the pressures have to jump, however slowly it is run
   kTooFast,      ///< the pressures have to change faster than they may
+  kTooLong,      ///< it has more than kMostCheckPlaces places
 };
 
 /// A path that cannot be followed.
 struct PathRefusal {
   PathFault fault;
-  double time;               ///< of the worst place, on the path [s]
+  double time;               ///< of the worst place, on the path; kTooLong: of its end [s]
   Eigen::Vector3d position;  ///< wanted there, base frame [m]
   /// kUnreachable: residual of the inverse there [m].
   double residual = 0.0;
@@ -45,7 +52,9 @@ struct PathRefusal {
   std::string reason = {};
 };
 
-/// Follows a path with the inverse every 10 ms (of paths beyond 2000 s, at 200,000 places).
+/// Follows a path with the inverse. Its speed bounds the distance between checked places, so every
+/// place of an accepted path, at whatever time a loop asks for it, is within kCheckSpacing / 2 of
+/// a checked one, and within tolerance + kCheckSpacing / 2 of what the arm reaches.
 /// @param solver  of this arm; a correction that it has counts.
 /// @param start   (n) inputs at which the first search begins [Pa].
 /// @param stops   asked at every place, may be empty; true ends the check.
