@@ -62,6 +62,38 @@ class Survey : public YAML::EventHandler {
   int count_ = 0, depth_ = 0;
 };
 
+// The code point at `at`, which moves behind it; nothing where the bytes are not UTF-8.
+std::optional<char32_t> codePoint(const std::string& text, std::size_t& at) {
+  constexpr char32_t kLeast[] = {0, 0x80, 0x800, 0x10000};  // by the number of bytes that follow
+  const auto first = static_cast<unsigned char>(text[at++]);
+  if (first < 0x80) return first;
+  const std::size_t more = first < 0xe0 ? 1 : first < 0xf0 ? 2 : 3;
+  if (first < 0xc0 || first > 0xf4 || text.size() - at < more) return std::nullopt;
+  char32_t code = first & (0x3fU >> more);
+  for (std::size_t k = 0; k < more; ++k) {
+    const auto next = static_cast<unsigned char>(text[at++]);
+    if ((next & 0xc0U) != 0x80) return std::nullopt;
+    code = code << 6U | (next & 0x3fU);
+  }
+  const bool surrogate = code >= 0xd800 && code <= 0xdfff;
+  if (code < kLeast[more] || code > 0x10ffff || surrogate) return std::nullopt;
+  return code;
+}
+
+// What makes a scalar something else than text; empty if it is text. Names and paths end at a NUL,
+// terminals obey control characters, and yaml-cpp writes U+FFFD in place of what is no character.
+// @param spaces  control characters that are accepted.
+const char* faultOfText(const std::string& text, const std::string& spaces) {
+  for (std::size_t at = 0; at < text.size();) {
+    const std::optional<char32_t> code = codePoint(text, at);
+    const bool none = code && ((*code & 0xfffeU) == 0xfffe || (*code >= 0xfdd0 && *code <= 0xfdef));
+    if (!code || none) return "bytes that are not UTF-8 text";
+    const bool control = *code < 0x20 || (*code >= 0x7f && *code < 0xa0);
+    if (control && spaces.find(text[at - 1]) == std::string::npos) return "a control character";
+  }
+  return "";
+}
+
 long markCount(const std::string& text) {
   const std::string marks = "[]{},:";
   return std::count_if(text.begin(), text.end(),
@@ -102,6 +134,10 @@ struct Conversion {
       value.kind = Value::Kind::kText;
       value.text = node.Scalar();
       if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
+      if (const std::string fault = faultOfText(value.text, "\t\n\r"); !fault.empty()) {
+        report(faults, place(node.Mark(), key_place),
+               nameOf(path) + " holds " + fault + "; expected printable text in UTF-8");
+      }
       value.quoted = node.Tag() == "!";
       value.place = place(node.Mark(), key_place);
     } else if (node.IsSequence()) {
@@ -131,6 +167,11 @@ struct Conversion {
       report(faults, here,
              nameOf(path) + " has a key of " + std::to_string(name.size()) +
                  " characters; expected a name of at most " + std::to_string(kLongestKey));
+      return;
+    }
+    if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
+      report(faults, here,
+             nameOf(path) + " has a key with " + fault + "; expected a name of printable text");
       return;
     }
     if (!names.insert(name).second) {

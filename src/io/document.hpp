@@ -55,7 +55,8 @@ struct DocumentKind {
   std::size_t needed = 0;            ///< number of these needed; 0: any document is accepted
 };
 
-/// Reads one YAML document. Syntax errors, repeated keys and keys that are not words are faults. A
+/// Reads one YAML document. Syntax errors, repeated keys, keys that are not words, and texts that
+/// are not UTF-8 or hold control characters (except tabs and line ends in values) are faults. A
 /// document of another kind is one fault, which does not repeat its content.
 /// @return nothing if there is no usable tree.
 std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,

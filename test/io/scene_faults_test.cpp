@@ -230,6 +230,42 @@ TEST(SceneFaults, KeysAreNotRepeatedAtAnyLength) {
                 ":11 the document has a key of 201 characters; expected a name of at most 200"});
 }
 
+// Written raw, they make a file binary; YAML's escapes bring them in all the same.
+TEST(SceneFaults, ControlCharactersAreNoText) {
+  const auto refused = [](const std::string& path, const std::string& what) {
+    return std::vector<std::string>{":11 " + path + " holds " + what +
+                                    "; expected printable text in UTF-8"};
+  };
+  for (const char* escape :
+       {"\\0", "\\x01", "\\x04", "\\a", "\\b", "\\e[31m", "\\x7f", "\\x85", "\\x9b"}) {
+    const auto key = faultsOf(kPlanarScene + "\"na" + escape + "me\": 1\n");
+    EXPECT_EQ(key, std::vector<std::string>{":11 the document has a key with a control character; "
+                                            "expected a name of printable text"})
+        << escape;
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: \"a" + escape + "\"\n")[0],
+              refused("safety", "a control character")[0])
+        << escape;
+  }
+  for (const char* space : {"\\t", "\\n", "\\r"}) {
+    EXPECT_EQ(faultsOf(kPlanarScene + "\"na" + space + "me\": 1\n")[0].find(":11 the document has"),
+              0U);
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: \"a" + space + "b\"\n")[0].find("control"),
+              std::string::npos);
+  }
+  for (const char* bytes : {"\xff", "a\xe9", "\xc0\x80", "\xed\xa0\x80", "\xf5\x80\x80\x80", "\xc3",
+                            "\xef\xbf\xbf", "\xef\xb7\x90"}) {
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: [" + bytes + "]\n")[0],
+              refused("safety[0]", "bytes that are not UTF-8 text")[0])
+        << bytes;
+  }
+  for (const char* text : {"\xc3\xa4", "\xe2\x82\xac", "\xf0\x9f\xa6\xbe", "\xef\xbf\xbd"}) {
+    EXPECT_TRUE(faultsOf(replaced(kPlanarScene, "name: only", std::string("name: only  # ") + text))
+                    .empty());
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: [" + text + "]\n")[0].find("UTF-8"),
+              std::string::npos);
+  }
+}
+
 TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
   try {
     loadScene("/nowhere/arm.yaml");
