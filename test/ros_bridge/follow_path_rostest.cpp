@@ -152,6 +152,31 @@ TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
   EXPECT_LE(most, usual + 2);
 }
 
+// Reading a million points takes longer than safety.target_timeout_s.
+TEST_F(FollowTipPath, AGoalOfAnySizeDoesNotStopTheOneThatRuns) {
+  send(goalAlong({kMiddle, kBeside}, 60.0));
+  ASSERT_TRUE(isUnderWay());
+  Client other("sight_loop/follow_tip_path", false);
+  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
+  for (const auto& [points, words] :
+       {std::pair(1'000'000, "the path has 1000000 points; expected at most 100000"),
+        std::pair(100'000, "leaves the arm's reach")}) {
+    FollowTipPathGoal goal = goalAlong(std::vector<Eigen::Vector3d>(points, kMiddle), 0.01);
+    goal.path.points.back().transforms[0].translation.x = 1;
+    other.sendGoal(goal);
+    EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60)) << points;
+    EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::REJECTED);
+    ASSERT_TRUE(other.getResult());
+    EXPECT_EQ(other.getResult()->error_code, Result::INVALID_GOAL);
+    EXPECT_NE(other.getResult()->error_string.find(words), std::string::npos)
+        << other.getResult()->error_string;
+    EXPECT_FALSE(client_->getState().isDone()) << client_->getState().getText();
+    EXPECT_EQ(safety_.last().state, SafetyState::ENABLED) << safety_.last().reason;
+  }
+  client_->cancelGoal();
+  EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
+}
+
 TEST_F(FollowTipPath, ACancelledGoalHoldsTheArmWhereItIsWanted) {
   FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 20.0);
   goal.hold_s = 0;  // simulated: without end

@@ -6,7 +6,6 @@
 #include <utility>
 #include <variant>
 
-#include "goal_serializers.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
@@ -16,8 +15,6 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 using Result = FollowTipPathResult;
-
-constexpr double kCheckTolerance = 0.002;  // of a path without a tolerance [m]
 
 Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   Result out;
@@ -74,23 +71,26 @@ bool FollowAction::takeEndOfHold() {
 }
 
 void FollowAction::onGoal(Handle handle) {
-  const FollowTipPathGoal& message = *handle.getGoal();
-  auto checked = fromMsg(message, frames_, scene_.safety.rules.target_timeout);
-  if (const auto* refusal = std::get_if<GoalEnding>(&checked)) {
+  const UnreadGoal goal = *handle.getGoal();
+  if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
+    reject(handle, *refusal);
+    return;
+  }
+  const auto frame = frameOf(goal, frames_);
+  if (const auto* refusal = std::get_if<GoalEnding>(&frame)) {
     reject(handle, *refusal);
     return;
   }
   if (candidate_) {
-    candidate_->handle.setCanceled(
+    candidate_->setCanceled(
         resultOf({Result::SUCCESSFUL,
                   "replaced by a newer goal before its path was checked; wait for the answer to a "
                   "goal before the next one"}));
     discardCandidate();
   }
-  auto& goal = std::get<PathGoal>(checked);
-  const double tolerance = message.path_tolerance > 0 ? message.path_tolerance : kCheckTolerance;
-  checker_.begin(make_check_(goal.path, tolerance));
-  candidate_.emplace(Candidate{std::move(handle), std::move(goal)});
+  checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
+                     const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+  candidate_ = std::move(handle);
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
@@ -99,7 +99,7 @@ void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
 }
 
 void FollowAction::onCancel(Handle handle) {
-  if (candidate_ && candidate_->handle == handle) {
+  if (candidate_ && *candidate_ == handle) {
     handle.setCanceled(resultOf({Result::SUCCESSFUL, "cancelled before it began"}));
     discardCandidate();
   } else if (run_ && run_->handle == handle) {
@@ -113,23 +113,23 @@ void FollowAction::discardCandidate() {
 }
 
 void FollowAction::takeCandidate() {
-  const auto why_not = checker_.take();
-  if (!candidate_ || !why_not) return;
-  Candidate next = std::move(*candidate_);
+  auto decided = checker_.take();
+  if (!candidate_ || !decided) return;
+  Handle next = std::move(*candidate_);
   candidate_.reset();
-  GoalEnding refusal{Result::INVALID_GOAL, *why_not};
-  if (refusal.message.empty()) {
-    const auto other = targets_.claim(names::kFollowTipPath);
-    if (other) refusal = {Result::NOT_ENABLED, other->message};
+  if (const auto* refusal = std::get_if<GoalEnding>(&*decided)) {
+    reject(next, *refusal);
+    return;
   }
-  if (!refusal.message.empty()) {
-    reject(next.handle, refusal);
+  if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    reject(next, {Result::NOT_ENABLED, other->message});
     return;
   }
   if (run_) cancel("replaced by a newer goal");
-  next.handle.setAccepted("accepted");
-  const GoalWatch watch(next.goal.rules, next.goal.path.lastTime());
-  run_.emplace(Run{std::move(next.handle), std::move(next.goal), watch});
+  next.setAccepted("accepted");
+  auto& goal = std::get<PathGoal>(*decided);
+  const GoalWatch watch(goal.rules, goal.path.lastTime());
+  run_.emplace(Run{std::move(next), std::move(goal), watch});
 }
 
 void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLink& link) {
@@ -157,7 +157,7 @@ void FollowAction::begin(double time, follow::SightLoop& loop) {
   if (start.isZero() || time >= start.toSec()) {
     run_->follows = true;
     loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
-    loop.follow(run_->goal.path);
+    loop.follow(std::move(run_->goal.path));
   } else if (!loop.hasTarget() && loop.turn().predicted) {
     loop.aimAt(loop.turn().predicted->translation);
   }
@@ -191,7 +191,7 @@ void FollowAction::picture(const ros::Time& stamp, const lie::SE3& X_BT,
 
 void FollowAction::abandon(const std::string& reason) {
   if (candidate_) {
-    reject(candidate_->handle, {Result::NOT_ENABLED, reason});
+    reject(*candidate_, {Result::NOT_ENABLED, reason});
     discardCandidate();
   }
   if (run_) end({Result::NOT_ENABLED, reason});

@@ -9,7 +9,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-bool isReady(const std::future<std::string>& result) {
+bool isReady(const std::future<DecidedGoal>& result) {
   return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
@@ -33,7 +33,7 @@ void PathChecker::discard() {
   present_.reset();
 }
 
-std::optional<std::string> PathChecker::take() {
+std::optional<DecidedGoal> PathChecker::take() {
   start();
   if (!present_ || !isReady(present_->result)) return std::nullopt;
   Run run = std::move(*present_);
@@ -41,7 +41,7 @@ std::optional<std::string> PathChecker::take() {
   try {
     return run.result.get();
   } catch (const std::exception& fault) {
-    return fault.what();
+    return GoalEnding{FollowTipPathResult::INVALID_GOAL, fault.what()};
   }
 }
 
@@ -52,8 +52,7 @@ void PathChecker::start() {
   if (!waiting_ || discarded_.size() >= kMostThreads) return;
   const auto stop = std::make_shared<std::atomic<bool>>(false);
   try {
-    auto result = std::async(std::launch::async,
-                             [check = waiting_, stop]() -> std::string { return check(*stop); });
+    auto result = std::async(std::launch::async, [check = waiting_, stop] { return check(*stop); });
     present_.emplace(Run{stop, std::move(result)});
     waiting_ = nullptr;
   } catch (const std::system_error&) {

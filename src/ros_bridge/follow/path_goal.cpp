@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/follow/path_goal.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -8,6 +9,7 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -53,21 +55,17 @@ control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool wit
   return out;
 }
 
-control::TipPath pathOf(const Goal& goal, const FrameLookup& frames) {
+control::TipPath pathOf(const Goal& goal, const lie::SE3& X_BF) {
   const auto& names = goal.path.joint_names;
   basics::require(names.empty() || (names.size() == 1 && (names[0].empty() || names[0] == kJoint)),
                   "the path has ", names.size(), " joint_names",
                   names.empty() ? "" : ", the first '" + basics::quoted(names[0]) + "'",
                   "; expected none, or `", kJoint, "` alone");
-  const std::string& frame = goal.path.header.frame_id;
-  const auto place = orThrow(frames.find(frame), "the path: ");
-  basics::require(place.fixed, "the frame '", basics::quoted(frame), "' moves relative to '",
-                  frames.baseFrame(), "'; send the path in a frame with a static transform to it");
   std::vector<control::TipWayPoint> points;
   points.reserve(goal.path.points.size());
   for (const Point& point : goal.path.points) {
     const std::string culprit = "point " + std::to_string(points.size() + 1) + " of the path: ";
-    points.push_back(wayPoint(point, place.X_BF, goal.mode == Goal::POSE, culprit));
+    points.push_back(wayPoint(point, X_BF, goal.mode == Goal::POSE, culprit));
   }
   return control::TipPath(points);
 }
@@ -76,7 +74,7 @@ void requireNonNegative(const char* what, double value) {
   basics::require(value >= 0, what, " is ", value, "; expected a number >= 0");
 }
 
-PathGoal checkedGoal(const Goal& goal, const FrameLookup& frames) {
+PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
   basics::require(goal.mode <= Goal::POSE, "mode ", static_cast<int>(goal.mode),
                   " is not known; expected 0 (POSITION) or 1 (POSE)");
   basics::require(goal.on_contact <= Goal::STOP, "on_contact ", static_cast<int>(goal.on_contact),
@@ -85,7 +83,7 @@ PathGoal checkedGoal(const Goal& goal, const FrameLookup& frames) {
   requireNonNegative("goal_tolerance [m]", goal.goal_tolerance);
   requireNonNegative("goal_time_tolerance [s]", goal.goal_time_tolerance.toSec());
   requireNonNegative("hold_s", goal.hold_s);
-  PathGoal out{pathOf(goal, frames), goal.path.header.stamp, {}, goal.on_contact, {}};
+  PathGoal out{pathOf(goal, X_BF), goal.path.header.stamp, {}, goal.on_contact, {}};
   if (goal.path_tolerance > 0) out.rules.path_tolerance = goal.path_tolerance;
   if (goal.goal_tolerance > 0) out.rules.goal_tolerance = goal.goal_tolerance;
   if (!goal.goal_time_tolerance.isZero()) {
@@ -98,24 +96,78 @@ PathGoal checkedGoal(const Goal& goal, const FrameLookup& frames) {
 
 }  // namespace
 
-std::variant<PathGoal, GoalEnding> fromMsg(const FollowTipPathGoal& goal, const FrameLookup& frames,
-                                           double max_age) {
-  const ros::Time& start = goal.path.header.stamp;
+std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
+  const ros::Time& start = goal.path_header.stamp;
   const double age = start.isZero() ? 0.0 : secondsBetween(start, ros::Time::now());
   try {
-    PathGoal out = checkedGoal(goal, frames);
-    if (age > max_age) {
-      return GoalEnding{
-          Result::OLD_HEADER_TIMESTAMP,
-          "the path was to start " + std::to_string(age) +
-              " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
-    }
+    basics::require(goal.points <= control::kMostWayPoints, "the path has ", goal.points,
+                    " points; expected at most ", control::kMostWayPoints, ": send it in parts");
+    basics::require(goal.size <= kMostGoalBytes, "the goal has ", goal.size,
+                    " bytes; expected at most ", kMostGoalBytes,
+                    ": a point needs one transform, and at most one velocity");
     basics::require(-age <= kLatestStart, "the path starts in ", -age, " s; expected at most ",
                     kLatestStart, " s");
-    return out;
+  } catch (const std::invalid_argument& fault) {
+    return GoalEnding{Result::INVALID_GOAL, fault.what()};
+  }
+  if (age <= max_age) return std::nullopt;
+  return GoalEnding{
+      Result::OLD_HEADER_TIMESTAMP,
+      "the path was to start " + std::to_string(age) +
+          " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
+}
+
+std::variant<lie::SE3, GoalEnding> frameOf(const UnreadGoal& goal, const FrameLookup& frames) {
+  const std::string& frame = goal.path_header.frame_id;
+  try {
+    const auto place = orThrow(frames.find(frame), "the path: ");
+    basics::require(place.fixed, "the frame '", basics::quoted(frame), "' moves relative to '",
+                    frames.baseFrame(),
+                    "'; send the path in a frame with a static transform to it");
+    return place.X_BF;
   } catch (const std::invalid_argument& fault) {
     return GoalEnding{Result::INVALID_GOAL, fault.what()};
   }
 }
 
+DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
+                   const std::atomic<bool>& stop) {
+  try {
+    Goal message;
+    CheckedStream(goal.bytes->data(), goal.size).next(message);
+    PathGoal out = checkedGoal(message, X_BF);
+    const double tolerance = out.rules.path_tolerance;
+    const std::string why_not =
+        check(out.path, std::isfinite(tolerance) ? tolerance : follow::kPathTolerance, stop);
+    if (!why_not.empty()) return GoalEnding{Result::INVALID_GOAL, why_not};
+    return out;
+  } catch (const std::exception& fault) {
+    return GoalEnding{Result::INVALID_GOAL, fault.what()};
+  }
+}
+
 }  // namespace helix_arm::ros_bridge
+
+namespace ros::serialization {
+
+void Serializer<helix_arm::ros_bridge::UnreadGoal>::read(
+    helix_arm::ros_bridge::CheckedStream& stream, helix_arm::ros_bridge::UnreadGoal& goal) {
+  using helix_arm::ros_bridge::kMostGoalBytes;
+  goal.size = static_cast<std::uint32_t>(stream.left());
+  const std::uint8_t* const begin = stream.advance(goal.size);
+  helix_arm::ros_bridge::CheckedStream head(begin, std::min(goal.size, kMostGoalBytes));
+  head.next(goal.path_header);
+  std::uint32_t names = 0, length = 0;
+  head.next(names);
+  if (names <= 1) {  // more are refused, whatever follows them
+    if (names == 1) {
+      head.next(length);
+      head.advance(length);
+    }
+    head.next(goal.points);
+  }
+  if (goal.size > kMostGoalBytes || goal.points > helix_arm::control::kMostWayPoints) return;
+  goal.bytes = std::make_shared<const std::vector<std::uint8_t>>(begin, begin + goal.size);
+}
+
+}  // namespace ros::serialization

@@ -7,7 +7,6 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/this_node.h>
 
-#include "goal_serializers.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -44,10 +43,7 @@ SightLoopNode::SightLoopNode()
       publisher_(node_, scene_, options_, frames_.baseFrame(),
                  [this](const TipTarget& target) { targets_.takeFromHandle(target); }),
       load_publisher_(node_, frames_.baseFrame()),
-      action_(private_node_, scene_, frames_, targets_,
-              [this](const control::TipPath& path, double tolerance) {
-                return checkOf(path, tolerance);
-              }),
+      action_(private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }),
       diagnostics_publisher_(
           node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
       reading_subscriber_(
@@ -152,19 +148,20 @@ void SightLoopNode::onSeen(const SeenArm& seen) {
 }
 
 // With copies of the present state, since the check runs in another thread.
-PathChecker::Check SightLoopNode::checkOf(const control::TipPath& path, double tolerance) const {
-  follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
+PathCheck SightLoopNode::pathCheck() const {
+  Eigen::VectorXd slew(scene_.arm.actuatorCount());
   for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-    rules.slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
+    slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
   }
   const Eigen::VectorXd start =
       scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-  return [path, rules, start, model = scene_.model,
-          correction = loop_.tracker().correction()](const std::atomic<bool>& stop) -> std::string {
+  return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+             const control::TipPath& path, double tolerance,
+             const std::atomic<bool>& stop) -> std::string {
     statics::InverseSolver solver(model);
     solver.correct(correction);
-    const auto refusal =
-        follow::checkPath(path, model.arm(), solver, start, rules, [&stop] { return stop.load(); });
+    const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
+                                           [&stop] { return stop.load(); });
     return refusal ? refusal->reason : std::string();
   };
 }

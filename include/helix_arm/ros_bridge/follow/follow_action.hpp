@@ -10,7 +10,6 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
-#include "helix_arm/FollowTipPathAction.h"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/frame_lookup.hpp"
@@ -23,17 +22,17 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Serves the action ~follow_tip_path: checks a goal, lets the loop follow its path, and decides
-/// how it ends. Afterwards the last wanted place is held for a time.
+/// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
+/// decides how it ends. Afterwards the last wanted place is held for a time.
 ///
 /// A new goal replaces the running one once it is accepted, and one whose path is still being
 /// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
-/// the thread of the node's callback queue, except the checks of a PathChecker.
+/// the thread of the node's callback queue, except what a PathChecker does: it reads the points of
+/// a goal and checks its path.
 class FollowAction {
  public:
-  /// Makes the check of a path, with a tolerance of its positions [m].
-  using MakePathCheck =
-      std::function<PathChecker::Check(const control::TipPath& path, double tolerance)>;
+  /// Makes a check for another thread, of the arm as it is now.
+  using MakePathCheck = std::function<PathCheck()>;
 
   /// @param scene, frames, targets  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
@@ -63,14 +62,9 @@ class FollowAction {
   void abandon(const std::string& reason);
 
  private:
-  using Server = actionlib::ActionServer<FollowTipPathAction>;
+  using Server = actionlib::ActionServer<UnreadPathAction>;
   using Handle = Server::GoalHandle;
 
-  /// A goal whose path is being checked.
-  struct Candidate {
-    Handle handle;
-    PathGoal goal;
-  };
   /// An accepted goal.
   struct Run {
     Handle handle;
@@ -94,8 +88,8 @@ class FollowAction {
   const FrameLookup& frames_;
   LoopTargets& targets_;
   const MakePathCheck make_check_;
-  std::optional<Candidate> candidate_;
-  PathChecker checker_;  ///< of the candidate's path
+  std::optional<Handle> candidate_;  ///< its goal is being checked
+  PathChecker checker_;
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
   double hold_time_ = 0.0;  ///< [s]

@@ -6,12 +6,13 @@
 #include <future>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
+
+#include "helix_arm/ros_bridge/follow/path_goal.hpp"
 
 namespace helix_arm::ros_bridge {
 
-/// Checks one path after the other in threads of its own, at most kMostThreads at a time.
+/// Reads and checks one goal after the other in threads of its own, at most kMostThreads at a time.
 ///
 /// A check that is replaced or discarded is told to stop, and nobody waits for it. While too many
 /// have not stopped yet, the present check waits; if it is replaced meanwhile, it never runs.
@@ -20,9 +21,9 @@ namespace helix_arm::ros_bridge {
 class PathChecker {
  public:
   static constexpr std::size_t kMostThreads = 2;
-  /// Why the arm cannot follow a path; empty if it can. Runs in another thread; once `stop` is set
-  /// it should return soon, whatever it returns.
-  using Check = std::function<std::string(const std::atomic<bool>& stop)>;
+  /// Decides a goal. Runs in another thread; once `stop` is set it should return soon, whatever it
+  /// returns.
+  using Check = std::function<DecidedGoal(const std::atomic<bool>& stop)>;
 
   PathChecker() = default;
   /// Tells all checks to stop, and waits for them.
@@ -34,14 +35,14 @@ class PathChecker {
   void begin(Check check);
   /// Gives the present check up.
   void discard();
-  /// The result of the present check, once; what a check throws is its result. To be called
+  /// The result of the present check, once; what a check throws refuses its goal. To be called
   /// regularly: it also begins a check that waits.
-  std::optional<std::string> take();
+  std::optional<DecidedGoal> take();
 
  private:
   struct Run {
     std::shared_ptr<std::atomic<bool>> stop;
-    std::future<std::string> result;
+    std::future<DecidedGoal> result;
   };
 
   void start();

@@ -67,7 +67,7 @@ namespace helix_arm::ros_bridge {
 /// enable a simulated one.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
-/// it runs in the main thread, except checks of paths.
+/// it runs in the main thread, except that goals are read and their paths checked in others.
 class SightLoopNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
@@ -96,7 +96,7 @@ class SightLoopNode {
   bool isWanted() { return action_.wants() || targets_.target().has_value(); }
   void letGo();
   void giveUp(const std::string& reason);
-  PathChecker::Check checkOf(const control::TipPath& path, double tolerance) const;
+  PathCheck pathCheck() const;
   LoopPublisher::View view();
   std::string commander();
   std::string reason();
