@@ -86,11 +86,9 @@ std::string flipped(const std::string& line, std::size_t bit) {
 
 // What comes back for bytes that may hold no line end, or two.
 std::string answerTo(SimulatedBoard& board, const std::string& bytes) {
-  board.advance(0.11);  // the board forgets what was left on the line
-  board.receive();
   board.send(bytes);
   while (board.isReceiving()) board.advance(0.001);
-  board.advance(0.01);
+  board.advance(0.11);  // after which the board forgets what is left on the line
   return board.receive();
 }
 
@@ -110,14 +108,14 @@ TEST(BoardChecksum, ALineMayHaveOneAndAfterTheFirstEveryLineNeedsIt) {
   EXPECT_TRUE(regulator::withoutChecksum(board.ask(withChecksum("p0=99999.99") + " \r")));
   board.chip().reset(SimulatedChip::Reset::kPin);
   board.advance(0.05);
-  EXPECT_EQ(board.ask("p0?"), "p0=fault restarted");
+  EXPECT_EQ(board.ask("p0=close"), "p0=fault restarted");
 }
 
 TEST(BoardChecksum, ABuildMayNeedItFromTheStart) {
   SimulatedBoard board(kChecksumRequired);
   board.advance(0.05);
   EXPECT_EQ(board.ask("p0=vent"), kRefused);
-  EXPECT_EQ(board.ask(withChecksum("p0?")), withChecksum("p0=fault restarted"));
+  EXPECT_EQ(board.ask(withChecksum("p0=close")), withChecksum("p0=fault restarted"));
   EXPECT_TRUE(regulator::withoutChecksum(board.ask(withChecksum("p0=vent"))));
 }
 
@@ -125,7 +123,7 @@ TEST(BoardChecksum, EveryFlippedBitOfASetLineIsRefused) {
   ReadyBoard board;
   const std::string line = withChecksum("p0=100.00");
   for (std::size_t bit = 0; bit < 8 * (line.size() + 1); ++bit) {
-    ASSERT_TRUE(regulator::withoutChecksum(board.ask(withChecksum("p0=close"))));
+    ASSERT_EQ(board.ask(withChecksum("p0=close")).substr(0, 3), "p0=");
     const std::string sent = flipped(line, bit), answer = answerTo(board, sent);
     EXPECT_TRUE(answer.empty() || answer == kRefused + "\n" ||
                 answer == kRefused + "\n" + kRefused + "\n")
@@ -133,7 +131,6 @@ TEST(BoardChecksum, EveryFlippedBitOfASetLineIsRefused) {
     EXPECT_FALSE(board.vents(0)) << sent;
   }
   EXPECT_LT(board.air().peak(), 1.0);
-  board.advance(0.11);
   for (int i = 0; i < 100; ++i) board.ask(line);
   EXPECT_NEAR(board.pressure(0), 1e5, 3e3) << "the line itself";
 }
