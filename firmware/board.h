@@ -13,6 +13,10 @@
 #endif
 #define BAUD 115200UL  // 2.1 % fast at 16 MHz, exact at 14.7456 MHz
 
+#ifndef CHECKSUM_REQUIRED
+#define CHECKSUM_REQUIRED 0  // 1: lines without a checksum are refused from the start
+#endif
+
 // ---- Channels and valves ------------------------------------------------------------------------
 // Inlet: normally closed; a solenoid, or a proportional valve (VALVES_PROPORTIONAL 1) on PWM.
 // Outlet: a normally open solenoid. Supply: a normally closed 3/2 valve in front of all inlets.

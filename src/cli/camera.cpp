@@ -3,6 +3,7 @@
 
 #include "arguments.hpp"
 #include "camera_actions.hpp"
+#include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -29,7 +30,7 @@ void addSource(CLI::App* action, CameraArguments& arguments) {
 
 void tellFaults(const PicturesRead& read) {
   for (const PictureFault& fault : read.faults) {
-    std::cerr << fault.name << ": " << fault.reason << "\n";
+    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
   }
 }
 

@@ -8,6 +8,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
@@ -302,7 +303,8 @@ void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& fra
 void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   std::cout << scene.name << ", one twist per picture [m, rad]\n" << std::fixed;
   for (const LocatedFrame& frame : frames) {
-    std::cout << frame.file << ": " << frame.state << ", " << frame.tags.size() << " tags";
+    std::cout << basics::printable(frame.file) << ": " << frame.state << ", " << frame.tags.size()
+              << " tags";
     if (!frame.tags.empty()) std::cout << " (" << joined(idsOf(frame.tags)) << ")";
     if (frame.fit) {
       std::cout << ", RMS " << std::setprecision(2) << frame.fit->rms << " px, twist";

@@ -2,10 +2,14 @@
 #include <exception>
 #include <iostream>
 #include <map>
+#include <optional>
 
 #include "board_arguments.hpp"
 #include "command.hpp"
 #include "completion.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "output.hpp"
 
 namespace {
 
@@ -34,6 +38,20 @@ void tellSubcommands(const CLI::App& app) {
             << "\n";
 }
 
+// Messages repeat arguments, also on stdout, where none may pass for a line of its own. The value
+// of --set is YAML, which may have several lines.
+void checkArguments(const std::vector<std::string>& arguments) {
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::string& argument = arguments[i];
+    if (argument.rfind("--set=", 0) == 0 || (i > 0 && arguments[i - 1] == "--set")) continue;
+    const bool sound = std::none_of(argument.begin(), argument.end(),
+                                    [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; });
+    if (sound) continue;
+    throw helix_arm::cli::CallerError("argument " + std::to_string(i + 1) + " is " + argument +
+                                      "; expected one without control characters");
+  }
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
                "helix_arm");
@@ -41,6 +59,10 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
   app.require_subcommand(1);
   app.fallthrough();  // global options may follow the subcommand
+  app.failure_message([](const CLI::App* failed, const CLI::Error& error) {
+    const std::string line = helix_arm::basics::printable(error.what());
+    return CLI::FailureMessage::simple(failed, CLI::Error(error.get_name(), line));
+  });
 
   GlobalOptions global;
   const std::map<std::string, Format> formats{
@@ -68,8 +90,9 @@ int run(int argc, char** argv) {
     return helix_arm::cli::kDone;
   }
   try {
-    std::vector<std::string> arguments =
-        helix_arm::cli::joinBoardKind(std::vector<std::string>(argv + 1, argv + argc));
+    std::vector<std::string> arguments(argv + 1, argv + argc);
+    checkArguments(arguments);
+    arguments = helix_arm::cli::joinBoardKind(std::move(arguments));
     std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
     app.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
@@ -82,6 +105,8 @@ int run(int argc, char** argv) {
     return helix_arm::cli::kCallerErred;
   }
   global.format = formats.at(format);
+  std::optional<helix_arm::cli::PrintableStream> for_people;
+  if (global.format == Format::kText) for_people.emplace(std::cout);
   int exit_code = helix_arm::cli::kCallerErred;
   for (const Subcommand& subcommand : subcommands) {
     if (subcommand.app->parsed()) exit_code = subcommand.run(global);
@@ -93,10 +118,13 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  const helix_arm::cli::PrintableStream printable(std::cerr);
   try {
     return run(argc, argv);
+  } catch (const helix_arm::io::DocumentError& faults) {  // a line each
+    std::cerr << faults.what() << '\n';
   } catch (const std::exception& error) {
-    std::cerr << error.what() << '\n';
-    return helix_arm::cli::kCallerErred;
+    std::cerr << helix_arm::basics::printable(error.what()) << '\n';
   }
+  return helix_arm::cli::kCallerErred;
 }

@@ -5,6 +5,9 @@
 #include <iostream>
 #include <limits>
 #include <sstream>
+#include <streambuf>
+
+#include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::cli {
 
@@ -19,7 +22,62 @@ std::string textOf(const json& value, int indent) {
   return value.dump(indent, ' ', false, json::error_handler_t::replace);
 }
 
+// Passes its text on in whole lines, and what there is of one when it is flushed, except for the
+// begin of a character.
+class PrintableBuffer : public std::streambuf {
+ public:
+  explicit PrintableBuffer(std::streambuf& to) : to_(to) {}
+  bool pass(std::size_t size) {
+    const std::string text = basics::printableLines(std::string_view(waiting_).substr(0, size));
+    waiting_.erase(0, size);
+    const auto count = static_cast<std::streamsize>(text.size());
+    return to_.sputn(text.data(), count) == count;
+  }
+  bool passAll() { return pass(waiting_.size()); }
+
+ protected:
+  int_type overflow(int_type c) override {
+    if (traits_type::eq_int_type(c, traits_type::eof())) return traits_type::not_eof(c);
+    const char byte = traits_type::to_char_type(c);
+    return xsputn(&byte, 1) == 1 ? c : traits_type::eof();
+  }
+  std::streamsize xsputn(const char* text, std::streamsize size) override {
+    waiting_.append(text, static_cast<std::size_t>(size));
+    const std::size_t end = waiting_.rfind('\n');
+    return end == std::string::npos || pass(end + 1) ? size : 0;
+  }
+  int sync() override {
+    std::size_t whole = waiting_.size();
+    const auto isContinuation = [](char c) {
+      return (static_cast<unsigned char>(c) & 0xC0U) == 0x80U;
+    };
+    std::size_t begin = whole;
+    while (begin > 0 && whole - begin < 3 && isContinuation(waiting_[begin - 1])) --begin;
+    // Of a first byte as many bytes follow as it has leading ones, less one.
+    if (begin > 0) {
+      const auto first = static_cast<unsigned char>(waiting_[begin - 1]);
+      const std::size_t size = first >= 0xF0U ? 4 : first >= 0xE0U ? 3 : first >= 0xC0U ? 2 : 1;
+      if (whole - begin + 1 < size) whole = begin - 1;
+    }
+    return pass(whole) && to_.pubsync() == 0 ? 0 : -1;
+  }
+
+ private:
+  std::streambuf& to_;
+  std::string waiting_;
+};
+
 }  // namespace
+
+PrintableStream::PrintableStream(std::ostream& stream)
+    : stream_(stream),
+      filter_(std::make_unique<PrintableBuffer>(*stream.rdbuf())),
+      bare_(stream.rdbuf(filter_.get())) {}
+
+PrintableStream::~PrintableStream() {
+  static_cast<PrintableBuffer&>(*filter_).passAll();
+  stream_.rdbuf(bare_);
+}
 
 json toJson(const Eigen::VectorXd& vector) {
   return std::vector<double>(vector.data(), vector.data() + vector.size());

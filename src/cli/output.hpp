@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <functional>
 #include <iosfwd>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -78,6 +79,21 @@ class RowPrinter {
  private:
   const Format format_;
   bool any_ = false;
+};
+
+/// Makes what is written to a stream basics::printableLines() for as long as it exists: the last
+/// defence against text from outside that a message repeats unquoted.
+class PrintableStream {
+ public:
+  explicit PrintableStream(std::ostream& stream);
+  ~PrintableStream();
+  PrintableStream(const PrintableStream&) = delete;
+  PrintableStream& operator=(const PrintableStream&) = delete;
+
+ private:
+  std::ostream& stream_;
+  std::unique_ptr<std::streambuf> filter_;
+  std::streambuf* const bare_;
 };
 
 /// Prints a JSON document.

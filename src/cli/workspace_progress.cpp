@@ -1,6 +1,7 @@
 #include "workspace_progress.hpp"
 
 #include <cmath>
+#include <cstdio>
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -60,7 +61,8 @@ void Progress::reached(std::uint64_t done) {
   text << std::setw(3) << 100 * done / total_ << " %, " << rateText(rate) << ", "
        << durationText(static_cast<double>(total_ - done) / std::max(rate, 1e-9));
   if (terminal_) {
-    std::cerr << "\r" << text.str() << kEraseToEnd << std::flush;
+    // Past std::cerr, which escapes control characters.
+    std::fputs(("\r" + text.str() + kEraseToEnd).c_str(), stderr);
     written_ = true;
   } else {
     std::cerr << text.str() << "\n";

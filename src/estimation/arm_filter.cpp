@@ -25,6 +25,11 @@ constexpr int kMostOutliers = 2;        // consecutive ones; a third one indicat
 constexpr double kLeastPivot = 1e-13;
 // Largest difference of opposite entries of a covariance, relative to the deviations.
 constexpr double kAsymmetry = 1e-6;
+// Deviations of measured twists [m, rad]. A fiftieth of the wavelength of light is below what any
+// camera resolves, and would hold the filter to this one picture. Ten metres are the longest arm,
+// and ten radians more than a turn: a picture that leaves a shape open by as much measures none,
+// and the numbers of the update would soon overflow.
+constexpr double kLeastDeviation = 1e-8, kMostDeviation = 10.0;
 
 bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
   if (!(matrix.diagonal().minCoeff() > 0)) return false;
@@ -66,8 +71,8 @@ void ArmFilterOptions::validate() const {
 
 const char* nameOf(SightingFault fault) {
   static constexpr std::array<const char*, kSightingFaultCount> kNames = {
-      "none",       "future",       "not_newer",  "too_old", "wrong_size",
-      "not_finite", "not_positive", "unbalanced", "outlier"};
+      "none",       "future",       "not_newer",   "too_old",    "wrong_size",
+      "not_finite", "not_positive", "implausible", "unbalanced", "outlier"};
   return kNames[static_cast<std::size_t>(fault)];
 }
 
@@ -251,7 +256,11 @@ SightingFault ArmFilter::Workspace::check(const Input& input) const {
     return SightingFault::kNotFinite;
   }
   if (last_time && input.time <= *last_time) return SightingFault::kNotNewer;
-  if (!isPositiveDefinite(pickedCovariance(input.covariance))) return SightingFault::kNotPositive;
+  const Eigen::MatrixXd covariance = pickedCovariance(input.covariance);
+  if (!isPositiveDefinite(covariance)) return SightingFault::kNotPositive;
+  const bool plausible = covariance.diagonal().minCoeff() >= kLeastDeviation * kLeastDeviation &&
+                         covariance.diagonal().maxCoeff() <= kMostDeviation * kMostDeviation;
+  if (!plausible) return SightingFault::kImplausible;
   return SightingFault::kNone;
 }
 

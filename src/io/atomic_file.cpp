@@ -196,6 +196,12 @@ Target targetOf(const std::string& path) {
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
   if (error) refuse(path, error.value());
+  // Else a link would lead a picture into a scene, or a scene into any other file.
+  if (target.extension() != fs::path(path).extension()) {
+    refuse(path, "it is a link to " + target.string() + ", a file of another kind",
+           "remove the link, or name a link to a file that ends in " +
+               fs::path(path).extension().string());
+  }
   const std::string name = target.filename().string();
   if (name.empty()) refuse(path, "it names no file", "expected the path of a file");
   const std::string directory = target.has_parent_path() ? target.parent_path().string() : ".";

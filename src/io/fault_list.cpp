@@ -1,5 +1,7 @@
 #include "helix_arm/io/fault_list.hpp"
 
+#include "helix_arm/basics/quote.hpp"
+
 namespace helix_arm::io {
 namespace {
 
@@ -15,8 +17,9 @@ std::string shortened(const std::string& text, std::size_t most) {
 
 void FaultList::add(int line, const std::string& fault) {
   if (++count_ > kMostKept) return;
-  faults_.push_back(file_ + (line > 0 ? ":" + std::to_string(line) : "") + " " +
-                    shortened(fault, kMostBytes));
+  // Whatever a document holds: one fault is one line.
+  faults_.push_back(basics::printable(file_) + (line > 0 ? ":" + std::to_string(line) : "") + " " +
+                    basics::printable(shortened(fault, kMostBytes)));
 }
 
 void FaultList::append(const FaultList& other) {
@@ -31,7 +34,8 @@ void FaultList::throwIfAny() const {
   std::string message;
   for (const std::string& fault : faults_) message += (message.empty() ? "" : "\n") + fault;
   if (count_ > faults_.size()) {
-    message += "\n" + file_ + " has " + std::to_string(count_ - faults_.size()) + " more faults";
+    message += "\n" + basics::printable(file_) + " has " + std::to_string(count_ - faults_.size()) +
+               " more faults";
   }
   throw DocumentError(message);
 }

@@ -4,11 +4,18 @@
 #include <cmath>
 #include <numeric>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/number.hpp"
 
 namespace helix_arm::io {
 
 namespace {
+
+bool isPlain(const std::string& text) {
+  std::string without_tabs = text;
+  std::replace(without_tabs.begin(), without_tabs.end(), '\t', ' ');
+  return basics::printable(without_tabs) == without_tabs;
+}
 
 bool any(double) { return true; }
 bool positive(double x) { return x > 0; }
@@ -151,6 +158,12 @@ std::optional<std::string> MapReader::text(const std::string& key,
   if (value == nullptr) return std::nullopt;
   if (value->kind != Value::Kind::kText || value->text.empty()) {
     fault(key, expected);
+    return std::nullopt;
+  }
+  // Names and addresses reach messages, logs and terminals. Lines of a device may hold tabs.
+  if (!isPlain(value->text)) {
+    complain(key,
+             "is " + value->describe() + ", which holds a control character; expected " + expected);
     return std::nullopt;
   }
   return value->text;

@@ -5,6 +5,7 @@
 #include <limits>
 #include <map>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/number.hpp"
 #include "value_writer.hpp"
 
@@ -181,13 +182,13 @@ Value writeProvenance(const Provenance& provenance) {
   MapWriter out;
   out.text("date", provenance.date);
   out.text("package_version", provenance.package_version);
-  out.text("from", provenance.from);
+  out.text("from", basics::printable(provenance.from));
   if (!provenance.from_sha256.empty()) out.text("from_sha256", provenance.from_sha256);
-  if (!provenance.overrides.empty()) out.text("overrides", provenance.overrides);
+  if (!provenance.overrides.empty()) out.text("overrides", basics::printable(provenance.overrides));
   std::vector<Value> data;
   for (const Provenance::Data& entry : provenance.data) {
     MapWriter item;
-    item.text("file", entry.file);
+    item.text("file", basics::printable(entry.file));
     item.text("sha256", entry.sha256);
     item.number("captures", entry.captures);
     data.push_back(item.value());

@@ -67,7 +67,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                      "supply_line", "skip",           "vent",
                                      "close",       "resume",         "vent_reply",
                                      "timeout_s",   "watchdog_s",     "highest_kpa",
-                                     "channels"},
+                                     "channels",    "checksum"},
                        faults);
   constexpr const char* kLine = "a line of text";
   regulator::SerialProfile profile;
@@ -85,6 +85,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
   profile.reply_separator =
       optionalText(keys, "reply_separator", "the separator of numbers", profile.separator);
   profile.one_by_one = keys.truth("one_by_one", profile.one_by_one);
+  profile.checksum = keys.has("checksum") && keys.choice("checksum", {"none", "crc16"}) == "crc16";
   profile.start = readLines(keys, value, "start", faults);
   profile.write = keys.text("write", kLine).value_or("");
   profile.write_reply = optionalText(keys, "write_reply", kLine);

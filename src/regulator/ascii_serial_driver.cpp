@@ -31,6 +31,21 @@ std::string milliseconds(double seconds) {
   return std::to_string(std::llround(seconds * 1e3)) + " ms";
 }
 
+// As a profile's device expects or sends it, without its terminator.
+std::string sentLine(const SerialProfile& profile, const std::string& line) {
+  return profile.checksum ? withChecksum(line) : line;
+}
+
+std::string receivedLine(const SerialProfile& profile, const std::string& line) {
+  if (!profile.checksum) return line;
+  std::optional<std::string> inner = withoutChecksum(line);
+  if (inner) return std::move(*inner);
+  throw BadReply("\"" + basics::quoted(line) +
+                 "\", whose checksum is missing or wrong; check its cable, "
+                 "and that the device sends one as checksum of the profile " +
+                 profile.name + " says");
+}
+
 const LineFormat* addressOf(const std::optional<LineFormat>& line) {
   return line ? &*line : nullptr;
 }
@@ -93,7 +108,8 @@ void AsciiSerialDriver::ready() {
   supply_.reset();
   lapsed_ = false;
   for (const LineFormat& line : lines_.start) {
-    port_.send(line.line("", {}) + profile_.terminator, after(profile_.timeout));
+    port_.send(sentLine(profile_, line.line("", {})) + profile_.terminator,
+               after(profile_.timeout));
   }
   if (lines_.read) awaitQuiet();
   last_line_ = Clock::now();
@@ -154,7 +170,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   const Clock::time_point deadline = after(profile_.timeout);
   if (lines_.read) port_.discardInput();
   const std::string line = command.line(channel.address, values);
-  port_.send(line + profile_.terminator, deadline);
+  port_.send(sentLine(profile_, line) + profile_.terminator, deadline);
   noteSilence();
   last_line_ = Clock::now();
   if (reply == nullptr) return {};
@@ -169,7 +185,8 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
         "; check its power, its address, its baud rate and the profile " + profile_.name);
   }
   try {
-    return reply->parse(*answer, channel.address, static_cast<std::size_t>(count_));
+    return reply->parse(receivedLine(profile_, *answer), channel.address,
+                        static_cast<std::size_t>(count_));
   } catch (const BadReply& error) {
     throw BadReply(device_ + " answers \"" + line + "\": " + error.what());
   }
@@ -324,15 +341,16 @@ bool AsciiSerialDriver::listen(Clock::time_point deadline) {
   std::exception_ptr error;
   for (std::optional<std::string> line = port_.receiveLine(profile_.terminator, deadline); line;
        line = port_.receiveLine(profile_.terminator, Clock::time_point())) {
-    const auto fits = [&](const LineFormat& format) {
-      return format.match(*line, "", channels).has_value();
-    };
     if (line->find_first_not_of("\r\n \t") == std::string::npos) continue;
-    if (std::any_of(lines_.skip.begin(), lines_.skip.end(), fits)) continue;
-    const bool supply = lines_.supply_line && fits(*lines_.supply_line);
-    const LineFormat& format = supply ? *lines_.supply_line : *lines_.reply;
     try {
-      note(format.parse(*line, "", channels), channels_.front());
+      const std::string text = receivedLine(profile_, *line);
+      const auto fits = [&](const LineFormat& format) {
+        return format.match(text, "", channels).has_value();
+      };
+      if (std::any_of(lines_.skip.begin(), lines_.skip.end(), fits)) continue;
+      const bool supply = lines_.supply_line && fits(*lines_.supply_line);
+      const LineFormat& format = supply ? *lines_.supply_line : *lines_.reply;
+      note(format.parse(text, "", channels), channels_.front());
       heard = heard || !supply;
     } catch (const BadReply& fault) {
       error = std::make_exception_ptr(BadReply(device_ + " sends " + fault.what()));

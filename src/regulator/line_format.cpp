@@ -47,6 +47,29 @@ std::string numberText(double value, int decimals) {
 
 }  // namespace
 
+std::string withChecksum(const std::string& line) {
+  constexpr unsigned kPolynomial = 0x1021;
+  unsigned crc = 0xFFFF;
+  for (const char c : line) {
+    crc ^= static_cast<unsigned>(static_cast<unsigned char>(c)) << 8U;
+    for (int bit = 0; bit < 8; ++bit) {
+      crc = ((crc << 1U) ^ ((crc & 0x8000U) != 0 ? kPolynomial : 0U)) & 0xFFFFU;
+    }
+  }
+  std::string checked = line + '*';
+  for (const unsigned shift : {12U, 8U, 4U, 0U}) checked += "0123456789ABCDEF"[crc >> shift & 0xFU];
+  return checked;
+}
+
+std::optional<std::string> withoutChecksum(std::string_view line) {
+  constexpr std::size_t kSize = 5;  // "*" and four digits
+  while (!line.empty() && isEnd(line.back())) line.remove_suffix(1);
+  if (line.size() < kSize) return std::nullopt;
+  std::string inner(line.substr(0, line.size() - kSize));
+  if (withChecksum(inner) != line) return std::nullopt;
+  return inner;
+}
+
 // Reads one line from left to right.
 class LineFormat::Reader {
  public:

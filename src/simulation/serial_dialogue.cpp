@@ -178,6 +178,18 @@ SerialDialogue::Outcome SerialDialogue::takeOf(const std::string& line, int chan
 }
 
 SerialDialogue::Outcome SerialDialogue::take(const std::string& line, DeviceFault fault) {
+  if (!config_.profile.checksum) return takeText(line, fault);
+  const std::optional<std::string> text = regulator::withoutChecksum(line);
+  Outcome outcome = text ? takeText(*text, fault) : refusal();
+  if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
+  return outcome;
+}
+
+SerialDialogue::Outcome SerialDialogue::refusal() const {
+  return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
+}
+
+SerialDialogue::Outcome SerialDialogue::takeText(const std::string& line, DeviceFault fault) {
   silence_ = 0;
   for (std::size_t i = 0; i < lines_.start.size(); ++i) {
     if (!lines_.start[i].match(line, "", 0)) continue;
@@ -189,12 +201,13 @@ SerialDialogue::Outcome SerialDialogue::take(const std::string& line, DeviceFaul
     Outcome outcome = takeOf(line, channel, fault);
     if (outcome.understood) return outcome;
   }
-  return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
+  return refusal();
 }
 
 std::optional<std::string> SerialDialogue::unasked(DeviceFault fault) {
   if (lines_.read || !speaks_) return std::nullopt;
-  return readings(*lines_.reply, 0, fault);
+  const std::string line = readings(*lines_.reply, 0, fault);
+  return config_.profile.checksum ? regulator::withChecksum(line) : line;
 }
 
 }  // namespace helix_arm::simulation

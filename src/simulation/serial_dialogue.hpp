@@ -43,7 +43,9 @@ class SerialDialogue {
 
  private:
   std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
+  Outcome takeText(const std::string& line, DeviceFault fault);
   Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
+  Outcome refusal() const;  // of a line that is not understood
   void apply();
   void ventAll();
 

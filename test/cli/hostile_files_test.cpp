@@ -1,5 +1,6 @@
-// The command with paths of foreign files: nothing waits, no content is printed, no memory is
-// wasted.
+// The command with foreign files and words: nothing waits, no content is printed, no memory is
+// wasted, and the terminal obeys none of it.
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
@@ -8,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -151,6 +153,177 @@ TEST_F(HostileFiles, ALinkToNothingIsNoPlaceForAResult) {
       << outcome.err;
   EXPECT_FALSE(std::filesystem::exists(folder_ / "nothing.yaml"));
   EXPECT_TRUE(std::filesystem::is_symlink(folder_ / "link.yaml"));
+}
+
+// What a terminal would obey: a title and a bell, a line that is overwritten, a forged line; and
+// what passes a search for these: CSI of C1, a separator of lines, an override of the direction.
+const std::string kControls = "\x1b]0;x\x07\rall is well\nerror: forged\x7f";
+const std::string kUnseen = "\u009b31m\u2028error: forged\u202e\x9b";
+
+void expectPlain(const Outcome& hostile, const Outcome& harmless, const std::string& what) {
+  const auto lines = [](const std::string& text) {
+    return std::count(text.begin(), text.end(), '\n');
+  };
+  for (const std::string& text : {hostile.out, hostile.err}) {
+    EXPECT_EQ(text, basics::printableLines(text)) << what;
+  }
+  EXPECT_LE(lines(hostile.out), lines(harmless.out)) << what << hostile.out;
+  EXPECT_LE(lines(hostile.err), std::max<std::ptrdiff_t>(1, lines(harmless.err)))
+      << what << hostile.err;
+}
+
+// Each call with a word in the place of every @.
+std::vector<std::string> filledIn(std::vector<std::string> call, const std::string& word) {
+  for (std::string& argument : call) {
+    for (std::size_t at; (at = argument.find('@')) != std::string::npos;) {
+      argument.replace(at, 1, word);
+    }
+  }
+  return call;
+}
+
+TEST_F(HostileFiles, NoArgumentReachesTheTerminalAsItIs) {
+  const std::string demo = scenePath("demo"), planar = scenePath("planar_76");
+  const std::string out = folder_ / "out.yaml", page = folder_ / "page.pdf";
+  std::vector<std::vector<std::string>> calls = callsWith("@");
+  for (const std::vector<std::string>& call : std::vector<std::vector<std::string>>{
+           {"@"},
+           {"--format", "@", "check", demo},
+           {"--set", "@", "check", demo},
+           {"--set", "@=1", "check", demo},
+           {"--set", "arm.@=1", "check", demo},
+           {"--set", "name=\"@\"", "check", demo},
+           {"--set", "regulator=@", "check", demo},
+           {"check", demo, "@"},
+           {"check", demo, "--@"},
+           {"forward", demo, "--pressure-kpa", "@"},
+           {"forward", demo, "--input", "@"},
+           {"forward", demo, "--history", "@"},
+           {"forward", demo, "--tier", "@", "--pressure-kpa", "0"},
+           {"inverse", demo, "--tip", "@"},
+           {"inverse", demo, "--pose", "@"},
+           {"inverse", demo, "--tip", "0.3,0,0", "--prefer", "@"},
+           {"inverse", demo, "--tip", "0.3,0,0", "--start-kpa", "@"},
+           {"calibrate", demo, demo, "--out", "@"},
+           {"calibrate", demo, demo, "--out", out, "--also", "@"},
+           {"calibrate", demo, demo, "--out", out, "--fit", "@"},
+           {"calibrate", demo, demo, "--out", out, "--curve", "@"},
+           {"calibrate", demo, demo, "--out", out, "--contraction", "@"},
+           {"localize", demo, "@"},
+           {"simulate", demo, "--count", "1", "--out", "/dev/null/@"},
+           {"trade", demo, "--out", "/dev/null/@"},
+           {"workspace", demo, "--out", "@"},
+           {"workspace", demo, "--png", "/dev/null/@"},
+           {"path", "@"},
+           {"path", "circle", "--plane", "@"},
+           {"path", "circle", "--centre", "@"},
+           {"path", "circle", "--out", "/dev/null/@"},
+           {"follow", demo, "--tip", "@", "--seconds", "1"},
+           {"follow", demo, "--tip", "0.3,0,0", "--seconds", "1", "--sight", "@"},
+           {"follow", demo, "--tip", "0.3,0,0", "--seconds", "1", "--force", "@"},
+           {"follow", demo, "--tip", "0.3,0,0", "--seconds", "1", "--blind", "@"},
+           {"follow", demo, "--tip", "0.3,0,0", "--seconds", "1", "--out", "/dev/null/@"},
+           {"tags", "@", "--out", page},
+           {"tags", demo, "--out", "@"},
+           {"tags", demo, "--out", page, "--paper", "@"},
+           {"tags", "--board", "charuco", "--dictionary", "@", "--out", page},
+           {"tags", "--board", "charuco", "--squares", "@", "--out", page},
+           {"camera", "calibrate", "--source", "@"},
+           {"camera", "calibrate", "--source", "webcam", "--device", "@", "--seconds", "0.1"},
+           {"camera", "calibrate", "--source", "webcam", "--size", "@", "--seconds", "0.1"},
+           {"camera", "place", demo, "--source", "@"},
+           {"new", "--defaults", "--out", "/dev/null/@.yaml"},
+           {"new", "--defaults", "--out", out, "--regulator", "@"},
+           {"new", "--defaults", "--out", out, "--device", "@"},
+           {"new", "--defaults", "--out", out, "--host", "@"},
+           {"regulator", demo, "@"},
+           {"regulator", demo, "set", "--pressure-kpa", "@", "--yes"}}) {
+    calls.push_back(call);
+  }
+  for (const std::vector<std::string>& call : calls) {
+    const Outcome harmless = runCommand(filledIn(call, "word"));
+    for (const std::string& word : {kControls, kUnseen}) {
+      const Outcome hostile = runCommand(filledIn(call, word));
+      std::string text;
+      for (const std::string& argument : call) text += argument + " ";
+      EXPECT_EQ(hostile.exit_code, 2) << text;
+      expectPlain(hostile, harmless, text);
+    }
+  }
+}
+
+TEST_F(HostileFiles, NothingOfASceneReachesTheTerminalAsItIs) {
+  const std::string arm = contentOf(scenePath("demo_serial"));
+  const struct {
+    std::string from, to;
+  } kPlaces[] = {{"\narm:", "\n\"@\": 1\narm:"},
+                 {"geometry: spatial", "geometry: \"@\""},
+                 {"  geometry: spatial", "  \"@\": 1\n  \"@\": 2\n  geometry: spatial"},
+                 {"K_gamma: 10", "K_gamma: \"@\""},
+                 {"name: demo_serial", "name: \"@\""},
+                 {"- name: arm", "- name: \"@\""},
+                 {"contraction: muscle", "contraction: \"@\""},
+                 {"  muscle:", "  \"@\":"},
+                 {"profile: generic", "profile: \"@\""},
+                 {"profile: generic", "profile: \"./@.yaml\""},
+                 {"/tmp/helix_arm_regulator", "\"/tmp/@\""},
+                 {"[\"0\", \"1\", \"2\"]", "[\"0\", \"@\", \"2\"]"},
+                 {"ascii_serial: {profile: generic, device: /tmp/helix_arm_regulator, "
+                  "addresses: [\"0\", \"1\", \"2\"]}",
+                  "modbus_tcp: {profile: festo_mpa, host: \"@\"}"}};
+  // As YAML writes them between quotes.
+  std::string controls;
+  for (const char c : kControls) {
+    constexpr char kDigits[] = "0123456789abcdef";
+    const bool bare = c >= ' ' && c <= '~';
+    controls += bare ? std::string(1, c) : std::string("\\x") + kDigits[c >> 4] + kDigits[c & 15];
+  }
+  for (const auto& [from, to] : kPlaces) {
+    ASSERT_NE(arm.find(from), std::string::npos) << from;
+    const auto sceneWith = [&, from = from, to = to](const std::string& word) {
+      std::string scene = arm;
+      scene.replace(scene.find(from), from.size(), to);
+      return write("scene.yaml", filledIn({scene}, word)[0]);
+    };
+    for (const std::vector<std::string>& call : std::vector<std::vector<std::string>>{
+             {"check", "@"},
+             {"regulator", "@", "probe"},
+             {"regulator", "@", "emulate", "--seconds", "0.01"},
+             {"regulator", "@", "set", "--pressure-kpa", "0,0,0"}}) {
+      const Outcome harmless = runCommand(filledIn(call, sceneWith("word")));
+      for (const std::string& word : {controls, kUnseen}) {
+        const Outcome hostile = runCommand(filledIn(call, sceneWith(word)));
+        EXPECT_EQ(hostile.exit_code, 2) << to;
+        expectPlain(hostile, harmless, to);
+      }
+    }
+  }
+}
+
+TEST_F(HostileFiles, NoColumnOfATableReachesTheTerminalAsItIs) {
+  const auto tableWith = [this](const std::string& word) {
+    return write("table.csv", "pressure_1_kpa," + word + ",\"" + word + "\"\n1," + word + ",3\n");
+  };
+  for (const std::vector<std::string>& call : callsWith("@")) {
+    const Outcome harmless = runCommand(filledIn(call, tableWith("word")));
+    expectPlain(runCommand(filledIn(call, tableWith(kUnseen))), harmless, call[0]);
+  }
+}
+
+// Their names are repeated, one line each.
+TEST_F(HostileFiles, NoNameOfAPictureReachesTheTerminalAsItIs) {
+  for (const std::string& name : {kControls, kUnseen}) {
+    TemporaryFolder pictures;
+    std::ofstream(pictures / (name + ".png")) << "none";
+    const Outcome text = runCommand({"localize", scenePath("demo"), pictures.path()});
+    EXPECT_NE(text.out.find("forged"), std::string::npos) << text.out;
+    EXPECT_EQ(text.out, basics::printableLines(text.out));
+    EXPECT_EQ(text.out.find("\nerror: forged"), std::string::npos) << text.out;
+    const Outcome place =
+        runCommand({"camera", "place", scenePath("demo"), "--source", pictures.path()});
+    EXPECT_EQ(place.err, basics::printableLines(place.err));
+    EXPECT_EQ(place.err.find("\nerror: forged"), std::string::npos) << place.err;
+  }
 }
 
 }  // namespace

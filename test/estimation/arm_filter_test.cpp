@@ -241,6 +241,16 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
       {"not symmetric", [](ArmFilter::Input& i) { i.covariance(0, 5) = 1.0; },
        SightingFault::kNotPositive},
       {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; }, SightingFault::kNotPositive},
+      {"all but certain", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e-300); },
+       SightingFault::kImplausible},
+      {"unbounded", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e300); },
+       SightingFault::kImplausible},
+      {"one below a fiftieth of the wavelength of light",
+       [](ArmFilter::Input& i) { i.covariance *= 0.99e-16 / i.covariance.diagonal().minCoeff(); },
+       SightingFault::kImplausible},
+      {"one above the longest arm",
+       [](ArmFilter::Input& i) { i.covariance *= 100.1 / i.covariance.diagonal().maxCoeff(); },
+       SightingFault::kImplausible},
   };
   for (const auto& test : cases) {
     ArmFilter::Input input = bench.at(2.0, pressure);

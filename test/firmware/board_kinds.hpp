@@ -22,6 +22,8 @@ inline const BoardKind kEachPart[] = {kBoardKinds[0], kBoardKinds[3]};
 inline const BoardKind kSmallBoard = kBoardKinds[0];
 /// A build for fewer channels than the chip has.
 inline const BoardKind kFiveChannels = {"atmega2560", "solenoid", 5};
+/// A build that refuses lines without a checksum from the start.
+inline const BoardKind kChecksumRequired = {"atmega328p", "solenoid", 0, true};
 
 inline std::string nameOfKind(const testing::TestParamInfo<BoardKind>& info) {
   return info.param.name();

@@ -227,6 +227,54 @@ TEST(BoardAndHost, ALimitBelowTheHostsIsNamed) {
   }
 }
 
+// Flips a bit of the first line alone.
+LiveBoard::Damage flipping(std::size_t bit) {
+  return [bit, done = false](const std::string& bytes) mutable {
+    std::string out = bytes;
+    if (!std::exchange(done, true)) out[bit / 8] ^= static_cast<char>(1U << bit % 8);
+    return out;
+  };
+}
+
+TEST(BoardAndHost, WithChecksumsNoFlippedBitBecomesAnOrderOrAReading) {
+  LiveBoard board({"atmega328p", "solenoid", 0, true});
+  board.pass(0.1);
+  regulator::SerialProfile profile = withChecksums(genericProfile());
+  profile.timeout = 0.1;
+  regulator::AsciiSerialDriver driver({profile, board.path(), {"0", "1", "2"}}, 3);
+  driver.connect();
+  control::ValveOrders orders(3);
+  orders.valve.assign(3, control::Valve::kRegulate);
+  orders.set_point.setConstant(1e5);
+  const auto failed = [&] {
+    try {
+      driver.write(orders);
+      return false;
+    } catch (const std::runtime_error&) {
+      return true;
+    }
+  };
+  EXPECT_FALSE(failed());
+  const std::string order = regulator::withChecksum("p0=100.00") + "\n";
+  const std::string reading = regulator::withChecksum("p0=0.00 kPa") + "\n";  // the shortest
+  for (std::size_t bit = 0; bit < 8 * order.size(); ++bit) {
+    board.damage(flipping(bit));
+    EXPECT_TRUE(failed()) << "order, bit " << bit;
+    board.damage(nullptr);
+    board.pass(0.02);  // until late answers have come
+    driver.vent();
+  }
+  for (std::size_t bit = 0; bit < 8 * reading.size(); ++bit) {
+    board.damageAnswers(flipping(bit));
+    EXPECT_TRUE(failed()) << "reading, bit " << bit;
+    board.damageAnswers(nullptr);
+    board.pass(0.02);
+    driver.vent();
+  }
+  EXPECT_FALSE(failed());
+  EXPECT_LT(board.with([](SimulatedBoard& simulated) { return simulated.air().peak(); }), 1.3e5);
+}
+
 TEST(BoardAndHost, EightChannelsAreFollowed) {
   BoardRig rig(kBoardKinds[2]);
   EXPECT_EQ(rig.bringTo(2e5), "");

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "board_kinds.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -70,6 +71,86 @@ TEST(BoardLines, WhatIsNoLineOfTheProfileIsRefusedAndChangesNothing) {
   }
   EXPECT_EQ(board.ask(""), "");
   EXPECT_LT(board.air().peak(), 1.0);
+}
+
+using regulator::withChecksum;
+
+const std::string kRefused = withChecksum("?");
+
+// The line with one bit flipped, its end included.
+std::string flipped(const std::string& line, std::size_t bit) {
+  std::string out = line + "\n";
+  out[bit / 8] ^= static_cast<char>(1U << bit % 8);
+  return out;
+}
+
+// What comes back for bytes that may hold no line end, or two.
+std::string answerTo(SimulatedBoard& board, const std::string& bytes) {
+  board.send(bytes);
+  while (board.isReceiving()) board.advance(0.001);
+  board.advance(0.11);  // after which the board forgets what is left on the line
+  return board.receive();
+}
+
+TEST(BoardChecksum, ALineMayHaveOneAndAfterTheFirstEveryLineNeedsIt) {
+  ReadyBoard board;
+  EXPECT_EQ(board.ask("p0=close*0000"), "?");
+  EXPECT_EQ(board.ask("p0?").back(), 'a') << "none is needed yet";
+  const auto reading = regulator::withoutChecksum(board.ask(withChecksum("p0=close")));
+  ASSERT_TRUE(reading);
+  EXPECT_TRUE(std::regex_match(*reading, std::regex("p0=-?[0-9]+\\.[0-9]{2} kPa"))) << *reading;
+  for (const char* line : {"p0?", "p0=100.00", "p0=vent", "p0?*0000", "p0=100.00*0000"}) {
+    EXPECT_EQ(board.ask(line), kRefused) << line;
+  }
+  EXPECT_EQ(board.ask(withChecksum("p0=5x")), kRefused);
+  EXPECT_EQ(board.ask(withChecksum("p0=300.01")), withChecksum("p0=fault above_limit"));
+  EXPECT_FALSE(board.vents(0));
+  EXPECT_TRUE(regulator::withoutChecksum(board.ask(withChecksum("p0=99999.99") + " \r")));
+  board.chip().reset(SimulatedChip::Reset::kPin);
+  board.advance(0.05);
+  EXPECT_EQ(board.ask("p0=close"), "p0=fault restarted");
+}
+
+TEST(BoardChecksum, ABuildMayNeedItFromTheStart) {
+  SimulatedBoard board(kChecksumRequired);
+  board.advance(0.05);
+  EXPECT_EQ(board.ask("p0=vent"), kRefused);
+  EXPECT_EQ(board.ask(withChecksum("p0=close")), withChecksum("p0=fault restarted"));
+  EXPECT_TRUE(regulator::withoutChecksum(board.ask(withChecksum("p0=vent"))));
+}
+
+TEST(BoardChecksum, EveryFlippedBitOfASetLineIsRefused) {
+  ReadyBoard board;
+  const std::string line = withChecksum("p0=100.00");
+  for (std::size_t bit = 0; bit < 8 * (line.size() + 1); ++bit) {
+    ASSERT_EQ(board.ask(withChecksum("p0=close")).substr(0, 3), "p0=");
+    const std::string sent = flipped(line, bit), answer = answerTo(board, sent);
+    EXPECT_TRUE(answer.empty() || answer == kRefused + "\n" ||
+                answer == kRefused + "\n" + kRefused + "\n")
+        << sent << " brings " << answer;
+    EXPECT_FALSE(board.vents(0)) << sent;
+  }
+  EXPECT_LT(board.air().peak(), 1.0);
+  for (int i = 0; i < 100; ++i) board.ask(line);
+  EXPECT_NEAR(board.pressure(0), 1e5, 3e3) << "the line itself";
+}
+
+// Before the board has seen a checksum, "*" may become a line end: what stands before it is whole.
+TEST(BoardChecksum, UntilTheFirstAFlippedBitIsRefusedOrLeavesTheOrder) {
+  const std::string line = withChecksum("p0=100.00");
+  int taken = 0;
+  ReadyBoard board;
+  for (std::size_t bit = 0; bit < 8 * (line.size() + 1); ++bit) {
+    board.order(0, "close");
+    const std::string sent = flipped(line, bit), answer = answerTo(board, sent);
+    if (answer.empty() || answer == "?\n" || answer == "?\n?\n") continue;
+    ++taken;
+    EXPECT_EQ(sent.substr(0, 10), "p0=100.00\n");
+    board.order(0, "vent");
+    board.advance(0.3);
+  }
+  EXPECT_EQ(taken, 1);
+  EXPECT_LT(board.air().peak(), 1e5);
 }
 
 TEST(BoardLines, BlanksAndReturnsAtTheEndAreIgnored) {

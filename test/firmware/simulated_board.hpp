@@ -14,13 +14,15 @@ namespace helix_arm::test {
 
 /// A build of firmware/: chip and kind of inlet valves.
 struct BoardKind {
-  std::string chip;    ///< "atmega328p" or "atmega2560"
-  std::string valves;  ///< "solenoid" or "proportional"
-  int fewer = 0;       ///< CHANNELS of the build; 0: all that the chip has
+  std::string chip;       ///< "atmega328p" or "atmega2560"
+  std::string valves;     ///< "solenoid" or "proportional"
+  int fewer = 0;          ///< CHANNELS of the build; 0: all that the chip has
+  bool checksum = false;  ///< CHECKSUM_REQUIRED of the build
 
   int channels() const { return fewer > 0 ? fewer : chip == "atmega328p" ? 3 : 8; }
   std::string name() const {
-    return chip + "_" + valves + (fewer > 0 ? "_" + std::to_string(fewer) : "");
+    return chip + "_" + valves + (fewer > 0 ? "_" + std::to_string(fewer) : "") +
+           (checksum ? "_checksum" : "");
   }
 };
 

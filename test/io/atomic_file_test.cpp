@@ -170,6 +170,20 @@ TEST(AtomicFile, ALinkIsFollowed) {
   EXPECT_EQ(namesIn(folder / "real"), std::set<std::string>{"scene.yaml"});
 }
 
+TEST(AtomicFile, ALinkToAFileOfAnotherKindIsRefusedAndBothAreKept) {
+  const TemporaryFolder folder;
+  const std::string link = folder / "tags.pdf", scene = folder / "scene.yaml";
+  std::ofstream(scene) << "old";
+  fs::create_symlink("scene.yaml", link);
+  EXPECT_EQ(refusal(link, "text"),
+            link + " cannot be written: it is a link to " + fs::canonical(scene).string() +
+                ", a file of another kind; remove the link, or name a link to a file that ends in "
+                ".pdf");
+  EXPECT_TRUE(fs::is_symlink(link));
+  EXPECT_EQ(contentOf(scene), "old");
+  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"tags.pdf", "scene.yaml"}));
+}
+
 TEST(AtomicFile, ALinkToNothingIsRefusedAndKept) {
   const TemporaryFolder folder;
   const std::string link = folder / "link.yaml";

@@ -44,6 +44,7 @@ const char* const kAll = R"(ascii_serial:
   watchdog_s: 1.5
   highest_kpa: 250
   channels: 12
+  checksum: crc16
 )";
 
 TEST(SerialProfileReader, EveryKeyIsRead) {
@@ -72,6 +73,7 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.watchdog, 1.5);
   EXPECT_EQ(profile.highestPressure(), 250e3);
   EXPECT_EQ(profile.channels, 12);
+  EXPECT_TRUE(profile.checksum);
 }
 
 TEST(SerialProfileReader, WithoutItsRangeADeviceHasNone) {
@@ -97,6 +99,7 @@ TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
     EXPECT_EQ(profile.separator, expected.separator);
     EXPECT_EQ(profile.reply_separator, expected.reply_separator);
     EXPECT_EQ(profile.one_by_one, expected.one_by_one);
+    EXPECT_EQ(profile.checksum, expected.checksum);
     EXPECT_EQ(profile.start, expected.start);
     EXPECT_EQ(profile.write, expected.write);
     EXPECT_EQ(profile.write_reply, expected.write_reply);
@@ -190,6 +193,9 @@ TEST(SerialProfileReader, BreakingARuleIsReported) {
       {"channels: 12",
        "channels: 0",
        {"f:23 ascii_serial.channels is 0; expected a whole number from 1 to 1024"}},
+      {"checksum: crc16",
+       "checksum: crc8",
+       {"f:24 ascii_serial.checksum is crc8; expected none or crc16"}},
   };
   for (const auto& entry : kCases) {
     EXPECT_EQ(readText(replaced(kAll, entry.from, entry.to)).faults, entry.faults);

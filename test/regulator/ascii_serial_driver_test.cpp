@@ -306,8 +306,12 @@ std::string nameOfFault(
   return std::get<0>(info.param).name + "_" + simulation::nameOf(std::get<1>(info.param));
 }
 
-const SerialProfile kProfiles[] = {test::alicatProfile(), test::ctrlPProfile(),
-                                   test::genericProfile(), test::togetherProfile()};
+const SerialProfile kProfiles[] = {test::alicatProfile(),
+                                   test::ctrlPProfile(),
+                                   test::genericProfile(),
+                                   test::togetherProfile(),
+                                   test::withChecksums(test::genericProfile()),
+                                   test::withChecksums(test::ctrlPProfile())};
 INSTANTIATE_TEST_SUITE_P(Each, AsciiSerialProfiles, testing::ValuesIn(kProfiles), nameOfProfile);
 INSTANTIATE_TEST_SUITE_P(
     Each, AsciiSerialFaults,
@@ -317,6 +321,19 @@ INSTANTIATE_TEST_SUITE_P(
                                      DeviceFault::kSlow, DeviceFault::kRestart,
                                      DeviceFault::kNanText, DeviceFault::kStuckValue)),
     nameOfFault);
+
+// Either side may be the one without.
+TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
+  const SerialProfile with = test::withChecksums(test::genericProfile());
+  const SerialProfile without = test::genericProfile();
+  SerialDevice old(deviceOf(without)), checked(deviceOf(with));
+  AsciiSerialDriver to_old = driverOf(with, old.path()),
+                    to_checked = driverOf(without, checked.path());
+  EXPECT_NE(failureOf([&] { to_old.connect(); }).text.find("whose checksum is missing or wrong"),
+            std::string::npos);
+  EXPECT_NE(failureOf([&] { to_checked.connect(); }).text.find("does not match"),
+            std::string::npos);
+}
 
 TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
   const SerialProfile profile = test::genericProfile();

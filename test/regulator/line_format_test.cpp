@@ -27,6 +27,38 @@ std::string badReply(const LineFormat& format, const std::string& line,
   return refusal<BadReply>([&] { format.parse(line, address, pressures); });
 }
 
+// The check value of CRC-16/IBM-3740 in the catalogue of CRC algorithms.
+TEST(LineChecksum, IsTheCrc16OfTheLine) {
+  EXPECT_EQ(withChecksum("123456789"), "123456789*29B1");
+  EXPECT_EQ(withChecksum(""), "*FFFF");
+  EXPECT_EQ(withoutChecksum("123456789*29B1 \r\n"), "123456789");
+  for (const char* line : {"", "*", "*29B1", "123456789", "123456789*29b1", "123456789*29B",
+                           "123456789 *29B1", "123456789*29B10", " 123456789*29B1"}) {
+    EXPECT_EQ(withoutChecksum(line), std::nullopt) << line;
+  }
+}
+
+TEST(LineChecksum, OneOrTwoFlippedBitsAreFoundAnywhereInALine) {
+  for (const std::string& text :
+       {std::string("p0=100.00"), std::string("p2=118.35 kPa"), std::string("p1?")}) {
+    std::string line = withChecksum(text);
+    const auto flip = [&line](std::size_t bit) {
+      line[bit / 8] ^= static_cast<char>(1U << bit % 8);
+    };
+    for (std::size_t first = 0; first < 8 * line.size(); ++first) {
+      flip(first);
+      EXPECT_EQ(withoutChecksum(line), std::nullopt) << line;
+      for (std::size_t second = 0; second < first; ++second) {
+        flip(second);
+        EXPECT_EQ(withoutChecksum(line), std::nullopt) << line;
+        flip(second);
+      }
+      flip(first);
+    }
+    EXPECT_EQ(withoutChecksum(line), text);
+  }
+}
+
 TEST(LineFormat, FieldsAreFilledIn) {
   const LineFormat format("p{address}={pressure} {unit} of {supply} to {set_point}", kStyle);
   EXPECT_EQ(format.line("7", {{12.345}, 100.0, 600.0}), "p7=12.35 kPa of 600.00 to 100.00");

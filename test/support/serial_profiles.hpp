@@ -68,6 +68,13 @@ inline regulator::SerialProfile genericProfile() {
   return profile;
 }
 
+/// The same lines, each with its checksum.
+inline regulator::SerialProfile withChecksums(regulator::SerialProfile profile) {
+  profile.name += "_checksum";
+  profile.checksum = true;
+  return profile;
+}
+
 /// One line for all channels, on being asked, with the supply in it, counted from vacuum.
 inline regulator::SerialProfile togetherProfile() {
   regulator::SerialProfile profile;

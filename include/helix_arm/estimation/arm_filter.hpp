@@ -23,12 +23,13 @@ enum class SightingFault {
   kWrongSize,    ///< not of this arm
   kNotFinite,    ///< holds a value that is not finite
   kNotPositive,  ///< its covariance is not symmetric or not positive definite
+  kImplausible,  ///< a deviation that no camera has: below 1e-8 or above 10 [m, rad]
   kUnbalanced,   ///< the model finds no shape at these pressures
   kOutlier,      ///< farther from the prediction than chance allows
 };
-inline constexpr int kSightingFaultCount = 9;
+inline constexpr int kSightingFaultCount = 10;
 /// "none", "future", "not_newer", "too_old", "wrong_size", "not_finite", "not_positive",
-/// "unbalanced" or "outlier".
+/// "implausible", "unbalanced" or "outlier".
 const char* nameOf(SightingFault fault);
 
 /// What became of a measurement.

@@ -8,7 +8,8 @@
 
 namespace helix_arm::io {
 
-/// All faults of a document, one line per fault: `file:line key value rule`.
+/// All faults of a document, one line per fault: `file:line key value rule`, printable whatever the
+/// document holds (basics::printable()).
 /// The size of the list is limited: the first kMostKept faults are kept, each with at most
 /// kMostBytes, and the others are counted.
 class FaultList {

@@ -24,6 +24,7 @@ struct SerialProfile {
   std::string separator = ";";    ///< of {pressures} in lines to the device
   std::string reply_separator = ";";  ///< of {pressures} in the device's lines
   bool one_by_one = true;             ///< one line per channel; false: one for all channels
+  bool checksum = false;              ///< withChecksum() of every line, in both directions
 
   std::vector<std::string> start;  ///< sent once connected; answers are ignored
   std::string write;               ///< set points

@@ -5,6 +5,7 @@
 #include <limits>
 #include <string>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
@@ -19,7 +20,7 @@ bool answer(const char* service, Response& response, const Body& body) {
     body();
   } catch (const std::exception& fault) {
     response.success = false;
-    response.message = fault.what();
+    response.message = basics::printableLines(fault.what());
   }
   if (response.success) {
     logInfo("%s: %s", service, response.message.c_str());

@@ -47,8 +47,10 @@ void Recorder::onDetections(const TagDetectionsConstPtr& detections) {
 
 void Recorder::onShape(const ArmShapeConstPtr& shape) {
   const geometry_msgs::Point& tip = shape->tip.position;
+  const auto checked = control::checkPosition({tip.x, tip.y, tip.z});
+  const auto* position = std::get_if<Eigen::Vector3d>(&checked);
   const basics::MutexLock lock(mutex_);
-  if (records_series_) series_->seen(shape->header.stamp.toSec(), {tip.x, tip.y, tip.z});
+  if (records_series_ && position) series_->seen(shape->header.stamp.toSec(), *position);
 }
 
 void Recorder::take(const PressureArray& message, const char* topic, Input input) {

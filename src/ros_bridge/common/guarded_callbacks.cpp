@@ -2,6 +2,7 @@
 
 #include <exception>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -12,7 +13,7 @@ std::string reason() {
   try {
     throw;
   } catch (const std::exception& fault) {
-    return fault.what();
+    return basics::printableLines(fault.what());
   } catch (...) {
     return "an exception was thrown that is not a std::exception";
   }

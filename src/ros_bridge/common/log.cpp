@@ -3,6 +3,9 @@
 #include <chrono>
 #include <cstdarg>
 #include <cstdio>
+#include <sstream>
+
+#include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -26,6 +29,14 @@ void writeNow(LogLevel level, const std::string& line) {
   ROS_LOG(level, ROSCONSOLE_DEFAULT_NAME, "%s", line.c_str());
 }
 
+// False without a LogThread.
+bool queued(LogLevel level, const std::string& line) {
+  Current& to = current();
+  const basics::MutexLock lock(to.mutex);
+  if (to.thread != nullptr) to.thread->write(level, line);
+  return to.thread != nullptr;
+}
+
 void hand(LogLevel level, const char* format, std::va_list values) {
   std::va_list again;
   va_copy(again, values);
@@ -35,15 +46,10 @@ void hand(LogLevel level, const char* format, std::va_list values) {
   std::string line(static_cast<std::size_t>(length) + 1, '\0');
   std::vsnprintf(line.data(), line.size(), format, values);
   line.pop_back();
-  {
-    Current& to = current();
-    const basics::MutexLock lock(to.mutex);
-    if (to.thread != nullptr) {
-      to.thread->write(level, std::move(line));
-      return;
-    }
+  std::istringstream lines(basics::printableLines(line));
+  while (std::getline(lines, line)) {
+    if (!queued(level, line)) writeNow(level, line);
   }
-  writeNow(level, line);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/ros_bridge/common/callers_folder.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
@@ -154,7 +155,8 @@ std::string ParameterReader::folder(const std::string& name, const std::string& 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
   if (given.front() == '/') return given;
   std::string path = (callersFolder() / given).lexically_normal();
-  logInfo("~%s is %s: %s", name.c_str(), given.c_str(), path.c_str());
+  logInfo("~%s is %s: %s", name.c_str(), basics::printable(given).c_str(),
+          basics::printable(path).c_str());
   node_.setParam(name, path);  // other nodes read it, too
   return path;
 }
@@ -165,12 +167,14 @@ void ParameterReader::finish() {
   const std::string mine = node_.getNamespace() + "/";
   for (const std::string& name : set) {
     if (name.compare(0, mine.size(), mine) == 0 && known_.count(name) == 0) {
-      logWarning("the node does not know the parameter %s; check its spelling", name.c_str());
+      logWarning("the node does not know the parameter %s; check its spelling",
+                 basics::printable(name).c_str());
     }
   }
   if (faults_.empty()) return;
   std::string all;
-  for (const std::string& line : faults_) all += (all.empty() ? "" : "\n") + line;
+  for (const std::string& line : faults_)
+    all += (all.empty() ? "" : "\n") + basics::printable(line);
   throw ParameterError(all);
 }
 

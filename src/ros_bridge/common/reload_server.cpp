@@ -63,7 +63,7 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     logInfo("reload: %s", response.message.c_str());
   } catch (const std::exception& fault) {
     response.success = false;
-    response.message = fault.what();
+    response.message = basics::printableLines(fault.what());
     logWarning("reload refused, nothing changed: %s", response.message.c_str());
   }
   return true;

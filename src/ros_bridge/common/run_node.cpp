@@ -1,6 +1,5 @@
 #include "helix_arm/ros_bridge/common/run_node.hpp"
 
-#include <sstream>
 #include <stdexcept>
 
 #include <ros/callback_queue.h>
@@ -13,8 +12,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 int report(const std::exception& error, ExitCode code) {
-  std::istringstream lines(error.what());
-  for (std::string line; std::getline(lines, line);) logFatal("%s", line.c_str());
+  logFatal("%s", error.what());
   return code;
 }
 

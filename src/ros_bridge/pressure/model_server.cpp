@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
@@ -69,7 +70,7 @@ bool answer(Response& response, const Body& body) {
     response.success = true;
   } catch (const std::exception& fault) {
     response = Response();
-    response.message = fault.what();
+    response.message = basics::printableLines(fault.what());
   }
   return true;
 }

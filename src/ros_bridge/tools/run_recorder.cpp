@@ -187,7 +187,7 @@ std::string RunRecorder::write(const std::string& outcome) {
       logInfo("they are drawn in %s", files_.figure.c_str());
     }
   } catch (const std::exception& fault) {
-    return fault.what();
+    return basics::printableLines(fault.what());
   }
   return {};
 }

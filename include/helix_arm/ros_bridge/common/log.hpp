@@ -16,6 +16,10 @@
 /// that nobody reads, blocks it. While a LogThread exists, which runNode() ensures, the functions
 /// below hand their lines over to it. Without one, as in a nodelet of a foreign manager, the caller
 /// writes. All of them are thread-safe and format as printf.
+///
+/// A text of several lines is logged line by line, so that none is without its level and time, and
+/// control characters are escaped (basics::printableLines()): text from outside passes for no other
+/// line of the log and does not act on the terminal.
 namespace helix_arm::ros_bridge {
 
 /// Longest message of another node that is repeated in the log [characters].
