@@ -1,6 +1,5 @@
 // Tapered sections of ArmOf.
 #include <algorithm>
-#include <numeric>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -13,7 +12,17 @@ namespace {
 
 // Of the choice of the Magnus steps.
 constexpr int kStepSamples = 64;
-constexpr double kStepError = 1e-5;  // of the arm's length
+constexpr double kTipError = 1e-5;    // of the arm's length
+constexpr double kCurveError = 2e-4;  // the same, of points within a piece
+
+// How far a piece of constant twist is from the curve between its ends, about: v changes by `slope`
+// over it, and so does the curvature.
+template <class Tangent>
+double errorWithin(const MagnusTerms<Tangent>& g) {
+  constexpr int kSpace = Tangent::RowsAtCompileTime == 6 ? 3 : 2;
+  return g.slope.template head<kSpace>().norm() / 8 +
+         bracket(g.value, g.slope).template head<kSpace>().norm() / 125;
+}
 
 }  // namespace
 
@@ -36,13 +45,9 @@ void ArmOf<Group>::setSteps(int steps) {
   }
 }
 
-// Doubles the steps until that no longer moves the tip.
+// Doubles the steps until that no longer moves the tip, and pieces follow the curve.
 template <class Group>
 void ArmOf<Group>::chooseSteps() {
-  int steps = 1;
-  for (const auto& taper : tapers_) {
-    if (taper) steps = std::lcm(steps, taper->cells());
-  }
   std::mt19937_64 generator(20240229);
   std::vector<Eigen::VectorXd> samples;
   for (int sample = 0; sample < kStepSamples; ++sample) {
@@ -52,25 +57,32 @@ void ArmOf<Group>::chooseSteps() {
     if (sample % 2 == 0) fraction = fraction.array().round().matrix();
     samples.push_back(inputAt(fraction));
   }
-  setSteps(steps);
-  std::vector<Group> tips;
-  for (const Eigen::VectorXd& q : samples) tips.push_back(tipInside(q));
-  for (;; steps *= 2) {
-    if (2 * steps * sectionCount() > kMaxPieces) {
-      throw std::invalid_argument("its taper needs more than " + std::to_string(steps) +
-                                  " Magnus steps per section; expected a gentler taper, or fewer "
-                                  "sections or values in its lists");
-    }
-    setSteps(2 * steps);
-    double moved = 0.0;
+  const auto tipsWith = [&](int steps) {
+    setSteps(steps);
+    std::vector<Eigen::Matrix<double, Group::kSpace, 1>> tips;
+    for (const Eigen::VectorXd& q : samples) tips.push_back(tipInside(q).translation);
+    return tips;
+  };
+  const int most = kMaxPieces / sectionCount();
+  for (int steps = 1;; steps = std::min(2 * steps, most)) {
+    const auto finer = tipsWith(2 * steps), tips = tipsWith(steps);
+    double moved = 0.0, within = 0.0;
     for (std::size_t i = 0; i < samples.size(); ++i) {
-      const Group tip = tipInside(samples[i]);
-      moved = std::max(moved, (tip.translation - tips[i].translation).norm());
-      tips[i] = tip;
+      moved = std::max(moved, (finer[i] - tips[i]).norm());
+      for (int k = 0; k < sectionCount(); ++k) {
+        const auto lengths = lengthsOf(samples[i], k);
+        for (const auto& step : section_steps_[k]) {
+          within = std::max(within, errorWithin(step.of(lengths)));
+        }
+      }
     }
-    if (moved < kStepError * restLength()) break;
+    if (moved < kTipError * restLength() && within < kCurveError * restLength()) return;
+    if (steps == most) {
+      throw std::invalid_argument("its taper needs more than " + std::to_string(most) +
+                                  " Magnus steps per section, " + std::to_string(kMaxPieces) +
+                                  " in all; expected a gentler taper, or fewer sections");
+    }
   }
-  setSteps(steps);
 }
 
 template <class Group>

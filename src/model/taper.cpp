@@ -84,12 +84,6 @@ CellPlace placeOf(double s, int cells) {
   return {cell, s * cells - cell};
 }
 
-// The place of a point of a step, which lies in the cell of the step's middle.
-CellPlace placeIn(double s, double middle, int cells) {
-  const int cell = placeOf(middle, cells).cell;
-  return {cell, s * cells - cell};
-}
-
 }  // namespace
 
 template <class Group>
@@ -187,13 +181,8 @@ typename TaperOf<Group>::Matrix TaperOf<Group>::complianceAt(double s) const {
 
 template <class Group>
 typename TaperOf<Group>::Step TaperOf<Group>::step(double from, double to) const {
-  const double h = to - from, middle = 0.5 * (from + to);
-  const auto mapIn = [&](double s) {
-    const auto [cell, t] = placeIn(s, middle, cells_);
-    return chebyshev(&map_modes_[cell * modes_], modes_, t);
-  };
-  const Map first = mapIn(middle - kMagnusOffset * h), second = mapIn(middle + kMagnusOffset * h);
-  return {0.5 * h * (first + second), 0.5 * kMagnusOffset * h * (second - first)};
+  const Map zero = Map::Zero(Group::kDof, mean_.map.cols());
+  return {magnusTerms(from, to, cells_, zero, [this](double s) { return mapAt(s); })};
 }
 
 template <class Group>
@@ -205,12 +194,8 @@ TaperTwist<Group>::TaperTwist(const TaperOf<Group>& taper,
 
 template <class Group>
 typename Group::Tangent TaperTwist<Group>::at(double s) const {
-  return atIn(placeOf(s, cells_).cell, s);
-}
-
-template <class Group>
-typename Group::Tangent TaperTwist<Group>::atIn(int cell, double s) const {
-  const double x = 2.0 * (s * cells_ - cell) - 1.0;
+  const auto [cell, t] = placeOf(s, cells_);
+  const double x = 2.0 * t - 1.0;
   const int first = cell * modes_;
   Tangent next = g_modes_.col(first + modes_ - 1), after = Tangent::Zero();
   for (int k = modes_ - 2; k > 0; --k) {
@@ -223,12 +208,8 @@ typename Group::Tangent TaperTwist<Group>::atIn(int cell, double s) const {
 
 template <class Group>
 typename Group::Tangent TaperTwist<Group>::step(double from, double to) const {
-  const double h = to - from, middle = 0.5 * (from + to);
-  const int cell = placeOf(middle, cells_).cell;
-  const Tangent first = atIn(cell, middle - kMagnusOffset * h),
-                second = atIn(cell, middle + kMagnusOffset * h);
-  const Tangent sum = 0.5 * h * (first + second);
-  return sum + bracket(sum, Tangent(0.5 * kMagnusOffset * h * (second - first)));
+  const Tangent zero = Tangent::Zero();
+  return magnusTwist(magnusTerms(from, to, cells_, zero, [this](double s) { return at(s); }));
 }
 
 template lie::SE2 poseAlong(const PlanarActuator&, double);

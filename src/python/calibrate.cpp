@@ -6,6 +6,7 @@
 #include "data.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
+#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -93,7 +94,7 @@ py::dict calibrate(const Scene& self, const py::list& data, const py::list& fit,
   basics::require(!repeated, repeated.value_or(""));
   procedures::CalibrationOutcome outcome;
   {
-    const py::gil_scoped_release others_run;
+    const OthersRun others_run;
     outcome = procedures::runCalibration(self.path(), self.overrides(), request, measurements);
   }
   py::dict out;

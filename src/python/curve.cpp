@@ -25,7 +25,7 @@ py::dict curve(const Scene& scene, const py::handle& pressures, const py::handle
   const auto rows = static_cast<std::size_t>(inputs.rows());
   const auto count = static_cast<std::size_t>(points);
   {
-    const py::gil_scoped_release others_run;
+    const OthersRun others_run;
     scene.requireWithinLimits(inputs);  // with the memory at hand: rows may be many
     inPieces(rows, scene.isLoaded() ? kLoadedPiece : kPiece, thread_count,
              [&](std::size_t first, std::size_t end) {

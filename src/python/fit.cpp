@@ -11,6 +11,7 @@
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "parallel.hpp"
 #include "poses.hpp"
 
 namespace helix_arm::python {
@@ -94,7 +95,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
     pressures.row(static_cast<Eigen::Index>(i)) = capture.pressure;
     const estimation::TwistFit* found = nullptr;
     {
-      const py::gil_scoped_release others_run;
+      const OthersRun others_run;
       const model::Shape start = statics::startingShape(
           scene.model, scene.model.solve(capture.pressure), capture.pressure);
       if (const auto* poses =

@@ -7,6 +7,7 @@
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
+#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -175,14 +176,13 @@ py::dict follow(const Scene& self, const py::object& tips, const py::object& pat
   if (!rig.is_none() && !py::isinstance<Scene>(rig)) refuseType(rig, "rig", "a Scene or None");
   const Scene& truth = rig.is_none() ? self : rig.cast<const Scene&>();
   bool interrupted = false;
-  const auto progress = [&interrupted](double) {
-    const py::gil_scoped_acquire python;
-    interrupted = PyErr_CheckSignals() != 0;
-    return !interrupted;
-  };
   FollowResult result;
   {
-    const py::gil_scoped_release others_run;
+    OthersRun others_run;
+    const auto progress = [&](double) {
+      interrupted = others_run.interrupted();
+      return !interrupted;
+    };
     result = procedures::runFollow(self.scene(), truth.scene(), plan, progress);
   }
   if (interrupted) throw py::error_already_set();

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include <sys/mman.h>
+
 #include "bindings.hpp"
 #include "parallel.hpp"
 #include "poses.hpp"
@@ -15,20 +17,30 @@ constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t kPiece = 1024;
 constexpr std::size_t kLoadedPiece = 16;
 
-// Memory without initial values: every entry is written.
-std::unique_ptr<double[]> numbers(const Rows& inputs, py::ssize_t per_row) {
-  return std::unique_ptr<double[]>(new double[static_cast<std::size_t>(inputs.numbersOf(per_row))]);
-}
+constexpr std::size_t kLargePage = std::size_t{2} << 20;  // [bytes]
 
 }  // namespace
+
+// The kernel clears and maps each page when it is first written, which takes several times as long
+// as a page of shapes: so large memory asks for large pages, as NumPy's does.
+std::unique_ptr<double[], Forward::Free> Forward::numbers(std::size_t count) {
+  const std::size_t bytes = std::max(count, std::size_t{1}) * sizeof(double);
+  const bool large = bytes >= 2 * kLargePage;
+  const std::size_t whole = (bytes + kLargePage - 1) / kLargePage * kLargePage;
+  void* const memory = large ? std::aligned_alloc(kLargePage, whole) : std::malloc(bytes);
+  if (memory == nullptr) throw std::bad_alloc();
+  if (large) ::madvise(memory, whole, MADV_HUGEPAGE);  // what a kernel without them refuses
+  return std::unique_ptr<double[], Free>(static_cast<double*>(memory));
+}
 
 Forward::Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
     : single_(inputs.single()),
       rows_(inputs.rows()),
       sections_(scene.arm().sectionCount()),
-      tips_(numbers(inputs, 3)),
-      quaternions_(numbers(inputs, 4)),
-      twists_(numbers(inputs, 6 * sections_)),
+      numbers_(numbers(static_cast<std::size_t>(inputs.numbersOf(7 + 6 * sections_)))),
+      tips_(numbers_.get()),
+      quaternions_(tips_ + 3 * rows_),
+      twists_(quaternions_ + 4 * rows_),
       converged_(new bool[static_cast<std::size_t>(rows_)]) {
   scene.requireWithinLimits(inputs);
   inPieces(static_cast<std::size_t>(rows_), scene.isLoaded() ? kLoadedPiece : kPiece, threads,
@@ -70,12 +82,12 @@ py::array Forward::view(const py::object& self, const double* first,
   return py::array_t<double>(std::move(shape), first, self);
 }
 
-py::array Forward::tips(const py::object& self) const { return view(self, tips_.get(), {3}); }
+py::array Forward::tips(const py::object& self) const { return view(self, tips_, {3}); }
 py::array Forward::quaternions(const py::object& self) const {
-  return view(self, quaternions_.get(), {4});
+  return view(self, quaternions_, {4});
 }
 py::array Forward::twists(const py::object& self) const {
-  return view(self, twists_.get(), {sections_, 6});
+  return view(self, twists_, {sections_, 6});
 }
 py::object Forward::converged() const {
   if (single_) return py::bool_(converged_[0]);
@@ -89,7 +101,7 @@ Forward forward(const Scene& scene, const py::handle& pressures, const py::handl
   const std::size_t count = threadCount(threads);
   // For one row without load, letting others run costs more than the row.
   if (inputs.rows() <= 1 && !scene.isLoaded()) return Forward(scene, inputs, 1);
-  const py::gil_scoped_release others_run;
+  const OthersRun others_run;
   return Forward(scene, inputs, count);
 }
 

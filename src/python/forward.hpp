@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdlib>
 #include <memory>
 #include <optional>
 
@@ -27,10 +28,17 @@ class Forward {
   void fill(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end);
   void set(std::size_t row, const lie::SE3& tip, const model::Twists& twists);
 
+  struct Free {
+    void operator()(double* numbers) const { std::free(numbers); }
+  };
+  // Memory without initial values: every entry is written.
+  static std::unique_ptr<double[], Free> numbers(std::size_t count);
+
   bool single_;
   py::ssize_t rows_;
   int sections_;
-  std::unique_ptr<double[]> tips_, quaternions_, twists_;
+  std::unique_ptr<double[], Free> numbers_;  // tips, quaternions, twists
+  double *tips_, *quaternions_, *twists_;    // in numbers_
   std::unique_ptr<bool[]> converged_;
 };
 

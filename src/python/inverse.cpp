@@ -155,7 +155,7 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
 
   requireFinite(targets.rows);
   {
-    const py::gil_scoped_release others_run;
+    const OthersRun others_run;
     scene.solvers().take(options);  // checks them, also without rows
     const std::size_t piece = scene.isLoaded() ? kLoadedPiece : kPiece;
     inPieces(count, piece, thread_count, [&](std::size_t first, std::size_t end) {

@@ -8,6 +8,7 @@
 #include "fit.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -83,7 +84,7 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
     self.copyRow(inputs, inputs.single() ? 0 : i, &q);
     const vision::Sight* sight = nullptr;
     {
-      const py::gil_scoped_release others_run;
+      const OthersRun others_run;
       sight =
           &localizer.locate(picture, statics::startingShape(scene.model, scene.model.solve(q), q));
     }

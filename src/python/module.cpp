@@ -3,6 +3,7 @@
 #include "bindings.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/shipped_files.hpp"
+#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -45,6 +46,21 @@ py::array_t<double> limitsOf(const Scene& scene) {
   return out;
 }
 
+// At the first use of an object that no __init__() made, pybind11 asks for memory, which it would
+// take for the value.
+void refuseUnmade(py::module_& module) {
+  for (const auto& [name, bound] : py::dict(module.attr("__dict__"))) {
+    if (!PyType_Check(bound.ptr())) continue;
+    auto* const type = py::detail::get_type_info(reinterpret_cast<PyTypeObject*>(bound.ptr()));
+    if (type == nullptr) continue;
+    type->operator_new = [](std::size_t) -> void* {
+      throw py::type_error(
+          "the object is of __new__() alone, without __init__(); expected one of Scene.load(), or "
+          "of a method of such a scene");
+    };
+  }
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
@@ -76,7 +92,7 @@ PYBIND11_MODULE(_core, module) {
       .def(py::init([](const py::object& path, const py::object& overrides) {
              const std::string file = textOf(path, "path");
              const auto values = overridesOf(overrides);
-             const py::gil_scoped_release others_run;
+             const OthersRun others_run;
              return std::make_unique<Scene>(file, values);
            }),
            py::arg("path"), py::arg("overrides") = py::tuple())
@@ -109,6 +125,7 @@ PYBIND11_MODULE(_core, module) {
   bindFit(scene);
   bindFollow(scene);
   bindLocalize(scene);
+  refuseUnmade(module);
   module.attr("version") = HELIX_ARM_VERSION;
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },

@@ -7,7 +7,42 @@
 #include <thread>
 #include <vector>
 
+#include <pybind11/pybind11.h>
+#include <unistd.h>
+
 namespace helix_arm::python {
+
+/// While it lives, other threads of Python run. A daemon thread that asks for the interpreter after
+/// its end sleeps here until the process ends, as from Python 3.14 on. Before, Python ends it by
+/// pthread_exit(), which unwinds the stack: py::gil_scoped_release then ends the process, as
+/// destructors must not throw, and other destructors would release objects without the interpreter.
+class OthersRun {
+ public:
+  OthersRun() : state_(PyEval_SaveThread()) {}
+  ~OthersRun() { takeInterpreter(); }
+  OthersRun(const OthersRun&) = delete;
+  OthersRun& operator=(const OthersRun&) = delete;
+
+  /// Whether a signal, such as that of Ctrl-C, raised an exception of Python. It is thrown when
+  /// this object is gone.
+  bool interrupted() {
+    takeInterpreter();
+    const bool raised = PyErr_CheckSignals() != 0;
+    state_ = PyEval_SaveThread();
+    return raised;
+  }
+
+ private:
+  void takeInterpreter() noexcept {
+    try {
+      PyEval_RestoreThread(state_);
+    } catch (...) {
+      for (;;) ::pause();
+    }
+  }
+
+  PyThreadState* state_;
+};
 
 /// Calls work(first, end) for pieces that together are [0, count), on this many threads, or as many
 /// as the system can make; the caller is one of them. A piece begins at a multiple of `piece`.

@@ -32,23 +32,23 @@ Rows Scene::inputs(const py::handle& given, const char* name) const {
 void Scene::warnOfKilopascals(const Rows& inputs) const {
   const py::ssize_t judged = std::min(inputs.rows(), kJudgedRows);
   const py::ssize_t step = judged > 1 ? (inputs.rows() - 1) / (judged - 1) : 1;
-  double largest = 0;
+  bool any = false;
   for (py::ssize_t k = 0; k < judged; ++k) {
     for (const int i : pressures_) {
       const double pressure = inputs(k * step, i);
       // Rows of pascals are told by the first of them.
       if (!(pressure >= 0 && pressure < control::UnitWatch::kSuspicious)) return;
-      largest = std::max(largest, pressure);
+      any = any || pressure > 0;
     }
   }
-  if (largest == 0) return;
-  std::ostringstream message;
-  message << inputs.name() << " is at most " << largest << " Pa";
-  if (judged < inputs.rows()) message << " in " << judged << " of its rows, evenly spread";
-  message << ", which looks like kPa; expected gauge pressures in Pa, so 200 kPa are 200e3";
-  if (PyErr_WarnEx(PyExc_UserWarning, message.str().c_str(), 2) != 0) {
-    throw py::error_already_set();
-  }
+  if (!any) return;
+  // No value of the rows: Python shows a text once per place of the call.
+  const std::string message =
+      inputs.name() + " looks like kPa, as no pressure reaches " +
+      std::to_string(static_cast<int>(control::UnitWatch::kSuspicious)) + " Pa in up to " +
+      std::to_string(kJudgedRows) +
+      " rows, evenly spread; expected gauge pressures in Pa, so 200 kPa are 200e3";
+  if (PyErr_WarnEx(PyExc_UserWarning, message.c_str(), 2) != 0) throw py::error_already_set();
 }
 
 void Scene::requireWithinLimits(const Rows& inputs) const {

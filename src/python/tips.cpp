@@ -85,7 +85,7 @@ py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, st
     return result;
   }
   {
-    const py::gil_scoped_release others_run;
+    const OthersRun others_run;
     if (scene.isLoaded()) {
       scene.requireWithinLimits(inputs);
       inPieces(count, kLoadedPiece, threads, [&](std::size_t first, std::size_t end) {

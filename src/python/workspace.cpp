@@ -27,7 +27,7 @@ py::dict workspace(const Scene& scene, const py::handle& point_count, const py::
   statics::WorkspacePoints all;
   std::optional<statics::WorkspaceExtremes> farthest;
   {
-    const py::gil_scoped_release others_run;
+    const OthersRun others_run;
     const statics::Workspace workspace(scene.model(), {first_seed, sensitivity});
     const auto size = static_cast<std::size_t>(workspace.pieceSize());
     const auto count = static_cast<std::size_t>(points);

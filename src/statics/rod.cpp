@@ -16,7 +16,7 @@ using Eigen::Vector3d;
 constexpr double kGrowth = 2.5;          // e-fold growth of errors that a segment may have
 constexpr int kMaxSegments = 64;         // per section
 constexpr double kMostGrowth = 50.0;     // per segment that is counted
-constexpr int kSteps = 32;               // per cell of a taper
+constexpr int kSteps = 16;               // per cell of a taper
 constexpr double kLeastMoment = 1e-300;  // unit of moments on an arm without load [N m]
 
 // The last s below `end` at which the taper changes its slope; 0 without any.

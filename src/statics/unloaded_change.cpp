@@ -171,17 +171,12 @@ TaperStep<Group> taperStep(const model::TaperTwist<Group>& profile,
                            const UnloadedChange<Group>& change, int k, double from, double to) {
   using Tangent = typename Group::Tangent;
   using Motion = typename UnloadedChange<Group>::Motion;
-  const double h = to - from, middle = 0.5 * (from + to);
-  const double offset = model::kMagnusOffset * h;
-  const double one = middle - offset, other = middle + offset;
-  const Motion by_one = change.twist(k, one), by_other = change.twist(k, other);
-  const Tangent g_one = profile.at(one), g_other = profile.at(other);
-  const Tangent sum = 0.5 * h * (g_one + g_other);
-  const Tangent difference = 0.5 * offset * (g_other - g_one);
-  const Motion by_sum = 0.5 * h * (by_one + by_other);
-  const Motion by_difference = 0.5 * offset * (by_other - by_one);
-  return {sum + model::bracket(sum, difference),
-          model::magnusSlope(sum, difference, by_sum, by_difference)};
+  const auto g = model::magnusTerms<Tangent>(from, to, profile.cells(), Tangent::Zero(),
+                                             [&](double s) { return profile.at(s); });
+  const auto by = model::magnusTerms<Motion>(from, to, profile.cells(),
+                                             Motion::Zero(Group::kDof, change.columns(k)),
+                                             [&](double s) { return change.twist(k, s); });
+  return {model::magnusTwist(g), model::magnusSlope(g, by)};
 }
 
 template class ActuatorChange<lie::SE2>;

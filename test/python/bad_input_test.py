@@ -1,5 +1,7 @@
 """Whatever is passed in, an exception names argument and rule; the interpreter stays."""
 import pathlib
+import subprocess
+import sys
 import unittest
 import warnings
 
@@ -99,7 +101,7 @@ class RuleTest(unittest.TestCase):
         np.testing.assert_allclose(memory[3], self.scene.tips(GOOD), atol=1e-15)
 
     def test_kilopascals(self):
-        with self.assertWarnsRegex(UserWarning, "at most 200 Pa, which looks like kPa") as caught:
+        with self.assertWarnsRegex(UserWarning, "^pressures_pa looks like kPa, as no pressure reaches 1000 Pa") as caught:
             self.scene.forward([200.0, 0.0, 50.0])
         self.assertEqual(caught.filename, __file__)
         with warnings.catch_warnings():
@@ -109,11 +111,20 @@ class RuleTest(unittest.TestCase):
             self.refuses(UserWarning, ["looks like kPa"], self.scene.tips, np.ones((3, 3)))
             # Of a batch, rows from its beginning to its end are judged: 64 of them.
             many = 100_000
-            self.refuses(UserWarning, ["at most 1 Pa in 64 of its rows, evenly spread", "looks like kPa"], self.scene.tips,
-                         np.ones((many, 3)))
+            self.refuses(UserWarning, ["looks like kPa", "in up to 64 rows, evenly spread"], self.scene.tips, np.ones((many, 3)))
             self.scene.tips(np.outer(np.linspace(0, 1, many), GOOD))
             for layout in [np.zeros((many, 3)), np.zeros((many, 3), order="F")]:
                 self.scene.tips(layout)
+
+    def test_kilopascals_are_warned_of_once_per_place(self):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("default")  # as of a script
+            for value in np.linspace(1, 900, 100):
+                self.scene.tips(np.full(3, value))
+                self.scene.inverse(np.zeros(3), start=np.full((1, 3), value))
+            self.scene.forward(np.full((100, 3), 5.0))
+        self.assertEqual(len(caught), 3, [str(one.message) for one in caught])
+        self.assertEqual({str(one.message).split()[0] for one in caught}, {"pressures_pa", "start"})
 
     def test_out(self):
         read_only = np.zeros(3)
@@ -213,6 +224,49 @@ class RuleTest(unittest.TestCase):
             with self.assertRaises(MemoryError) as caught:
                 call(**given)
             self.assertIn(str(many) if "twists" in given else str(2**43), str(caught.exception))
+
+
+# A child, as such an object once ended the process. The last one is of an __init__() that failed.
+UNMADE = """
+import helix_arm, numpy as np
+from helix_arm import _core
+def refused(call):
+    try:
+        call()
+    except TypeError as error:
+        assert "without __init__()" in str(error), error
+    else:
+        raise AssertionError("not refused")
+kinds = [kind for kind in vars(_core).values() if isinstance(kind, type) and not issubclass(kind, Exception)]
+assert len(kinds) >= 2
+objects = [kind.__new__(kind) for kind in kinds + [helix_arm.Scene] * 2]
+try:
+    objects[-1].__init__("/no/such.yaml")
+except helix_arm.DocumentError:
+    pass
+for one in objects:
+    for name in dir(one):
+        if isinstance(getattr(type(one), name), property):
+            refused(lambda: getattr(one, name))
+for one in objects[-2:]:
+    for call in [lambda: repr(one), lambda: one.forward(np.zeros(3)), lambda: one.tips(np.zeros(3)),
+                 lambda: one.curve(np.zeros(3)), lambda: one.jacobian(np.zeros(3)), lambda: one.inverse(np.zeros(3)),
+                 lambda: one.workspace(5), lambda: one.fit("a.csv"), lambda: one.localize(np.zeros((7, 5), np.uint8)),
+                 lambda: one.calibrate("a.csv"), lambda: one.follow(np.zeros(3), seconds=1),
+                 lambda: helix_arm.Scene.load("demo").follow(np.full(3, 0.1), seconds=1, rig=one)]:
+        refused(call)
+for one in objects:
+    if isinstance(one, helix_arm.Forward):
+        for call in [lambda: repr(one), lambda: len(one), lambda: one.to_dict()]:
+            refused(call)
+print(len(objects))
+"""
+
+
+class UnmadeObjectTest(unittest.TestCase):
+    def test_an_object_without_init_is_refused(self):
+        result = subprocess.run([sys.executable, "-c", UNMADE], capture_output=True, text=True, timeout=60)
+        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "4\n"))
 
 
 class RandomCallTest(unittest.TestCase):

@@ -131,6 +131,23 @@ class ForwardTest(unittest.TestCase):
         del result
         np.testing.assert_array_equal(tips, expected)
 
+    @unittest.skipUnless(os.path.exists("/sys/kernel/mm/transparent_hugepage"), "the system has no large pages")
+    def test_many_results_ask_for_large_pages(self):
+        result = self.scene.forward(pressures_of(self.scene, 200_000))
+        for numbers in [result.tips, result.quaternions_xyzw, result.twists]:
+            place, found = numbers.__array_interface__["data"][0] + numbers.nbytes // 2, False
+            with open("/proc/self/smaps", encoding="utf-8") as file:
+                for line in file:
+                    words = line.split()
+                    if "-" in words[0]:
+                        begin, end = (int(one, 16) for one in words[0].split("-"))
+                        found = begin <= place < end
+                    elif found and words[0] == "VmFlags:":
+                        self.assertIn("hg", words)
+                        break
+                else:
+                    self.fail("the result is in no mapping")
+
     def test_out_is_written(self):
         p = pressures_of(self.scene, 10)
         out = np.zeros((10, 3))

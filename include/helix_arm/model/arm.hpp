@@ -69,8 +69,9 @@ using Unloaded = UnloadedOf<lie::SE3>;
 /// 17). A link is the section's plate; that of the last section is followed by the tool.
 ///
 /// In a tapered section the actuators' poses vary, and so does its twist: g(s) = A(s)+ D(s) l. Its
-/// motion is a product of Magnus steps of order 4, as many as move the tip by less than 1e-5 of the
-/// arm's length when doubled (at sampled inputs). Its twist is the sum of those of the steps.
+/// motion is a product of Magnus steps of order 6, as many as move the tip by less than 1e-5 of the
+/// arm's length when doubled, and as are within 2e-4 of the curve between their ends (at sampled
+/// inputs). Its twist is the sum of those of the steps.
 ///
 /// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
 /// base, with x along the tangent there.
