@@ -18,7 +18,8 @@ constexpr double kFirstStep = 0.25;        // towards a stiffer tip, of a range
 constexpr double kLeastStiffening = 1e-6;  // relative, of a step
 constexpr double kLeastSlope = 1e-3;       // of a contraction, relative to its mean
 constexpr int kStiffStarts = 24;           // besides the first solution
-constexpr int kStiffDescents = 6;          // from the stiffest of them
+constexpr std::size_t kStiffDescents = 8;  // from the stiffest of them
+constexpr double kApart = 0.15;            // between starts of descents, of the range of a length
 
 }  // namespace
 
@@ -131,11 +132,18 @@ int InversePreference::searchElsewhere(InversePoint& point, Eigen::VectorXd& inp
   }
   std::sort(reached.begin(), reached.end(),
             [](const Start& a, const Start& b) { return a.cost < b.cost; });
-  if (reached.size() > kStiffDescents)
-    reached.erase(reached.begin() + kStiffDescents, reached.end());
+  // Neighbours would settle at the same minimum.
+  const Eigen::VectorXd apart = kApart * (box_.upper() - box_.lower());
+  std::vector<Start> distinct;
+  for (Start& start : reached) {
+    const bool near = std::any_of(distinct.begin(), distinct.end(), [&](const Start& other) {
+      return ((start.point.lengths - other.point.lengths).array().abs() < apart.array()).all();
+    });
+    if (!near && distinct.size() < kStiffDescents) distinct.push_back(std::move(start));
+  }
   double least = cost(input);
   int steps = 0;
-  for (Start& start : reached) {
+  for (Start& start : distinct) {
     steps += settle(start.point, start.input);
     const double found = cost(start.input);
     if (!(found < least - kLeastStiffening)) continue;
