@@ -1,5 +1,6 @@
 #include "workspace_report.hpp"
 
+#include <cmath>
 #include <iomanip>
 #include <iostream>
 
@@ -22,11 +23,12 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
     sensitivity[statics::kSensitivityNames[k]] = {{"median", summary.median(k)},
                                                   {"max", summary.worst[k]}};
   }
-  const auto bounds = [](const statics::WorkspaceExtremes& extremes) {
-    const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
-    return json{{"min", corner(extremes.bounds().min())}, {"max", corner(extremes.bounds().max())}};
+  const auto bounds = [](const Eigen::AlignedBox3d& box) {
+    return json{{"min", cli::toJson(Eigen::VectorXd(box.min()))},
+                {"max", cli::toJson(Eigen::VectorXd(box.max()))}};
   };
   const std::string failure = workspaceFailure(summary);
+  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
                 {"order", setting.order > 0 ? json(setting.order) : json()},
@@ -36,9 +38,12 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
                 {"failure", failure.empty() ? json() : json(failure)},
                 {"seconds", summary.seconds},
                 {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
-                {"bounds_m", some ? bounds(summary.extremes) : json()},
+                {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
                 {"reach_m", some ? json(summary.extremes.reach()) : json()},
-                {"sampled_bounds_m", some ? bounds(summary.sampled) : json()},
+                {"outer_bounds_m", bounded ? bounds(summary.extremes.outerBounds()) : json()},
+                {"reach_bound_m", bounded ? json(summary.extremes.reachBound()) : json()},
+                {"reach_certified", summary.extremes.certified()},
+                {"sampled_bounds_m", some ? bounds(summary.sampled.bounds()) : json()},
                 {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
                 {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
                 {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
@@ -75,6 +80,9 @@ CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
     row.emplace_back("max_" + name, exact(summary.worst[k]));
   }
   addExtremes("sampled_", summary.sampled);
+  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
+  row.emplace_back("reach_bound_m", bounded ? exact(summary.extremes.reachBound()) : "");
+  row.emplace_back("reach_certified", summary.extremes.certified() ? "true" : "false");
   CsvTable table;
   table.add(row);
   return table;
@@ -98,9 +106,14 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
   const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
   std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
             << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
-            << summary.extremes.reach()
-            << " m, searched from the samples and the corners of the limits; "
-            << "samples alone " << summary.sampled.reach() << " m\n";
+            << (summary.extremes.certified() ? "" : "at least ") << summary.extremes.reach()
+            << " m; ";
+  if (std::isfinite(summary.extremes.reachBound())) {
+    std::cout << "no tip is farther than " << summary.extremes.reachBound() << " m; ";
+  } else {
+    std::cout << "no bound is known under load or with a taper; ";
+  }
+  std::cout << "samples alone " << summary.sampled.reach() << " m\n";
   const char* const errors[] = {"kPa of pressure error", "mm of free length error",
                                 "% of stiffness error"};
   for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {

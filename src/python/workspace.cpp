@@ -70,14 +70,18 @@ py::dict workspace(const Scene& scene, const py::handle& point_count, const py::
   out["moved_per_percent_stiffness_m"] = column(2);
   out["extreme_pressures_pa"] = py::none();
   out["extreme_tips"] = py::none();
+  out["extreme_bounds_m"] = py::none();
   if (farthest && !farthest->empty()) {
     Eigen::MatrixXd inputs(statics::WorkspaceExtremes::kCount, n), tips(inputs.rows(), 3);
+    Eigen::VectorXd bounds(inputs.rows());
     for (int i = 0; i < statics::WorkspaceExtremes::kCount; ++i) {
       inputs.row(i) = farthest->of(i).input;
       tips.row(i) = farthest->of(i).tip;
+      bounds[i] = farthest->boundOf(i);
     }
     out["extreme_pressures_pa"] = matrixOf(inputs);
     out["extreme_tips"] = matrixOf(tips);
+    out["extreme_bounds_m"] = vectorOf(bounds);
   }
   return out;
 }

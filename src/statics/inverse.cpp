@@ -124,7 +124,7 @@ InverseSolver::Workspace::Workspace(const model::Arm& arm, const ArmModel* model
       valley_(minimiser_, n_, arm.restLength(),
               loaded != nullptr ? kLoadedValleyBudget : kValleyBudget),
       starts_(arm, loaded, box_),
-      preference_(arm, options_, box_, minimiser_, model),
+      preference_(arm, options_, box_, minimiser_, starts_, task_, model),
       input_(n_),
       current_(n_, task_.maxRows()),
       best_(n_, task_.maxRows()) {

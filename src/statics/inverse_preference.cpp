@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 
@@ -15,16 +17,22 @@ constexpr double kFractionStep = 1e-3;     // of differences, of a range
 constexpr double kFirstStep = 0.25;        // towards a stiffer tip, of a range
 constexpr double kLeastStiffening = 1e-6;  // relative, of a step
 constexpr double kLeastSlope = 1e-3;       // of a contraction, relative to its mean
+constexpr int kStiffStarts = 24;           // besides the first solution
+constexpr std::size_t kStiffDescents = 8;  // from the stiffest of them
+constexpr double kApart = 0.15;            // between starts of descents, of the range of a length
 
 }  // namespace
 
 InversePreference::InversePreference(const model::Arm& arm, const InverseOptions& options,
                                      const LengthBox& box, BoxLevenbergMarquardt& minimiser,
+                                     InverseStarts& starts, const InverseTask& task,
                                      const ArmModel* model)
     : arm_(arm),
       options_(options),
       box_(box),
       minimiser_(minimiser),
+      starts_(starts),
+      task_(task),
       n_(box.size()),
       reference_(Eigen::VectorXd::Zero(n_)),
       slope_(n_),
@@ -94,8 +102,55 @@ double InversePreference::cost(const Eigen::VectorXd& input) const noexcept {
 }
 
 int InversePreference::follow(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  const int steps = settle(point, input);
+  return stiffness_ ? steps + searchElsewhere(point, input) : steps;
+}
+
+int InversePreference::settle(InversePoint& point, Eigen::VectorXd& input) noexcept {
   int steps = 0;
   while (steps < options_.max_iterations && improve(point, input)) ++steps;
+  return steps;
+}
+
+// A muscle is softest inside its range of inputs, so the compliance has a minimum on either side.
+// Settles from the stiffest of other inputs that reach the target, and keeps the best.
+int InversePreference::searchElsewhere(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  struct Start {
+    double cost;
+    InversePoint point;
+    Eigen::VectorXd input;
+  };
+  std::vector<Start> reached;
+  for (int s = 0; s < kStiffStarts; ++s) {
+    Start start{0.0, point, input};
+    start.point.lengths = starts_.next(s, task_).cwiseMax(box_.lower()).cwiseMin(box_.upper());
+    minimiser_.evaluate(start.point);
+    if (minimiser_.descend(start.point, options_.max_iterations) != Descent::kReached) continue;
+    box_.readInputs(start.point.lengths, start.input);
+    start.cost = cost(start.input);
+    if (std::isfinite(start.cost)) reached.push_back(std::move(start));
+  }
+  std::sort(reached.begin(), reached.end(),
+            [](const Start& a, const Start& b) { return a.cost < b.cost; });
+  // Neighbours would settle at the same minimum.
+  const Eigen::VectorXd apart = kApart * (box_.upper() - box_.lower());
+  std::vector<Start> distinct;
+  for (Start& start : reached) {
+    const bool near = std::any_of(distinct.begin(), distinct.end(), [&](const Start& other) {
+      return ((start.point.lengths - other.point.lengths).array().abs() < apart.array()).all();
+    });
+    if (!near && distinct.size() < kStiffDescents) distinct.push_back(std::move(start));
+  }
+  double least = cost(input);
+  int steps = 0;
+  for (Start& start : distinct) {
+    steps += settle(start.point, start.input);
+    const double found = cost(start.input);
+    if (!(found < least - kLeastStiffening)) continue;
+    least = found;
+    std::swap(point, start.point);
+    std::swap(input, start.input);
+  }
   return steps;
 }
 

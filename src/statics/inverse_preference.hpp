@@ -5,6 +5,8 @@
 
 #include "box_levenberg_marquardt.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "inverse_starts.hpp"
+#include "inverse_task.hpp"
 #include "length_box.hpp"
 #include "tip_stiffness.hpp"
 
@@ -12,21 +14,22 @@ namespace helix_arm::statics {
 
 /// Optimises the preference among inputs that reach a target, for arms with redundant actuators:
 /// moves along those inputs to a local minimum of sum_i ((q_i - q_ref,i) / range_i)^2 or, for
-/// kStiff, of the tip's compliance.
+/// kStiff, to the lowest minimum of the tip's compliance among those of several starts.
 ///
-/// Keeps references to arm, box and minimiser. All memory is allocated in the constructor, except
-/// by kStiff.
+/// Keeps references to arm, box, minimiser, starts and task. All memory is allocated in the
+/// constructor, except by kStiff.
 class InversePreference {
  public:
   InversePreference(const model::Arm& arm, const InverseOptions& options, const LengthBox& box,
-                    BoxLevenbergMarquardt& minimiser, const ArmModel* model);
+                    BoxLevenbergMarquardt& minimiser, InverseStarts& starts,
+                    const InverseTask& task, const ArmModel* model);
 
   /// Sets q_ref for a solution that starts at inputs `start` (n).
   void prefer(const model::InputRef& start) noexcept;
 
   /// @param point  evaluated point that reaches the target; modified.
   /// @param input  inputs (n) of the point; modified.
-  /// @return the number of steps taken, at most max_iterations.
+  /// @return the number of steps taken, at most max_iterations from each start.
   int follow(InversePoint& point, Eigen::VectorXd& input) noexcept;
 
  private:
@@ -36,6 +39,8 @@ class InversePreference {
   double softness(const Eigen::VectorXd& input) const noexcept;
   double softnessGradient(const Eigen::VectorXd& input) noexcept;
   bool improve(InversePoint& point, Eigen::VectorXd& input) noexcept;
+  int settle(InversePoint& point, Eigen::VectorXd& input) noexcept;
+  int searchElsewhere(InversePoint& point, Eigen::VectorXd& input) noexcept;
   // Difference of an input from its reference, divided by its range.
   double offset(int i, double input) const;
 
@@ -43,6 +48,8 @@ class InversePreference {
   const InverseOptions options_;
   const LengthBox& box_;
   BoxLevenbergMarquardt& minimiser_;
+  InverseStarts& starts_;
+  const InverseTask& task_;
   int n_;
   std::optional<TipStiffness> stiffness_;  // for kStiff
   Eigen::VectorXd reference_;              // q_ref

@@ -136,6 +136,22 @@ TEST(Workspace, TheReachIsThatOfTheVentedArm) {
   EXPECT_NEAR(result["reach_m"].get<double>(), length, 1e-12);
   EXPECT_NEAR(result["bounds_m"]["max"][0].get<double>(), length, 1e-12);
   EXPECT_LT(result["sampled_reach_m"].get<double>(), length - 1e-5);
+  EXPECT_EQ(result["reach_certified"], true);
+  EXPECT_GE(result["reach_bound_m"].get<double>(), length);
+  EXPECT_LE(result["reach_bound_m"].get<double>(), 1.001 * length);
+  EXPECT_GE(result["outer_bounds_m"]["max"][0].get<double>(), length);
+}
+
+TEST(Workspace, UnderLoadTheReachIsNotCertified) {
+  const std::vector<std::string> options{"--count", "50", "--tier", "loaded"};
+  const nlohmann::json result = workspace(scenePath("loaded"), options).json();
+  EXPECT_GT(result["reach_m"].get<double>(), 0);
+  EXPECT_EQ(result["reach_certified"], false);
+  EXPECT_TRUE(result["reach_bound_m"].is_null());
+  EXPECT_TRUE(result["outer_bounds_m"].is_null());
+  const Outcome text =
+      runCommand({"workspace", scenePath("loaded"), "--count", "50", "--tier", "loaded"});
+  EXPECT_NE(text.out.find("reach at least "), std::string::npos) << text.out;
 }
 
 TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {

@@ -1,4 +1,8 @@
 // K_eps that depends on pressure, under load.
+#include <cmath>
+#include <limits>
+#include <vector>
+
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
@@ -14,6 +18,8 @@ namespace helix_arm::statics {
 namespace {
 
 using test::Posture;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Softest at a third of the pressure, as latex muscles are, times a factor that keeps them from
 // buckling.
@@ -145,6 +151,96 @@ TEST(StiffnessTable, WhatItNeedsIsRefused) {
   EXPECT_THROW(bad.validate(1), std::invalid_argument);
 }
 
+// Compliance of the tip by its definition: small forces along and against each axis.
+class Compliance {
+ public:
+  explicit Compliance(const ArmModel& model) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double sign : {-1.0, 1.0}) {
+        Load load = *model.load();
+        load.points.push_back({});
+        load.points.back().force = sign * kForce * Eigen::Vector3d::Unit(axis);
+        pushed_.emplace_back(model.arm(), std::nullopt, load, TierSetting{Tier::kLoaded, 4});
+      }
+    }
+  }
+
+  double at(const Eigen::VectorXd& input) const {
+    double sum = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Tip below = pushed_[2 * axis].tip(input), above = pushed_[2 * axis + 1].tip(input);
+      if (!below.converged() || !above.converged()) return kInfinity;
+      sum += (above.tip.translation - below.tip.translation)[axis] / (2 * kForce);
+    }
+    return sum;
+  }
+
+ private:
+  static constexpr double kForce = 0.01;  // [N]
+  std::vector<ArmModel> pushed_;
+};
+
+// Least compliance of inputs that reach a target, by brute force: the closest solutions to random
+// inputs, then to inputs at shrinking random distances from the best one.
+double leastCompliance(const ArmModel& model, const Compliance& compliance,
+                       const Eigen::Vector3d& target, test::Random& random) {
+  InverseOptions options;
+  options.preference = Preference::kMinChange;
+  InverseSolver solver(model, options);
+  const model::Arm& arm = model.arm();
+  double least = kInfinity;
+  Eigen::VectorXd best;
+  const auto consider = [&](const Eigen::VectorXd& start) {
+    const InverseResult& result = solver.toPosition(target, start);
+    if (result.status != InverseStatus::kReached) return;
+    const double found = compliance.at(result.input);
+    if (!(found < least)) return;
+    least = found;
+    best = result.input;
+  };
+  for (int i = 0; i < 80; ++i) consider(test::randomInput(arm, random));
+  for (int i = 0; i < 80 && best.size() > 0; ++i) {
+    const double radius = 0.3 * std::pow(0.01, i / 80.0) * test::kMaxPressure;
+    Eigen::VectorXd start = best;
+    for (double& one : start) one += radius * random.normal();
+    consider(arm.clamped(start));
+  }
+  return least;
+}
+
+// Muscles that are softest inside their range give the compliance several minima.
+TEST(PreferStiff, IsNoMoreCompliantThanTheBestOfBruteForce) {
+  const StiffnessTable rising{{0, test::kMaxPressure}, {1, 4}};
+  test::Random random(105);
+  int compared = 0, worse = 0;
+  for (const int count : {4, 6}) {
+    for (const StiffnessTable& table : {kTable, rising}) {
+      const ArmModel model(test::ringArm(test::straightRing(count)), std::nullopt,
+                           loadWith(table, 300, 0.05), TierSetting{Tier::kLoaded, 4});
+      const Compliance compliance(model);
+      InverseOptions stiff;
+      stiff.preference = Preference::kStiff;
+      InverseSolver solver(model, stiff);
+      for (int i = 0; i < 7; ++i) {
+        const Tip target = model.tip(test::randomInput(model.arm(), random));
+        if (!target.converged()) continue;
+        const Eigen::Vector3d& place = target.tip.translation;
+        const InverseResult& result =
+            solver.toPosition(place, test::randomInput(model.arm(), random));
+        ASSERT_EQ(result.status, InverseStatus::kReached);
+        EXPECT_LT((model.tip(result.input).tip.translation - place).norm(), 2e-6);
+        const double ours = compliance.at(result.input);
+        const double least = leastCompliance(model, compliance, place, random);
+        ++compared;
+        worse += ours > 1.005 * least ? 1 : 0;
+        EXPECT_LE(ours, 1.005 * least) << count << " muscles, target " << place.transpose();
+      }
+    }
+  }
+  EXPECT_GE(compared, 24) << "targets balanced";
+  EXPECT_EQ(worse, 0) << "of " << compared;
+}
+
 TEST(PreferStiff, FindsALessCompliantSolutionThanLeastPressure) {
   // Four muscles for two directions of bending: one to spare.
   const model::Arm arm = test::ringArm(test::straightRing(4));
@@ -153,24 +249,7 @@ TEST(PreferStiff, FindsALessCompliantSolutionThanLeastPressure) {
                        TierSetting{Tier::kLoaded, 4});
   const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.6, 0.3, 0.2, 0.3)));
   const Eigen::Vector3d target = model.tip(q).tip.translation;
-  // Compliance of the tip by its definition.
-  const auto compliance = [&](const Eigen::VectorXd& input) {
-    double sum = 0.0;
-    constexpr double kForce = 0.01;
-    for (int axis = 0; axis < 3; ++axis) {
-      Eigen::Vector3d ends[2];
-      for (const int side : {0, 1}) {
-        Load load = *model.load();
-        load.points.push_back({});
-        load.points.back().force = (side == 0 ? -kForce : kForce) * Eigen::Vector3d::Unit(axis);
-        ends[side] = ArmModel(arm, std::nullopt, load, TierSetting{Tier::kLoaded, 4})
-                         .tip(input)
-                         .tip.translation;
-      }
-      sum += (ends[1] - ends[0])[axis] / (2 * kForce);
-    }
-    return sum;
-  };
+  const Compliance compliance(model);
   InverseOptions least, stiff;
   stiff.preference = Preference::kStiff;
   InverseSolver by_pressure(model, least), by_stiffness(model, stiff);
@@ -179,8 +258,8 @@ TEST(PreferStiff, FindsALessCompliantSolutionThanLeastPressure) {
   ASSERT_EQ(one.status, InverseStatus::kReached);
   ASSERT_EQ(other.status, InverseStatus::kReached);
   EXPECT_LT((model.tip(other.input).tip.translation - target).norm(), 2e-6);
-  EXPECT_LT(compliance(other.input), 0.95 * compliance(one.input));
-  EXPECT_LE(compliance(other.input), compliance(q));
+  EXPECT_LT(compliance.at(other.input), 0.95 * compliance.at(one.input));
+  EXPECT_LE(compliance.at(other.input), compliance.at(q));
 }
 
 TEST(PreferStiff, NeedsAKnownStiffness) {

@@ -16,7 +16,9 @@ namespace helix_arm::statics {
 /// Which inputs to prefer if several reach the target, as with redundant actuators. Each preference
 /// except kStiff minimises sum_i ((q_i - q_ref,i) / range_i)^2 with its own q_ref. The search
 /// starts at the first solution and moves along the inputs that reach the target, so it finds a
-/// local minimum: a small change of the target does not make the command jump.
+/// local minimum: a small change of the target does not make the command jump. The compliance has
+/// several minima, since muscles may be softest inside their range: kStiff also searches from other
+/// solutions and takes the stiffest minimum, so its command may jump.
 enum class Preference {
   kMinPressure,    ///< q_ref = the lower limits: lowest pressures
   kMinChange,      ///< q_ref = the start given to the solver
