@@ -50,19 +50,6 @@ Eigen::Matrix3d sumOf(const TipErrorBudget& budget) {
   return out;
 }
 
-void compare(const Eigen::Matrix3d& covariance, TipErrorBudget& budget) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
-  const Eigen::Vector3d along = axes.eigenvectors().transpose() * budget.error;
-  const double least = kLeastShare * axes.eigenvalues()[2];
-  std::size_t degrees = 0;
-  for (int i = 0; i < 3; ++i) {
-    if (!(axes.eigenvalues()[i] > least)) continue;
-    budget.distance2 += along[i] * along[i] / axes.eigenvalues()[i];
-    ++degrees;
-  }
-  budget.limit = kLimits[degrees];
-}
-
 }  // namespace
 
 const char* nameOf(BudgetPart part) {
@@ -73,6 +60,21 @@ const char* nameOf(BudgetPart part) {
 
 const char* nameOf(BudgetState state) {
   return state == BudgetState::kInside ? "inside" : "outside";
+}
+
+TipDistance tipDistance(const Eigen::Vector3d& error, const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
+  const Eigen::Vector3d along = axes.eigenvectors().transpose() * error;
+  const double least = kLeastShare * axes.eigenvalues()[2];
+  TipDistance out;
+  std::size_t degrees = 0;
+  for (int i = 0; i < 3; ++i) {
+    if (!(axes.eigenvalues()[i] > least)) continue;
+    out.squared += along[i] * along[i] / axes.eigenvalues()[i];
+    ++degrees;
+  }
+  out.limit = kLimits[degrees];
+  return out;
 }
 
 double TipSpread::deviation() const {
@@ -87,7 +89,7 @@ ErrorBudget::ErrorBudget(const statics::ArmModel& model, const ArmFilterOptions&
 }
 
 bool ErrorBudget::update(const ArmFilter& filter, const ArmFilter::Input& picture,
-                         const std::optional<std::vector<int>>& tags) {
+                         const std::optional<std::vector<int>>& tags, bool drifts) {
   const auto model = filter.linearise(picture.pressure);
   const auto shape = filter.shape(picture.pressure);
   const auto scene = start_.shape(picture.pressure);
@@ -107,8 +109,11 @@ bool ErrorBudget::update(const ArmFilter& filter, const ArmFilter::Input& pictur
   out.tip = model::tipPose(*shape).translation;
   out.error =
       model::tipPose(scene->about(picture.twists)).translation - model::tipPose(*scene).translation;
-  compare(out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance, out);
-  judge(out);
+  const TipDistance distance =
+      tipDistance(out.error, out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance);
+  out.distance2 = distance.squared;
+  out.limit = distance.limit;
+  judge(out, drifts);
   current_ = out;
   return true;
 }
@@ -135,7 +140,12 @@ bool ErrorBudget::renew(const Eigen::VectorXd& pressure, const model::Shape& sha
   return true;
 }
 
-void ErrorBudget::judge(TipErrorBudget& budget) {
+void ErrorBudget::judge(TipErrorBudget& budget, bool drifts) {
+  if (drifts) {
+    changes_ = 0;
+    budget.state = BudgetState::kOutside;
+    return;
+  }
   const BudgetState before = current_ ? current_->state : BudgetState::kInside;
   const BudgetState seen =
       budget.distance2 > budget.limit ? BudgetState::kOutside : BudgetState::kInside;

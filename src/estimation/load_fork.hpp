@@ -22,6 +22,10 @@ class LoadFork {
   /// The fork's expectation of a picture, linear about the step's theta.
   /// @param by_force  (d x 3) change of the measured twists with f.
   Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const;
+  /// Covariance (d x d) of a picture's innovation.
+  Eigen::MatrixXd spread(const Gaussian::Measurement& measurement) const {
+    return measurement.H * state_.covariance * measurement.H.transpose() + measurement.noise;
+  }
   void update(const Gaussian::Measurement& measurement) { state_.update(measurement); }
   double distance2(const Gaussian::Measurement& measurement) const {
     return state_.distance2(measurement);

@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "helix_arm/basics/number_requirement.hpp"
+#include "helix_arm/estimation/error_budget.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "load_fork.hpp"
 
 namespace helix_arm::estimation {
@@ -23,6 +26,13 @@ constexpr double kGoneTime = 0.5;     // [s]
 constexpr double kDetermined = 3.0;   // standard deviations
 constexpr int kMostOutliers = 2;      // consecutive; a third one is another force
 constexpr double kPlaceLead = 4.5;    // of log likelihoods
+// Of drifts, in time of pictures [s].
+constexpr double kMemoryPeriod = 3.0;
+constexpr double kLongestMemory = 60.0;
+constexpr double kForceTime = 0.5;  // in which the estimate of a new force settles
+constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
+
+constexpr double kLeastDrift = 0.003;  // [m]
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.
@@ -60,6 +70,7 @@ struct LoadForks::Workspace {
     LoadFork origin;  // the same without the pictures since then
     double time;      // [s]
     std::int64_t number, picture;
+    bool agrees;  // the pictures with what was known of the arm
   };
   // A force at one position of the arm.
   struct Hypothesis {
@@ -74,6 +85,19 @@ struct LoadForks::Workspace {
   bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force);
   std::size_t likeliest() const;
   void report(TipCompliance& compliance);
+  void explain(double dt);
+  void compare(const model::Shape& measured, const ArmFilter& watch, TipCompliance& compliance);
+  void remember(bool sure, const ArmFilter& watch);
+
+  // What was known of the arm; takes no later pictures.
+  struct Memory {
+    LoadFork state;
+    double age;    // in time of pictures [s]
+    bool touched;  // with a force
+  };
+  static Drift driftSince(const Memory& memory, const model::Shape& measured,
+                          const std::vector<int>& rows, const ArmFilter::Step& step,
+                          const Eigen::MatrixXd& by_force);
 
   LoadForksOptions options;
   std::vector<Fork> forks;             // oldest first
@@ -83,6 +107,15 @@ struct LoadForks::Workspace {
   int outliers = 0;  // consecutive, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
+  std::vector<Memory> memories;  // oldest first
+  bool touched = false;          // contact at the last picture
+  bool agreed_at_onset = true;   // the pictures, when the force began
+  bool renewed = false;          // another force acts
+  bool explained = false;        // a force explains what is measured
+  double since_change = 0.0;     // of contact [s]
+  double against = 0.0;          // pictures that contradict `drift.doubtful` [s]
+  bool beyond = false;           // the last picture contradicts a memory
+  Drift drift;
 };
 
 // Detects the onset of a contact.
@@ -114,7 +147,7 @@ void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& 
   forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
   if (pictures % kForkPeriod == 0) {
     const LoadFork fork(watch.state(), options.deviation);
-    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures});
+    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, !beyond});
   }
 }
 
@@ -122,6 +155,7 @@ void LoadForks::Workspace::begin(const Fork& found, const LoadFork& before, std:
   hypotheses.assign(places, {before, 0.0});
   load.contact = true;
   load.onset = found.time;
+  agreed_at_onset = found.agrees;
   outliers = 0;
   gone_since.reset();
   forks.clear();
@@ -135,8 +169,10 @@ bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::Ma
     outliers = 0;
     return true;
   }
+  if (outliers == 0) agreed_at_onset = drift.allowed > 0 && !beyond;
   if (++outliers <= kMostOutliers) return false;
   outliers = 0;
+  renewed = true;
   for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(options.deviation);
   return true;
 }
@@ -194,6 +230,84 @@ void LoadForks::Workspace::report(TipCompliance& compliance) {
   load.tip_beyond_fit = compliance.tipBeyondFit(named ? place : hypotheses.size() - 1) * known;
 }
 
+// How far the tip of a picture is from the one that a memory of the arm expects.
+Drift LoadForks::Workspace::driftSince(const Memory& memory, const model::Shape& measured,
+                                       const std::vector<int>& rows, const ArmFilter::Step& step,
+                                       const Eigen::MatrixXd& by_force) {
+  Gaussian::Measurement picture = memory.state.expect(step, by_force);
+  picture.noise = step.picture_noise;
+  model::Twists expected = measured.twists();
+  expected.reshaped()(rows) -= picture.innovation;
+  const int size = 6 * measured.sectionCount();
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
+  covariance(rows, rows) = memory.state.spread(picture);
+  const Eigen::Vector3d error =
+      model::tipPose(measured).translation - model::tipPose(measured.about(expected)).translation;
+  const TipDistance distance = tipDistance(error, tipCovariance(measured, covariance));
+  Drift out;
+  out.distance = error.norm();
+  out.allowed = std::max(kLeastDrift, out.distance * std::sqrt(distance.limit / distance.squared));
+  out.age = memory.age;
+  return out;
+}
+
+// A picture is beyond what is allowed if it contradicts more than half of the memories: some are of
+// moments at which the arm was not as the filter assumes.
+void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter& watch,
+                                   TipCompliance& compliance) {
+  const ArmFilter::Step& step = *watch.lastStep();
+  const double dt = std::min(step.dt, kLongestGap);
+  const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
+  std::vector<Drift> all;
+  for (Memory& memory : memories) {
+    memory.age += dt;
+    memory.state.predict(step, 0.0);
+    if (memory.touched != explained) continue;
+    all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
+  }
+  const bool doubtful = drift.doubtful;
+  drift = {};
+  if (!all.empty()) {
+    const auto middle = all.begin() + (static_cast<std::ptrdiff_t>(all.size()) - 1) / 2;
+    std::nth_element(all.begin(), middle, all.end(), [](const Drift& a, const Drift& b) {
+      return a.distance * b.allowed < b.distance * a.allowed;
+    });
+    drift = *middle;
+  }
+  beyond = drift.distance > drift.allowed;
+  against = beyond == doubtful ? 0.0 : against + dt;
+  drift.doubtful = against < kDoubtTime ? doubtful : beyond;
+  if (drift.doubtful != doubtful) against = 0.0;
+}
+
+// A force explains what the pictures show if they agreed with what was known when it began. While
+// it acts, pictures are compared with what was known under it; afterwards, with what was known
+// without it.
+void LoadForks::Workspace::explain(double dt) {
+  since_change += dt;
+  if (load.contact == touched && !renewed) return;
+  touched = load.contact;
+  renewed = false;
+  explained = touched && agreed_at_onset;
+  since_change = 0.0;
+  if (!explained) return;
+  const auto underAnother = [](const Memory& memory) { return memory.touched; };
+  memories.erase(std::remove_if(memories.begin(), memories.end(), underAnother), memories.end());
+  drift.doubtful = beyond = false;
+  against = 0.0;
+}
+
+void LoadForks::Workspace::remember(bool sure, const ArmFilter& watch) {
+  if (beyond || drift.doubtful) return;
+  const auto tooOld = [](const Memory& memory) { return memory.age > kLongestMemory; };
+  memories.erase(std::remove_if(memories.begin(), memories.end(), tooOld), memories.end());
+  const bool due = memories.empty() || memories.back().touched != touched ||
+                   memories.back().age >= kMemoryPeriod;
+  if (!sure || !due || touched != explained || since_change < kForceTime) return;
+  const LoadFork known = touched ? hypotheses.back().state : LoadFork(watch.state(), 0.0);
+  memories.push_back({known, 0.0, touched});
+}
+
 LoadForks::LoadForks(const LoadForksOptions& options) : work_(std::make_unique<Workspace>()) {
   options.validate();
   work_->options = options;
@@ -202,9 +316,10 @@ LoadForks::~LoadForks() = default;
 LoadForks::LoadForks(LoadForks&&) noexcept = default;
 LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
 
-void LoadForks::see(double time, double tip_deviation, ArmFilter& watch,
-                    TipCompliance& compliance) {
+void LoadForks::see(double time, double tip_deviation, const model::Shape& measured,
+                    ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
+  const bool sure = tip_deviation < kSureTip;
   ++w.pictures;
   w.seen_time += std::min(watch.lastStep()->dt, kLongestGap);
   if (w.load.contact) {
@@ -212,9 +327,12 @@ void LoadForks::see(double time, double tip_deviation, ArmFilter& watch,
     watch.setState(w.hypotheses.back().state.withoutForce());
     if (!w.load.contact) w.hypotheses.clear();
   } else {
-    w.search(time, watch, compliance, w.seen_time >= kArmingTime && tip_deviation < kSureTip);
+    w.search(time, watch, compliance, w.seen_time >= kArmingTime && sure);
   }
   w.report(compliance);
+  w.explain(std::min(watch.lastStep()->dt, kLongestGap));
+  w.compare(measured, watch, compliance);
+  w.remember(w.seen_time >= kArmingTime && sure, watch);
 }
 
 void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
@@ -223,6 +341,7 @@ void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
     fork.origin.growBias(covariance);
   }
   for (Workspace::Hypothesis& hypothesis : work_->hypotheses) hypothesis.state.growBias(covariance);
+  for (Workspace::Memory& memory : work_->memories) memory.state.growBias(covariance);
   Gaussian state = watch.state();
   state.covariance.bottomRightCorner(covariance.rows(), covariance.cols()) += covariance;
   watch.setState(state);
@@ -235,5 +354,6 @@ void LoadForks::reset() {
 }
 
 const ExternalLoad& LoadForks::load() const { return work_->load; }
+const Drift& LoadForks::drift() const { return work_->drift; }
 
 }  // namespace helix_arm::estimation

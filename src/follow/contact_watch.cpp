@@ -38,9 +38,9 @@ void ContactWatch::see(estimation::ArmFilter::Input picture,
   const estimation::Sighting sighting = watch.see(picture);
   if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;
   compliance_.moveTo(picture.pressure, watch.correction(), tags);
-  const Eigen::Matrix3d tip =
-      estimation::tipCovariance(model::shapeOf(arm_, picture.twists), watch.twistCovariance(0.0));
-  forks_.see(picture.time, largestDeviation(tip), watch, compliance_);
+  const model::Shape measured = model::shapeOf(arm_, picture.twists);
+  const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
+  forks_.see(picture.time, largestDeviation(tip), measured, watch, compliance_);
 }
 
 // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at the

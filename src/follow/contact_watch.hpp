@@ -11,7 +11,7 @@
 
 namespace helix_arm::follow {
 
-/// Finds loads on the arm from the pictures of a filter that watches it.
+/// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
 class ContactWatch {
  public:
   ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config);
@@ -23,6 +23,7 @@ class ContactWatch {
   void reset();
 
   const estimation::ExternalLoad& load() const { return forks_.load(); }
+  const estimation::Drift& drift() const { return forks_.drift(); }
 
  private:
   void takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,

@@ -56,6 +56,7 @@ struct SightLoop::Workspace {
     at_picture = {turn.pressure, turn.pressure};
   }
 
+  bool doubts() const { return contact.drift().doubtful; }
   bool yields() const { return on_contact != OnContact::kReport && contact.load().contact; }
   bool tracks(double now) const;
   bool maySee(double now) const;
@@ -109,7 +110,7 @@ struct SightLoop::Workspace {
 
 // Whether the estimate from pictures corrects the command.
 bool SightLoop::Workspace::tracks(double now) const {
-  if (!closed || yields() || diverged) return false;
+  if (!closed || yields() || diverged || doubts()) return false;
   return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
 }
 
@@ -121,12 +122,16 @@ bool SightLoop::Workspace::maySee(double now) const {
 LoopState SightLoop::Workspace::nextState(double now) const {
   if (!enabled || !target) return LoopState::kIdle;
   if (diverged) return LoopState::kDiverging;
-  if (yields()) return LoopState::kYielding;
-  if (!closed) return LoopState::kOpen;
   const double unseen = now - accepted_at[0];
-  const bool was_closed = turn.state == LoopState::kClosed;
-  if (maySee(now) || (was_closed && unseen <= config.stale_after)) return LoopState::kClosed;
-  const bool coasts = was_closed || turn.state == LoopState::kCoasting;
+  const bool fresh = unseen <= config.stale_after;
+  if (yields() && fresh) return LoopState::kYielding;
+  if (!closed) return LoopState::kOpen;
+  const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
+  if (!yields() && (maySee(now) || (was_closed && fresh))) {
+    return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
+  }
+  const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
+                      (turn.state == LoopState::kYielding && !fresh);
   return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
 }
 
@@ -188,11 +193,11 @@ void SightLoop::Workspace::moveWanted(double dt) {
   velocity.setZero();
   turn.path_time.reset();
   if (!path) return;
-  if (turn.state != LoopState::kYielding) path_time += dt;
+  if (!turn.held) path_time += dt;
   turn.path_time = path_time;
   const control::TipReference reference =
       path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
-  if (turn.state != LoopState::kYielding) velocity = reference.velocity;
+  if (!turn.held) velocity = reference.velocity;
   if (reference.rotation) {
     target = lie::SE3{*reference.rotation, reference.position};
   } else {
@@ -338,6 +343,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
 
   const LoopState before = w.turn.state;
   w.turn.state = w.nextState(time);
+  w.turn.held = w.yields();
   if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
   if (w.tracks(time) || w.fades) {
     const bool slow = !w.closed || time < w.slow_until;
@@ -371,7 +377,9 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
-  if (!w.contact.load().contact) w.budget.update(w.watch, input, tags);
+  if (!w.contact.load().contact || w.doubts()) {
+    w.budget.update(w.watch, input, tags, w.doubts());
+  }
   w.estimated.set(w.tracker.correction());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
@@ -392,7 +400,12 @@ const estimation::ArmFilter& SightLoop::watch() const { return work_->watch; }
 const std::optional<estimation::TipErrorBudget>& SightLoop::budget() const {
   return work_->budget.current();
 }
+bool SightLoop::sees() const {
+  return work_->observer.started() &&
+         work_->observer.time() - work_->accepted_at[0] <= work_->config.coast_time;
+}
 const estimation::ExternalLoad& SightLoop::load() const { return work_->contact.load(); }
+const estimation::Drift& SightLoop::drift() const { return work_->contact.drift(); }
 std::optional<double> SightLoop::error() const { return work_->error; }
 double SightLoop::tipDeviation() const { return work_->tip_deviation; }
 

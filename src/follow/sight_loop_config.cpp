@@ -17,7 +17,7 @@ constexpr char kCulprit[] = "sight loop";
 
 const char* nameOf(LoopState state) {
   static constexpr std::array<const char*, kLoopStateCount> kNames = {
-      "idle", "open", "closed", "coasting", "yielding", "diverging"};
+      "idle", "open", "closed", "coasting", "yielding", "diverging", "doubtful"};
   return kNames[static_cast<std::size_t>(state)];
 }
 

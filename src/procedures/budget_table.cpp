@@ -68,6 +68,18 @@ std::string budgetTable(const TipErrorBudget& budget) {
   return out + "the measured tip is " + verdict(budget) + " of open loop and camera\n";
 }
 
+std::string driftText(const estimation::Drift& drift) {
+  char out[400];
+  std::snprintf(
+      out, sizeof out,
+      "the measured tip is %.1f mm from what was learnt %.0f s ago, beyond the %.1f mm "
+      "that creep, hysteresis and noise explain: the camera or the base may have moved, a "
+      "load may have come slowly, or the arm has changed; check them, then call ~reset to "
+      "accept what is seen, or calibrate again",
+      1e3 * drift.distance, drift.age, 1e3 * drift.allowed);
+  return out;
+}
+
 std::string budgetText(const TipErrorBudget& budget) {
   std::string out;
   for (const BudgetRow& row : budgetRows(budget)) {

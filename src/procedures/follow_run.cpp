@@ -129,6 +129,10 @@ FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const Follo
   const double least = kLeastTipTime * static_cast<double>(tips);
   basics::requireValue(plan.seconds >= least, "follow", "the duration [s]", plan.seconds,
                        "at least 1 s for each tip");
+  if (plan.drift) {
+    basics::requirePositive("follow", "the duration of the camera's drift [s]",
+                            plan.drift->seconds);
+  }
   if (plan.force) {
     basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
                          plan.force->time, "a finite value");
@@ -149,6 +153,10 @@ FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const Follo
     if (plan.force && !pulled && lockstep.time() >= plan.force->time) {
       lockstep.rig().setTipForce(plan.force->force);
       pulled = true;
+    }
+    if (plan.drift) {
+      const double part = (lockstep.time() - plan.drift->begin) / plan.drift->seconds;
+      lockstep.sight().shift(std::clamp(part, 0.0, 1.0) * plan.drift->pixels);
     }
     lockstep.advance();
     addAlarm(lockstep.time(), loop.load(), touched, out.alarms);

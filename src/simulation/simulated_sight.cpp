@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include <opencv2/imgproc.hpp>
+
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/rig_memory.hpp"
@@ -57,6 +59,7 @@ struct SimulatedSight::Workspace {
   std::optional<estimation::TwistFitter> fitter;
   std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
   std::optional<SimulatedCamera> simulated;
@@ -72,7 +75,7 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
   seen.clear();
   for (const estimation::TagSight& tag : visible) {
     if (estimation::longestSide(tag.corners) < config.least_side) continue;
-    estimation::Corners corners = tag.corners;
+    estimation::Corners corners = tag.corners.colwise() + shift;
     for (double& coordinate : corners.reshaped()) {
       coordinate += config.corner_noise * normal(generator);
     }
@@ -93,7 +96,14 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
 
 std::optional<MeasuredShape> SimulatedSight::Workspace::searchPicture(const model::Shape& shape,
                                                                       const model::Shape& model) {
-  const std::vector<std::uint8_t> jpeg = encoder->encode(simulated->render(shape));
+  cv::Mat picture = simulated->render(shape);
+  if (!shift.isZero(0)) {
+    const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
+    cv::Mat moved;
+    cv::warpAffine(picture, moved, motion, picture.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    picture = moved;
+  }
+  const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
   if (decoder.decode(jpeg.data(), jpeg.size(), gray)) return std::nullopt;
   const vision::Sight& sight = localizer->locate(gray, model);
   if (sight.state != vision::SightState::kMeasured) return std::nullopt;
@@ -107,6 +117,8 @@ SimulatedSight::SimulatedSight(const CameraSetup& camera, const estimation::ArmV
 SimulatedSight::~SimulatedSight() = default;
 SimulatedSight::SimulatedSight(SimulatedSight&&) noexcept = default;
 SimulatedSight& SimulatedSight::operator=(SimulatedSight&&) noexcept = default;
+
+void SimulatedSight::shift(const Eigen::Vector2d& pixels) { work_->shift = pixels; }
 
 std::optional<MeasuredShape> SimulatedSight::look(const model::Shape& truth,
                                                   const model::Shape& model) {

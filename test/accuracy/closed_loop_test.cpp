@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -65,10 +66,19 @@ FollowPlan shape(const io::Scene& scene, TipShape kind, double period, int turns
   return plan;
 }
 
+// When the loop first doubts the pictures [s].
+std::optional<double> doubtedAt(const FollowResult& result) {
+  for (const procedures::FollowState& state : result.states) {
+    if (state.state == follow::LoopState::kDoubtful) return state.time;
+  }
+  return std::nullopt;
+}
+
 FollowResult run(const io::Scene& scene, FollowPlan plan, bool open = false) {
   plan.open = open;
   FollowResult result = procedures::runFollow(scene, plan);
   EXPECT_EQ(result.vented, "");
+  EXPECT_EQ(doubtedAt(result).has_value(), plan.drift.has_value() && !open);
   return result;
 }
 
@@ -272,6 +282,43 @@ TEST(ClosedLoop, TipsFromRenderedPicturesAfterACalibrationOfThePlacements) {
   EXPECT_EQ(figures.reached, 4);
   EXPECT_LE(figures.steady_rms, 0.001);
   EXPECT_LT(figures.steady_rms, before.steady_rms);
+}
+
+// Pictures that move by 62 px in ten seconds, as those of a camera that slips.
+TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
+  const io::Scene scene = demo();
+  FollowPlan plan;
+  const std::vector<Eigen::Vector3d> tips = randomTips(scene.model, 6, 5);
+  plan.tips = {tips[0], tips[1], tips[2], tips[3], tips[4], tips[5], tips[5],
+               tips[5], tips[5], tips[5], tips[5], tips[5], tips[5], tips[5]};
+  plan.seconds = 56;
+  constexpr double kBegin = 30;
+  const Eigen::Vector2d sides[] = {{62, 0}, {-62, 0}, {0, 62}, {0, -62}};
+  for (const Eigen::Vector2d& pixels : sides) {
+    plan.drift = procedures::PictureDrift{kBegin, 10, pixels};
+    const FollowResult result = run(scene, plan);
+    const double said = doubtedAt(result).value_or(INFINITY);
+    double then = INFINITY, most = 0;
+    for (const procedures::FollowRow& row : result.rows) {
+      if (row.time < kBegin) continue;
+      const double error = (row.true_tip - *row.wanted).norm();
+      most = std::max(most, error);
+      if (row.time <= said) then = error;
+    }
+    std::printf(
+        "[  FIGURE  ] a camera that moves by %.0f, %.0f px in 10 s: doubted after %.1f s, the tip "
+        "then %.1f mm off; %.1f mm at most\n",
+        pixels.x(), pixels.y(), said - kBegin, kMm * then, kMm * most);
+    for (const auto& state : result.states) {
+      std::printf("   %.2f %s\n", state.time, follow::nameOf(state.state));
+    }
+    for (const auto& alarm : result.alarms) {
+      std::printf("   contact at %.2f, %.2f N\n", alarm.time, alarm.force.norm());
+    }
+    EXPECT_LT(said, kBegin + 10);
+    EXPECT_LT(then, 0.012);
+    EXPECT_LT(most, 0.015);
+  }
 }
 
 // Tips that the true arm reaches at random pressures.

@@ -71,7 +71,7 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    forks.see(time, tip_deviation, watch, compliance);
+    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), watch, compliance);
   }
   void run(double seconds) {
     for (double end = time + seconds; time < end - kPeriod / 2;) see();

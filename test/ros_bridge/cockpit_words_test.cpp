@@ -230,9 +230,11 @@ TEST(Words, OfTheLoopTellStateAndError) {
             "closed, 1.20 mm from the target, tip known to 0.50 mm if the tags are where the scene "
             "says");
   EXPECT_EQ(loopWords(view).tone, Tone::kGood);
-  view.loop = CockpitLoop{"diverging", "call reset", kUnknown, kUnknown, kUnknown};
-  EXPECT_EQ(loopWords(view).text, "diverging: call reset");
-  EXPECT_EQ(loopWords(view).tone, Tone::kBad);
+  for (const std::string state : {"diverging", "doubtful"}) {
+    view.loop = CockpitLoop{state, "call reset", kUnknown, kUnknown, kUnknown};
+    EXPECT_EQ(loopWords(view).text, state + ": call reset");
+    EXPECT_EQ(loopWords(view).tone, Tone::kBad);
+  }
 }
 
 TEST(Words, ASilentCockpitSaysThatTheArmVents) {

@@ -162,6 +162,22 @@ TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
   EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
 }
 
+// The last test: it ends vision.
+TEST_F(Contact, ADeadCameraIsToldDuringContactAndEndsTheGoal) {
+  ASSERT_TRUE(begins(slowGoal(FollowTipPathGoal::YIELD)));
+  push(0.8);
+  ASSERT_TRUE(comesTo(LoopStatus::YIELDING, {}, kDeadline));
+  vision_.reset();
+  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  EXPECT_NE(client_->getResult()->error_string.find("camera"), std::string::npos)
+      << client_->getResult()->error_string;
+  ASSERT_TRUE(comesTo(LoopStatus::OPEN, {}, kDeadline));
+  EXPECT_NE(loop_.last().message.find("check the camera"), std::string::npos)
+      << loop_.last().message;
+  EXPECT_TRUE(waitFor([this] { return load_.last().state == ExternalLoad::UNSEEN; }, kDeadline))
+      << load_.last();
+}
+
 }  // namespace
 }  // namespace helix_arm::test
 

@@ -140,22 +140,56 @@ TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
   }
 }
 
-// While something touches the arm the loop's state does not tell whether it is seen.
-TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoDuringContactEither) {
-  const auto yieldTo = [this](double end, bool sees) {
+// The state of a loop that diverges does not tell whether the arm is seen.
+TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
+  const auto divergeTo = [this](double end, bool sees) {
     for (; path_time_ < end; path_time_ += 0.01) {
       const double time = 100 + path_time_;
-      if (auto ending = watch_.turn(time, turnAt(1.0, LoopState::kYielding))) return ending;
+      if (auto ending = watch_.turn(time, turnAt(-0.5, LoopState::kDiverging))) return ending;
       if (sees) watch_.picture(*watch_.momentOf(time), {0.1, 0, 0});
     }
     return std::optional<GoalEnding>();
   };
   ASSERT_FALSE(runTo(1.0));
-  EXPECT_FALSE(yieldTo(10.0, true)) << "it is seen";
-  EXPECT_FALSE(yieldTo(12.9, false));
-  const auto ending = yieldTo(13.1, false);
+  EXPECT_FALSE(divergeTo(10.0, true)) << "it is seen";
+  EXPECT_FALSE(divergeTo(12.9, false));
+  const auto ending = divergeTo(13.1, false);
   ASSERT_TRUE(ending);
   EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+}
+
+// Nobody would see that the arm is free: the path would stand still without end.
+TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
+  for (const bool required : {false, true}) {
+    GoalRules rules;
+    rules.require_sight = required;
+    GoalWatch watch(rules, kEnd);
+    const auto turn = [&](double time, LoopState state, bool held) {
+      follow::Turn next = turnAt(1.0, state);
+      next.held = held;
+      return watch.turn(time, next);
+    };
+    ASSERT_FALSE(turn(100, LoopState::kClosed, false));
+    ASSERT_FALSE(turn(101, LoopState::kYielding, true));
+    ASSERT_FALSE(turn(500, LoopState::kYielding, true)) << "it is seen";
+    ASSERT_FALSE(turn(501, LoopState::kCoasting, true));
+    const auto ending = turn(504, LoopState::kOpen, true);
+    ASSERT_TRUE(ending);
+    EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+    for (const char* words : {"contact", "camera", "vision_status"}) {
+      EXPECT_NE(ending->message.find(words), std::string::npos) << ending->message;
+    }
+  }
+}
+
+TEST_F(GoalWatchTest, SightThatIsRequiredIsLostWhereItIsDoubtful) {
+  ASSERT_FALSE(runTo(1.0));
+  GoalWatch any({}, kEnd);
+  EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
+  const auto ending = watch_.turn(101, turnAt(1.0, LoopState::kDoubtful));
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+  EXPECT_NE(ending->message.find("~reset"), std::string::npos) << ending->message;
 }
 
 TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {

@@ -28,6 +28,7 @@ class LoopBench {
     double twist_noise_v = 1e-4;               // [m]
     double twist_noise_w = 1e-3;               // [rad]
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
+    lie::Vector6 lie = lie::Vector6::Zero();   // what pictures add to the first section's twist
     int steps_per_reading = 1;
     // Sets of tags that pictures show in turn, and what each measures wrongly; none: unknown.
     std::vector<std::vector<int>> tags = {};
@@ -120,6 +121,7 @@ class LoopBench {
   }
   model::Twists measured() {
     model::Twists out = trueTwists();
+    out.col(0) += options.lie;
     for (int i = 0; i < out.size(); ++i) {
       out.reshaped()[i] +=
           (i % 6 < 3 ? options.twist_noise_v : options.twist_noise_w) * random_.normal();

@@ -28,6 +28,14 @@ class LoopTest : public ::testing::Test {
 
   void touch() { bench_.options.push << 0, 0, 0, 0, 0.06, -0.04; }
   void letGo() { bench_.options.push.setZero(); }
+  // Pictures that bend more and more, while the arm does not [rad/s].
+  void lie(double rate, double seconds) {
+    const int steps = static_cast<int>(seconds / LoopBench::kStep);
+    for (int k = 0; k < steps; ++k) {
+      bench_.options.lie[5] += rate * LoopBench::kStep;
+      bench_.step();
+    }
+  }
 
   const statics::ArmModel model_ = statics::ArmModel(ringArm(helicalRing()));
   const Eigen::Vector3d here_ = tipAt(0.3, 0.5, 0.4), there_ = tipAt(0.6, 0.3, 0.4);

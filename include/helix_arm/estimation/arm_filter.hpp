@@ -64,11 +64,12 @@ class ArmFilter {
   /// What happened at the last picture, for filters that run beside this one.
   struct Step {
     Linearisation model;
-    Eigen::VectorXd theta;        ///< (parameters) at which `model` holds
-    Eigen::VectorXd measured;     ///< (d)
-    Eigen::MatrixXd noise;        ///< (d x d) of the measurement, pressures and swinging included
-    Eigen::MatrixXd bias_growth;  ///< (d x d) added to the covariance of b before the update
-    double dt = 0.0;              ///< since the picture before [s]
+    Eigen::VectorXd theta;          ///< (parameters) at which `model` holds
+    Eigen::VectorXd measured;       ///< (d)
+    Eigen::MatrixXd noise;          ///< (d x d) of the measurement, pressures and swinging included
+    Eigen::MatrixXd picture_noise;  ///< (d x d) likewise, but of a single picture: nothing persists
+    Eigen::MatrixXd bias_growth;    ///< (d x d) added to the covariance of b before the update
+    double dt = 0.0;                ///< since the picture before [s]
   };
 
   /// @throws std::invalid_argument naming the option that breaks its rule.

@@ -37,6 +37,16 @@ struct TipSpread {
   double deviation() const;
 };
 
+/// How far an error of the tip is from what its covariance explains.
+struct TipDistance {
+  double squared = 0.0;  ///< Mahalanobis distance, error' covariance^-1 error
+  /// 99.9 % point of chi-square for the directions in which the tip is uncertain: 16.3 for 3, 13.8
+  /// in a plane.
+  double limit = 0.0;
+};
+/// @param error  [m]. @param covariance  of it [m^2]; directions without variance do not count.
+TipDistance tipDistance(const Eigen::Vector3d& error, const Eigen::Matrix3d& covariance);
+
 /// Where the tip's uncertainty comes from, at the pressures of one picture.
 struct TipErrorBudget {
   double time = 0.0;  ///< of the picture [s]
@@ -47,12 +57,10 @@ struct TipErrorBudget {
   TipSpread open_loop;  ///< of the scene's tip: the same sum before anything was learnt
   Eigen::Vector3d tip = Eigen::Vector3d::Zero();    ///< the filter's, base frame [m]
   Eigen::Vector3d error = Eigen::Vector3d::Zero();  ///< measured tip minus that of the scene [m]
-  /// error' (open_loop + camera)^-1 error.
-  double distance2 = 0.0;
-  /// 99.9 % point of chi-square for the directions in which the tip is uncertain: 16.3 for 3, 13.8
-  /// in a plane.
-  double limit = 0.0;
-  /// Changes after kBudgetPatience pictures in a row that say so.
+  /// error' (open_loop + camera)^-1 error, and the limit of that: see TipDistance.
+  double distance2 = 0.0, limit = 0.0;
+  /// Changes after kBudgetPatience pictures in a row that say so; kOutside at once while the tip
+  /// drifts.
   BudgetState state = BudgetState::kInside;
 
   const TipSpread& part(BudgetPart which) const { return parts[static_cast<std::size_t>(which)]; }
@@ -77,9 +85,10 @@ class ErrorBudget {
   /// Takes a picture that the filter has accepted.
   /// @param filter  of this arm, with the same rows and parameters.
   /// @param tags    indices of the fitted tags; nothing: those that face the camera.
+  /// @param drifts  the tip has left what was learnt of the arm: see Drift.
   /// @return false if no shape balances the load at these pressures; the budget stays as it is.
   bool update(const ArmFilter& filter, const ArmFilter::Input& picture,
-              const std::optional<std::vector<int>>& tags = std::nullopt);
+              const std::optional<std::vector<int>>& tags = std::nullopt, bool drifts = false);
 
   /// Nothing before the first picture.
   const std::optional<TipErrorBudget>& current() const { return current_; }
@@ -96,7 +105,7 @@ class ErrorBudget {
   };
   bool renew(const Eigen::VectorXd& pressure, const model::Shape& shape,
              const std::optional<std::vector<int>>& tags);
-  void judge(TipErrorBudget& budget);
+  void judge(TipErrorBudget& budget, bool drifts);
 
   const model::Arm arm_;
   const ArmFilter start_;  // learns nothing

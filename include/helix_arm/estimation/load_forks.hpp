@@ -31,9 +31,25 @@ struct ExternalLoad {
   bool normalised = false;  ///< K_eps of the arm is unknown
 };
 
+/// How far the measured tip has left the one that was learnt of the arm. A force that began or
+/// ended at once, as found, is no drift.
+struct Drift {
+  /// For half a second, the distance has exceeded what is allowed: a load that came slowly, a camera
+  /// or base that has moved, or a changed arm. Ends after half a second within that.
+  bool doubtful = false;
+  double distance = 0.0;  ///< [m]
+  /// What hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 3 mm [m].
+  double allowed = 0.0;
+  double age = 0.0;  ///< of what was learnt, in time of pictures [s]
+};
+
 /// Finds contacts: copies a filter that watches the arm every few pictures, with a force from then
 /// on, and compares "a force since then" with "none" at every later picture. This is a generalised
 /// likelihood ratio test over the time of onset.
+///
+/// Finds drifts: keeps what the watch, with the force of a contact, knew of the arm every few
+/// seconds of the last minute, and compares each picture with that. While a picture contradicts most
+/// of it, nothing new is kept.
 ///
 /// During contact the watch gets its state from the filter of the force, since it would take the
 /// force for a difference of the arm from its model.
@@ -49,16 +65,19 @@ class LoadForks {
   /// @param time           of the picture [s].
   /// @param tip_deviation  standard deviation of the tip that the watch predicts, along its worst
   ///     direction [m]; contacts are found while it is below 3 mm.
+  /// @param measured       the picture's shape.
   /// @param compliance     moved to the arm's pressures.
-  void see(double time, double tip_deviation, ArmFilter& watch, TipCompliance& compliance);
+  void see(double time, double tip_deviation, const model::Shape& measured, ArmFilter& watch,
+           TipCompliance& compliance);
   /// Adds to the covariance of b, (d x d) of the measured rows, in the watch too: other tags are
   /// seen, which err otherwise.
   void growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch);
-  /// Forgets forks and contact; contacts are found again after ten seconds of pictures.
+  /// Forgets forks, contact and drift; they are found again after ten seconds of pictures.
   void reset();
 
   /// After the last picture.
   const ExternalLoad& load() const;
+  const Drift& drift() const;
 
  private:
   struct Workspace;

@@ -24,11 +24,12 @@ enum class LoopState {
   kOpen,       ///< the inverse with the last correction; no sight of the arm yet, or lost
   kClosed,     ///< the correction follows the pictures
   kCoasting,   ///< as open, for a moment without pictures
-  kYielding,   ///< something touches the arm: correction and path stand still
+  kYielding,   ///< something is seen to touch the arm: correction and path stand still
   kDiverging,  ///< the error grows although the target stands still: the correction is frozen
+  kDoubtful,   ///< the pictures have left what was learnt of the arm: the correction is frozen
 };
-inline constexpr int kLoopStateCount = 6;
-/// "idle", "open", "closed", "coasting", "yielding" or "diverging".
+inline constexpr int kLoopStateCount = 7;
+/// "idle", "open", "closed", "coasting", "yielding", "diverging" or "doubtful".
 const char* nameOf(LoopState state);
 
 /// What a SightLoop is asked for: base frame, [m]. A pose is weighed as InverseOptions say.
@@ -49,6 +50,9 @@ struct Turn {
   /// Tip of the corrected model at the present pressures, where a load that was found takes it.
   std::optional<lie::SE3> predicted;
   std::optional<double> path_time;  ///< since the path's start; negative on the way to it [s]
+  /// Something touches the arm, or did when it was last seen, and OnContact asks the loop to stand
+  /// still: correction and path do, in every state.
+  bool held = false;
 };
 
 /// Brings the tip where it is wanted, by comparing each measured shape with the model at the
@@ -110,8 +114,13 @@ class SightLoop {
   const estimation::ArmFilter& watch() const;
   /// Of the watch, at the last accepted picture; nothing before the first.
   const std::optional<estimation::TipErrorBudget>& budget() const;
+  /// Whether a picture was accepted within SightLoopConfig::coast_time before the last turn; else
+  /// budget() and load() are out of date.
+  bool sees() const;
   /// What acts on the arm, as of the last picture.
   const estimation::ExternalLoad& load() const;
+  /// Whether the pictures agree with what was learnt of the arm, as of the last one.
+  const estimation::Drift& drift() const;
   /// Distance of the measured tip (with ExternalLoad::tip_beyond_fit) from the wanted one at the
   /// time of the last picture [m]; nothing if none was wanted then.
   std::optional<double> error() const;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "helix_arm/estimation/error_budget.hpp"
+#include "helix_arm/estimation/load_forks.hpp"
 
 namespace helix_arm::procedures {
 
@@ -24,5 +25,8 @@ std::string budgetTable(const estimation::TipErrorBudget& budget);
 /// The worst directions in mm, the measured error and what the budget says of it, one in a line:
 /// for letters of any width.
 std::string budgetText(const estimation::TipErrorBudget& budget);
+
+/// Why the pictures are doubted while Drift::doubtful, and the remedy.
+std::string driftText(const estimation::Drift& drift);
 
 }  // namespace helix_arm::procedures

@@ -23,6 +23,13 @@ struct TimedForce {
   Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< base frame [N]
 };
 
+/// A camera that turns slowly: its pictures move at a constant rate, then stay displaced.
+struct PictureDrift {
+  double begin = 0.0;                                ///< [s]
+  double seconds = 10.0;                             ///< > 0 [s]
+  Eigen::Vector2d pixels = Eigen::Vector2d::Zero();  ///< displacement at the end [px]
+};
+
 /// What a simulated arm is to follow, and how. Either tips or a path.
 struct FollowPlan {
   std::vector<Eigen::Vector3d> tips;     ///< base frame [m]; they share the seconds evenly
@@ -32,6 +39,7 @@ struct FollowPlan {
   simulation::SightKind sight = simulation::SightKind::kCorners;
   std::optional<TimedForce> force;
   std::optional<model::Range> blind;  ///< pictures of these times are lost [s]
+  std::optional<PictureDrift> drift;
   double latency = 0.06;              ///< of the pictures' measurements, >= 0 [s]
   std::uint32_t seed = 1;             ///< of the noise of readings, corners and pictures
 };

@@ -49,6 +49,7 @@ class Lockstep {
 
   double time() const { return static_cast<double>(steps_) * config_.step; }  ///< [s]
   SimulatedRig& rig() { return parts_.rig; }
+  SimulatedSight& sight() { return parts_.sight; }
   follow::SightLoop& loop() { return parts_.loop; }
   const control::SafetyCore& core() const { return parts_.core; }
   /// Tip of the true arm now, base frame.

@@ -52,6 +52,8 @@ class SimulatedSight {
   /// A picture of an arm of the true shape; nothing if its shape cannot be measured.
   /// @param model  approximate shape, as the model's.
   std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
+  /// From now on pictures are displaced by this, as by a camera that has turned [px].
+  void shift(const Eigen::Vector2d& pixels);
 
  private:
   struct Workspace;

@@ -232,7 +232,7 @@ Words loopWords(const CockpitView& view) {
   if (!loop.message.empty()) out.text += ": " + loop.message;
   if (loop.state == "closed") out.tone = Tone::kGood;
   if (loop.state == "coasting" || loop.state == "yielding") out.tone = Tone::kCaution;
-  if (loop.state == "diverging") out.tone = Tone::kBad;
+  if (loop.state == "diverging" || loop.state == "doubtful") out.tone = Tone::kBad;
   return out;
 }
 

@@ -32,15 +32,22 @@ std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn)
   }
   moments_.push_back({time, *turn.path_time, turn.wanted, turn.predicted, turn.state});
   while (moments_.front().time < time - kMemory) moments_.pop_front();
-  if (auto ending = sightEnding(time, turn.state)) return ending;
+  if (auto ending = sightEnding(time, turn)) return ending;
   if (*turn.path_time > end_ + rules_.time_tolerance) return lateEnding(turn);
   return std::nullopt;
 }
 
-std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState state) {
-  // These states do not tell whether the arm is seen.
-  const bool stands =
-      state == follow::LoopState::kYielding || state == follow::LoopState::kDiverging;
+std::optional<GoalEnding> GoalWatch::sightEnding(double time, const follow::Turn& turn) {
+  const follow::LoopState state = turn.state;
+  if (state == follow::LoopState::kDoubtful && rules_.require_sight) {
+    return GoalEnding{
+        Result::SIGHT_LOST,
+        "the pictures have left what was learnt of the arm (see loop_status): the "
+        "camera, the base or the arm may have changed; check them and call ~reset, or "
+        "set require_sight to false"};
+  }
+  // This state does not tell whether the arm is seen.
+  const bool stands = state == follow::LoopState::kDiverging;
   if (!stands && state != follow::LoopState::kOpen) last_sight_ = time;
   const bool seen = stands ? last_sight_ && time - *last_sight_ < rules_.sight_patience
                            : state != follow::LoopState::kOpen;
@@ -52,6 +59,13 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState 
   if (!blind_since_) blind_since_ = time;
   // The loop has already coasted before it opened, or was waited for above.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
+  // A path that a contact holds goes on once the arm is seen to be free.
+  if (turn.held && time - *blind_since_ >= patience) {
+    return GoalEnding{
+        Result::SIGHT_LOST,
+        "contact with the arm, and no picture of it since then: the path cannot go on; "
+        "check the camera (vision_status), clear the arm, and send the goal again"};
+  }
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
   return GoalEnding{Result::SIGHT_LOST,
                     std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +

@@ -6,6 +6,7 @@
 
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/ExternalLoad.h"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
@@ -13,6 +14,9 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr double kBudgetPeriod = 0.2;  // [s]
+constexpr char kUnexplained[] =
+    "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
+    "that has moved";
 
 geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
   geometry_msgs::Vector3 out;
@@ -20,6 +24,13 @@ geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
   out.y = vector.y();
   out.z = vector.z();
   return out;
+}
+
+const std::string& stateOf(const follow::SightLoop& loop) {
+  if (!loop.sees()) return ExternalLoad::UNSEEN;
+  if (loop.load().contact) return ExternalLoad::CONTACT;
+  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
+  return outside ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
 }
 
 }  // namespace
@@ -31,16 +42,17 @@ LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
 
 void LoadPublisher::publish(const ros::Time& picture, const follow::SightLoop& loop) {
   const double since = secondsBetween(last_budget_, picture);
-  // During contact the budget is that of an earlier picture.
+  // During a contact that is not doubted the budget is that of an earlier picture.
   const bool present = loop.budget() && loop.budget()->time == picture.toSec();
   if (present && (since < 0 || since >= kBudgetPeriod)) {
-    publishBudget(picture, *loop.budget());
+    publishBudget(picture, *loop.budget(), loop.drift());
   }
   publishLoad(picture, loop);
 }
 
 void LoadPublisher::publishBudget(const ros::Time& picture,
-                                  const estimation::TipErrorBudget& budget) {
+                                  const estimation::TipErrorBudget& budget,
+                                  const estimation::Drift& drift) {
   last_budget_ = picture;
   ErrorBudget out;
   out.header.stamp = picture;
@@ -61,30 +73,33 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
   out.distance2 = budget.distance2;
   out.limit = budget.limit;
   out.state = nameOf(budget.state);
-  if (budget.state == estimation::BudgetState::kOutside) {
-    out.message =
-        "the calibration does not explain this: a load, slip or a changed muscle; check the arm, "
-        "then calibrate again";
+  if (drift.doubtful) {
+    out.message = procedures::driftText(drift);
+  } else if (budget.state == estimation::BudgetState::kOutside) {
+    out.message = std::string(kUnexplained) + "; check the arm, then calibrate again";
   }
   budget_publisher_.publish(out);
 }
 
-void LoadPublisher::publishLoad(const ros::Time& picture, const follow::SightLoop& loop) {
+void LoadPublisher::publishChange(const ros::Time& turn, const follow::SightLoop& loop) {
+  if (!last_state_.empty() && stateOf(loop) != last_state_) publishLoad(turn, loop);
+}
+
+void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::SightLoop& loop) {
+  const std::string& state = stateOf(loop);
+  const bool touched = state == ExternalLoad::CONTACT;
+  if (!touched && state == last_state_) return;
+  last_state_ = state;
   const estimation::ExternalLoad& load = loop.load();
-  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
   ExternalLoad out;
-  out.state = load.contact ? ExternalLoad::CONTACT
-              : outside    ? ExternalLoad::OUTSIDE_BUDGET
-                           : ExternalLoad::NONE;
-  if (!load.contact && out.state == last_state_) return;
-  last_state_ = out.state;
-  out.header.stamp = picture;
+  out.state = state;
+  out.header.stamp = stamp;
   out.header.frame_id = base_frame_;
-  out.score = load.score;
+  if (state != ExternalLoad::UNSEEN) out.score = load.score;
   out.limit = loop.contactLimit();
   out.s = std::numeric_limits<double>::quiet_NaN();
   out.normalised = load.normalised;
-  if (load.contact) {
+  if (touched) {
     out.onset = ros::Time(load.onset);
     if (load.place) {
       out.section = load.place->section + 1;
@@ -94,9 +109,11 @@ void LoadPublisher::publishLoad(const ros::Time& picture, const follow::SightLoo
     out.covariance = toCovarianceMsg(load.covariance);
     out.determined.assign(load.determined.data(), load.determined.data() + load.determined.size());
     out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
-  } else if (outside) {
+  } else if (state == ExternalLoad::OUTSIDE_BUDGET) {
+    out.message = loop.drift().doubtful ? procedures::driftText(loop.drift()) : kUnexplained;
+  } else if (state == ExternalLoad::UNSEEN) {
     out.message =
-        "the calibration does not explain the arm's shape: a load, slip or a changed muscle";
+        "the arm is not seen, so what acts on it is not known; check the camera (vision_status)";
   }
   load_publisher_.publish(out);
 }

@@ -17,6 +17,7 @@ std::uint8_t levelOf(LoopState state) {
     case LoopState::kOpen:
     case LoopState::kCoasting:
     case LoopState::kYielding:
+    case LoopState::kDoubtful:
       return DiagnosticStatus::WARN;
     case LoopState::kDiverging:
       return DiagnosticStatus::ERROR;
@@ -70,6 +71,8 @@ DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::Si
   }
   addValue(out, names::kRefusedPrefix + std::string("foreign"), std::to_string(foreign_.total()));
   addValue(out, "tip_sd_mm", fixed(1e3 * loop.tipDeviation(), 2));
+  addValue(out, "drift_mm", fixed(1e3 * loop.drift().distance, 2));
+  addValue(out, "drift_allowed_mm", fixed(1e3 * loop.drift().allowed, 2));
   addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
   return out;
 }

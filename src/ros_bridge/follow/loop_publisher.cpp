@@ -79,9 +79,10 @@ Eigen::Matrix3d LoopPublisher::tipCovariance(const View& view) {
 
 void LoopPublisher::publish(const View& view) {
   const estimation::ExternalLoad& load = view.loop.load();
-  force_ = load.contact ? std::optional(load.force) : std::nullopt;
+  const bool touched = load.contact && view.loop.sees();
+  force_ = touched ? std::optional(load.force) : std::nullopt;
   force_text_.clear();
-  if (load.contact) {
+  if (touched) {
     force_text_ = load.normalised ? "contact" : "contact, " + fixed(load.force.norm(), 2) + " N";
   }
   if (!isDue(view)) return;

@@ -10,6 +10,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
@@ -26,8 +27,8 @@ constexpr double kFresh = 1.0;  // pressures silent for longer end a command [s]
 
 ros::console::Level levelOf(LoopState state, LoopState before) {
   if (state == LoopState::kDiverging) return ros::console::levels::Error;
-  const bool lost =
-      state == LoopState::kCoasting || (state == LoopState::kOpen && before != LoopState::kIdle);
+  const bool lost = state == LoopState::kCoasting || state == LoopState::kDoubtful ||
+                    (state == LoopState::kOpen && before != LoopState::kIdle);
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
 }
 
@@ -82,7 +83,6 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
-  const bool touched = loop_.load().contact;
   loop_.enable(link_.follows());
   action_.prepare(time, loop_, link_);
   aim();
@@ -90,7 +90,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   command(turn);
   if (turn.commands) action_.watch(time, turn);
   tellState(before);
-  if (touched && !loop_.load().contact) load_publisher_.publish(stamp, loop_);
+  load_publisher_.publishChange(stamp, loop_);
   publisher_.publish(view());
 }
 
@@ -211,7 +211,13 @@ std::string SightLoopNode::commander() {
 }
 
 std::string SightLoopNode::reason() {
-  switch (loop_.state()) {
+  const LoopState state = loop_.state();
+  const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
+  if (loop_.turn().held && unseen) {
+    return "contact with the arm, and no picture of it since then: path and correction are held "
+           "until the arm is seen to be free; check the camera (vision_status)";
+  }
+  switch (state) {
     case LoopState::kIdle:
       return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
     case LoopState::kOpen:
@@ -220,16 +226,32 @@ std::string SightLoopNode::reason() {
                              "pictures in the diagnostics"
                            : "no message on measured was used yet; is vision running?";
     case LoopState::kClosed:
-      return "follows the measured shape";
+      return closedReason();
     case LoopState::kCoasting:
       return "the arm is not seen for the moment: the correction is held";
     case LoopState::kYielding:
       return "contact with the arm: path and correction are held; clear the arm";
+    case LoopState::kDoubtful:
+      return "the correction is held, since " + procedures::driftText(loop_.drift());
     case LoopState::kDiverging:
       break;
   }
   return "the tip moves away from a target within the model's reach: the arm does not bend "
          "as its model does; check for swapped hoses, tags and signs, then call ~reset";
+}
+
+// Forces and budget are doubts: a camera that has moved looks like them.
+std::string SightLoopNode::closedReason() const {
+  const std::string out = "follows the measured shape";
+  if (loop_.load().contact) {
+    return out + ", which shows contact (external_load): a load, or the camera or base has moved";
+  }
+  if (loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside) {
+    return out +
+           ", which the calibration does not explain (error_budget): check arm, load, camera "
+           "and base, then calibrate again";
+  }
+  return out;
 }
 
 void SightLoopNode::tellState(LoopState before) {

@@ -62,7 +62,7 @@ class GoalWatch {
   GoalFigures figures() const;
 
  private:
-  std::optional<GoalEnding> sightEnding(double time, follow::LoopState state);
+  std::optional<GoalEnding> sightEnding(double time, const follow::Turn& turn);
   GoalEnding lateEnding(const follow::Turn& turn) const;
 
   const GoalRules rules_;

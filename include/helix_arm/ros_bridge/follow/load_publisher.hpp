@@ -18,10 +18,13 @@ class LoadPublisher {
   /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
   /// while something touches the arm.
   void publish(const ros::Time& picture, const follow::SightLoop& loop);
+  /// After a turn: the load, if its state has changed without a picture, as by a lack of pictures.
+  void publishChange(const ros::Time& turn, const follow::SightLoop& loop);
 
  private:
-  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget);
-  void publishLoad(const ros::Time& picture, const follow::SightLoop& loop);
+  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
+                     const estimation::Drift& drift);
+  void publishLoad(const ros::Time& stamp, const follow::SightLoop& loop);
 
   const std::string base_frame_;
   ros::Publisher budget_publisher_, load_publisher_;

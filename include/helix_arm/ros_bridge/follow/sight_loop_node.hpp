@@ -100,6 +100,7 @@ class SightLoopNode {
   LoopPublisher::View view();
   std::string commander();
   std::string reason();
+  std::string closedReason() const;
   void tellState(follow::LoopState before);
 
   const SightLoopOptions options_;
