@@ -13,6 +13,7 @@
 #include "helix_arm/FollowTipPathAction.h"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/client_watch.hpp"
 #include "helix_arm/ros_bridge/common/frame_lookup.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/follow/command_link.hpp"
@@ -26,11 +27,17 @@ namespace helix_arm::ros_bridge {
 /// Serves the action ~follow_tip_path: checks a goal, lets the loop follow its path, and decides
 /// how it ends. Afterwards the last wanted place is held for a time.
 ///
+/// A goal lives as long as the node that sent it. Where that is gone, the goal is aborted and
+/// nothing is held, so that the arm vents. On hardware, a place is held for kLongestHold at most.
+///
 /// A new goal replaces the running one once it is accepted, and one whose path is still being
 /// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
 /// the thread of the node's callback queue, except the checks of a PathChecker.
 class FollowAction {
  public:
+  /// Longest time for which hardware stands at the last place of a goal [s].
+  static constexpr double kLongestHold = 60.0;
+
   /// Makes the check of a path, with a tolerance of its positions [m].
   using MakePathCheck =
       std::function<PathChecker::Check(const control::TipPath& path, double tolerance)>;
@@ -89,6 +96,8 @@ class FollowAction {
   void cancel(const std::string& reason);
   void leave();
   bool isHeld() const;
+  /// Longest time for which a place may be held [s].
+  double longestHold() const;
 
   const io::Scene& scene_;
   const FrameLookup& frames_;
@@ -98,7 +107,8 @@ class FollowAction {
   PathChecker checker_;  ///< of the candidate's path
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
-  double hold_time_ = 0.0;  ///< [s]
+  double hold_time_ = 0.0;                      ///< [s]
+  GoalClient<FollowTipPathActionGoal> client_;  ///< of the running goal
   FaultGuard guard_{"a goal of follow_tip_path"};
   std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
 };
