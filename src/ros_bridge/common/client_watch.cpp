@@ -12,7 +12,6 @@
 #include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
-
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
