@@ -20,4 +20,22 @@ bool CommanderLease::claim(const std::string& commander, double now) {
   return true;
 }
 
+void RestedCommander::hold(const std::string& commander, double now) {
+  if (commander.empty()) return;
+  commander_ = commander;
+  last_try_ = now;
+}
+
+void RestedCommander::acknowledge(const std::string& commander) {
+  if (commander == commander_) release();
+}
+
+bool RestedCommander::refuses(const std::string& commander, double now, double pause) {
+  if (commander_.empty() || commander != commander_) return false;
+  const bool paused = now - last_try_ >= pause;
+  last_try_ = now;
+  if (paused) release();
+  return !paused;
+}
+
 }  // namespace helix_arm::control

@@ -14,7 +14,8 @@ namespace {
 constexpr std::array<const char*, kFaultCount> kNames = {
     "not_finite",      "wrong_size",    "unknown_name",        "duplicate_name",
     "out_of_range",    "wrong_frame",   "not_unit_quaternion", "unknown_mode",
-    "other_commander", "not_converged", "not_enabled",         "stale"};
+    "other_commander", "not_converged", "not_enabled",         "stale",
+    "rested"};
 
 template <class... Parts>
 Refusal refuse(Fault fault, const Parts&... parts) {
@@ -106,6 +107,12 @@ std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
   if (!(age > timeout)) return std::nullopt;
   return refuse(Fault::kStale, name, " is stamped ", age, " s ago, more than ", timeout, " s (",
                 key, "); send fresh ones, and synchronise the clocks");
+}
+
+Refusal restedRefusal(double pause) {
+  return refuse(Fault::kRested,
+                "somebody else has brought the arm to rest; send no target for more than ", pause,
+                " s (safety.target_timeout_s), or call ~enable of pressure_command");
 }
 
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,

@@ -56,5 +56,35 @@ TEST(CommanderLease, AnUnusableTimeoutIsRefused) {
   }
 }
 
+TEST(RestedCommander, WhoRepeatsItsTargetsIsRefusedUntilItPauses) {
+  RestedCommander rested;
+  EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
+  rested.hold("first", 1.0);
+  EXPECT_FALSE(rested.refuses("second", 1.0, kTimeout));
+  double now = 1.0;
+  for (int k = 0; k < 100; ++k) {
+    now += 0.9 * kTimeout;
+    ASSERT_TRUE(rested.refuses("first", now, kTimeout)) << k;
+  }
+  EXPECT_TRUE(rested.refuses("first", std::nextafter(now + kTimeout, 0.0), kTimeout));
+  now = std::nextafter(now + kTimeout, 0.0) + kTimeout;
+  EXPECT_FALSE(rested.refuses("first", now, kTimeout));
+  EXPECT_FALSE(rested.refuses("first", now, kTimeout));
+}
+
+TEST(RestedCommander, OneThatKnowsOfTheRestCountsAtOnce) {
+  RestedCommander rested;
+  rested.hold("first", 0.0);
+  rested.acknowledge("second");
+  EXPECT_TRUE(rested.refuses("first", 0.0, kTimeout));
+  rested.acknowledge("first");
+  EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
+  rested.hold("first", 0.0);
+  rested.release();
+  EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
+  rested.hold("", 0.0);  // nobody has commanded yet
+  EXPECT_FALSE(rested.refuses("", 0.0, kTimeout));
+}
+
 }  // namespace
 }  // namespace helix_arm::control

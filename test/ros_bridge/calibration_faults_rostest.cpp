@@ -13,6 +13,7 @@
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "helix_arm/RunCalibrationActionFeedback.h"
+#include "helix_arm/RunCalibrationActionResult.h"
 #include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
@@ -324,6 +325,29 @@ TEST_F(CalibrationFaults, KilledItLeavesAnArmThatVents) {
            safety.last().cause == "stale_target";
   })) << (safety.all().empty() ? "no state" : safety.last().reason);
   EXPECT_TRUE(atRest());
+}
+
+// The client is another process, and killed.
+TEST_F(CalibrationFaults, WithoutTheNodeThatAskedForItARunEnds) {
+  Inbox<RunCalibrationActionResult> results(node_, "calibration/run_calibration/result");
+  freeTheArm();
+  first_target_ = targets_.all().size();
+  Process client({"rostopic", "pub", "/calibration/run_calibration/goal",
+                  "helix_arm/RunCalibrationActionGoal",
+                  "{goal: {fit: [K_kappa], plan: [3.0e5, 0, 0, 0, 3.0e5, 0, 3.0e5, 3.0e5, 0, 0, 0, "
+                  "3.0e5]}}"});
+  ASSERT_TRUE(rig_.command.next([](const PressureArray& command) {
+    return command.pressure[0] > 2.9e5;
+  })) << client.outputNow()
+      << calibration_->outputNow();
+  client.signal(SIGKILL);
+  ASSERT_TRUE(waitFor([&] { return !results.all().empty(); })) << calibration_->outputNow();
+  EXPECT_EQ(results.last().status.status, actionlib_msgs::GoalStatus::ABORTED);
+  EXPECT_NE(results.last().result.message.find("is gone or does not answer"), std::string::npos)
+      << results.last().result.message;
+  EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {

@@ -3,6 +3,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <iterator>
 #include <map>
 #include <sstream>
@@ -13,6 +14,7 @@
 #include <ros/network.h>
 #include <xmlrpcpp/XmlRpcClient.h>
 
+#include "helix_arm/Reload.h"
 #include "support/loop_rig.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -196,6 +198,66 @@ TEST_F(FollowTipPath, ACancelledGoalHoldsTheArmWhereItIsWanted) {
   // A target ends it, and its own silence ends the command.
   EXPECT_TRUE(tipComesTo(kMiddle, 0.005, targetAt(kMiddle)));
   EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+}
+
+// Somebody else, here this test, asks for rest while the loop commands.
+TEST_F(FollowTipPath, ARestEndsWhatTheLoopHolds) {
+  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 1.0);
+  goal.hold_s = 0;  // simulated: without end
+  send(goal);
+  ASSERT_EQ(endOfGoal(), Result::SUCCESSFUL);
+  ASSERT_TRUE(call("pressure_command/rest"));
+  ASSERT_TRUE(waitFor([this] { return safety_.last().state == SafetyState::DISABLED; }))
+      << safety_.last().reason;
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+  const std::size_t sent = sent_.all().size(), told = loop_.all().size();
+  ASSERT_TRUE(waitFor([&] { return loop_.all().size() > told + 100; }));
+  EXPECT_EQ(sent_.all().size(), sent) << "it goes on commanding";
+  EXPECT_EQ(safety_.last().state, SafetyState::DISABLED) << safety_.last().reason;
+}
+
+TEST_F(FollowTipPath, ARestAbortsTheGoalAndTheNextOneCountsAtOnce) {
+  send(goalAlong({kMiddle, kBeside}, 20.0));
+  ASSERT_TRUE(isUnderWay());
+  ASSERT_TRUE(call("pressure_command/rest"));
+  EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
+  EXPECT_NE(client_->getResult()->error_string.find("brought the arm to rest"), std::string::npos)
+      << client_->getResult()->error_string;
+  send(goalAlong({kMiddle, kBeside}, 1.0));
+  EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL) << client_->getResult()->error_string;
+}
+
+TEST_F(FollowTipPath, WhoRepeatsATargetIsBroughtToRestUntilItPauses) {
+  const TipTarget target = targetAt(kMiddle);
+  ASSERT_TRUE(comesTo(LoopStatus::CLOSED, target));
+  auto rest = std::async(std::launch::async, [this] { return call("pressure_command/rest"); });
+  ASSERT_TRUE(waitFor([&] {
+    repeat(target);
+    return safety_.last().state == SafetyState::DISABLED;
+  })) << safety_.last().reason;
+  EXPECT_TRUE(rest.get());
+  tip_target_.publish(target);
+  EXPECT_EQ(answerOn(names::kTipTarget).fault, "rested");
+  const double pause = shippedScene("demo").safety.rules.target_timeout + 0.5;
+  waitFor([] { return false; }, pause);
+  EXPECT_TRUE(comesTo(LoopStatus::CLOSED, target)) << loop_.last().message;
+}
+
+TEST_F(FollowTipPath, AnotherSceneIsTakenWhileTheLastPlaceIsHeldButNotWhileAGoalRuns) {
+  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 4.0);
+  goal.hold_s = 0;  // simulated: without end
+  send(goal);
+  ASSERT_TRUE(isUnderWay());
+  Reload reload;
+  ASSERT_TRUE(ros::service::call("sight_loop/reload", reload));
+  EXPECT_FALSE(reload.response.success);
+  EXPECT_NE(reload.response.message.find("cancel its goal"), std::string::npos)
+      << reload.response.message;
+  ASSERT_EQ(endOfGoal(), Result::SUCCESSFUL);
+  ASSERT_TRUE(ros::service::call("sight_loop/reload", reload));
+  EXPECT_TRUE(reload.response.success) << reload.response.message;
+  EXPECT_TRUE(waitFor([this] { return safety_.last().state == SafetyState::DISABLED; }))
+      << safety_.last().reason;
 }
 
 TEST_F(FollowTipPath, ARunningGoalKeepsTargetsAway) {

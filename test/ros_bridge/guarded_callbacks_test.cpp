@@ -122,7 +122,7 @@ TEST(FaultGuard, CatchesAnyExceptionAndReportsTheCulpritOnce) {
 TEST(GuardedService, WhatItThrowsIsTheAnswer) {
   GuardedService<Calibrate::Request, Calibrate::Response> service(
       "/s",
-      [](Calibrate::Request&, Calibrate::Response&) -> bool {
+      [](const std::string&, Calibrate::Request&, Calibrate::Response&) -> bool {
         throw std::runtime_error("so it is");
       },
       [](const std::string&) {});

@@ -1,13 +1,16 @@
-// The end of a commander on hardware, and what pressure_command refuses there: targets that come
-// before enabling or with a wrong stamp, looser rules, another regulator; and what it answers where
-// the regulator does not hear.
+// The end of a commander or its client on hardware, and what pressure_command refuses there:
+// targets that come before enabling or with a wrong stamp, looser rules, another regulator; and
+// what it answers where the regulator does not hear.
+#include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <sstream>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/Reload.h"
+#include "helix_arm/ros_bridge/common/client_watch.hpp"
 #include "support/hardware_rig.hpp"
 
 namespace helix_arm::test {
@@ -129,6 +132,78 @@ TEST_P(HardwareRules, TargetsThatAreLateOrEarlyAreDropped) {
     EXPECT_EQ(answer->outcome, TargetStatus::DROPPED) << off;
     EXPECT_EQ(answer->fault, "stale") << off << ": " << answer->message;
   }
+}
+
+// The board as the arm of sight_loop, which has no camera and therefore stays open, and follow_path
+// as a client that lives as long as a test wants it to.
+class ClientOfTheLoop : public ::testing::Test {
+ protected:
+  // Enables the arm, and sends a path along which it shortens: all pressures rise.
+  void follow(double seconds, const std::vector<std::string>& more = {}) {
+    ASSERT_TRUE(ros::service::waitForService("/client/pressure_command/enable", ros::Duration(20)));
+    ASSERT_TRUE(waitFor([this] {
+      rig_.trigger(names::kEnable);
+      return rig_.comesTo("enabled", 0.5);
+    })) << rig_.node.outputNow();
+    std::ostringstream path;
+    path << "time_s,x_m,y_m,z_m\n0,0.38,0,0\n" << seconds << ",0.35,0,0\n";
+    path_.emplace(path.str(), ".csv");
+    ros::param::del("/client/follow_path");  // those of the run before would stay
+    std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "__ns:=/client",
+                                        "_path:=" + path_->path()};
+    command.insert(command.end(), more.begin(), more.end());
+    client_ = std::make_unique<Process>(command);
+  }
+  bool isUnderWay() {
+    return waitFor([this] { return regulator_.pressure().minCoeff() > 6e4; }, 60);
+  }
+
+  EmulatedRegulator regulator_{Line::kSerial};
+  HardwareRig rig_{regulator_, "client"};
+  Process loop_{{HELIX_ARM_SIGHT_LOOP, "__ns:=/client", "_scene:=" + regulator_.scene(),
+                 "_frame_prefix:=client_"}};
+  std::optional<TemporaryFile> path_;
+  std::unique_ptr<Process> client_;
+};
+
+class GoneClient : public ClientOfTheLoop, public ::testing::WithParamInterface<int> {};
+INSTANTIATE_TEST_SUITE_P(, GoneClient, ::testing::Values(SIGKILL, SIGSTOP), [](const auto& signal) {
+  return signal.param == SIGKILL ? "Killed" : "Stopped";
+});
+
+TEST_P(GoneClient, LeavesAnArmThatVents) {
+  using ros_bridge::ClientWatch;
+  follow(120, {"_hold_s:=50"});
+  ASSERT_TRUE(isUnderWay()) << client_->outputNow() << loop_.outputNow();
+  client_->signal(GetParam());
+  const double begin = regulator::steadyNow();
+  const double patience = GetParam() == SIGKILL ? ClientWatch::kMisses * ClientWatch::kPeriod
+                                                : ClientWatch::kLongestSilence;
+  EXPECT_TRUE(rig_.ventsBy(begin, patience + kTargetTimeout + kSlack)) << loop_.outputNow();
+  std::printf("the board had its vent order %.0f ms after the client was gone\n",
+              1e3 * (regulator::steadyNow() - begin));
+  EXPECT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
+  EXPECT_EQ(rig_.safety.last().cause, "stale_target");
+  EXPECT_TRUE(loop_.prints("/client/follow_path, is gone or does not answer"));
+  client_->signal(SIGCONT);
+}
+
+TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {
+  follow(9, {"_hold_s:=0.5"});
+  ASSERT_TRUE(isUnderWay()) << client_->outputNow() << loop_.outputNow();
+  EXPECT_EQ(client_->exitCode(60), 0) << client_->output() << loop_.outputNow();
+  EXPECT_TRUE(rig_.comesTo("disabled")) << rig_.safety.last().reason;
+  EXPECT_EQ(rig_.safety.last().cause, "none");
+  EXPECT_TRUE(regulator_.isVented());
+}
+
+TEST_F(ClientOfTheLoop, CannotHaveAPlaceHeldWithoutEnd) {
+  follow(9, {"_hold_s:=80000"});
+  EXPECT_EQ(client_->exitCode(60), 1) << client_->output();
+  EXPECT_NE(client_->output().find("hold_s is 80000; expected at most 60 on hardware"),
+            std::string::npos)
+      << client_->output();
+  EXPECT_TRUE(regulator_.isVented() || regulator_.setPoint().isZero());
 }
 
 }  // namespace

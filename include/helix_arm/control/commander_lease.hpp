@@ -26,4 +26,25 @@ class CommanderLease {
   double last_claim_ = 0.0;
 };
 
+/// Keeps the commander whose arm was brought to rest by somebody else from moving it again with
+/// targets that it merely repeats: its next target counts once it has paused. Times are seconds on
+/// any steady clock.
+class RestedCommander {
+ public:
+  /// @param commander  whose targets the arm followed; empty: nobody.
+  void hold(const std::string& commander, double now);
+  /// Lets everybody command.
+  void release() { commander_.clear(); }
+  /// As release(), if it is `commander` that knows of the rest.
+  void acknowledge(const std::string& commander);
+
+  /// Whether the target of a commander at `now` [s] is to be refused; each of them restarts the
+  /// pause [s].
+  bool refuses(const std::string& commander, double now, double pause);
+
+ private:
+  std::string commander_;  ///< empty: nobody
+  double last_try_ = 0.0;
+};
+
 }  // namespace helix_arm::control

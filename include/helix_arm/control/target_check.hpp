@@ -26,8 +26,9 @@ enum class Fault {
   kNotConverged,
   kNotEnabled,
   kStale,
+  kRested,
 };
-inline constexpr int kFaultCount = 12;
+inline constexpr int kFaultCount = 13;
 
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);
@@ -61,6 +62,11 @@ enum class Timed { kTarget, kReading };
 ///
 /// @param age  age of the stamp [s]; < 0 if it is in the future.
 std::optional<Refusal> checkAge(double age, double timeout, Timed what = Timed::kTarget);
+
+/// Refuses a target of the commander whose arm somebody else has brought to rest.
+///
+/// @param pause  silence after which its next target counts [s].
+Refusal restedRefusal(double pause);
 
 /// Readings outside this range mean a broken sensor, or another unit: gauge [Pa].
 inline constexpr model::Range kPossibleReading{-2e5, 1e8};

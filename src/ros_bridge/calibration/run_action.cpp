@@ -44,6 +44,7 @@ RunAction::RunAction(ros::NodeHandle& node, ros::NodeHandle& private_node,
       calibrator_(calibrator),
       target_publisher_(node.advertise<PressureArray>(names::kPressureTarget, 10)),
       status_subscriber_(listen(node, names::kTargetStatus, 100, &RunAction::onStatus, this)),
+      client_(private_node, names::kRunCalibration),
       server_(std::make_unique<Server>(
           private_node, names::kRunCalibration,
           [this](const RunCalibrationGoalConstPtr& goal) {
@@ -95,7 +96,9 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
   if (!goal_guard_.run(
           "",
           [&] {
+            client_.watch(goal);
             const auto ending = play();
+            client_.release();
             recorder_.stopSeries();
             if (!ending) return;
             rest();
@@ -172,6 +175,7 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   const auto [now, time_stands, state] = recorder_.observe();
   if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "cancelled");
   if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is shutting down");
+  if (client_.isGone()) run.end(RunEnd::kAborted, client_.whyGone());
   if (time_stands) {
     run.end(RunEnd::kAborted,
             "ROS time does not advance; is the node that publishes /clock running?");
@@ -216,7 +220,7 @@ void RunAction::rest() {
       const basics::MutexLock lock(mutex_);
       if (server_->isNewGoalAvailable()) return;
       if (!trace_.awaitsAnswer()) {
-        if (!trace_.commands()) return;
+        if (!trace_.commands() && !trace_.wasRested()) return;
         break;
       }
     }

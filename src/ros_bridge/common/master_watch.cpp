@@ -16,15 +16,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr int kSuccess = 1;  // code of an answer, by ROS's Master API
+constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
 
-enum class Answer { kKnowsUs, kForgotUs, kHangs, kIsGone };
-
-const char* textOf(Answer answer) {
+const char* textOf(Reply answer) {
   switch (answer) {
-    case Answer::kForgotUs:
+    case Reply::kFailure:
       return "was restarted and does not know this node";
-    case Answer::kHangs:
+    case Reply::kHangs:
       return "does not answer: it hangs, or is cut off";
     default:
       return "is gone";
@@ -32,20 +30,26 @@ const char* textOf(Answer answer) {
 }
 
 // After a restart, the master answers but does not know this node, which nobody can then find.
-// ros::master::execute() would wait forever for a master that hangs.
-Answer askMaster() {
+Reply askMaster() {
   XmlRpc::XmlRpcValue question, answer;
   question[0] = ros::this_node::getName();
   question[1] = ros::this_node::getName();
-  XmlRpc::XmlRpcClient client(ros::master::getHost().c_str(),
-                              static_cast<int>(ros::master::getPort()), "/");
-  if (!client.executeNonBlock("lookupNode", question)) return Answer::kIsGone;
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, answer);
+}
+
+}  // namespace
+
+Reply callXmlRpc(const std::string& host, int port, const char* method,
+                 const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer) {
+  XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
+  if (!client.executeNonBlock(method, question)) return Reply::kIsGone;
   using XmlRpc::XmlRpcDispatch;
   const auto end = Clock::now() + std::chrono::duration<double>(MasterWatch::kPatience);
   unsigned awaited = XmlRpcDispatch::WritableEvent;
   while (awaited != 0) {
     const std::chrono::duration<double, std::milli> left = end - Clock::now();
-    if (left.count() <= 0) return Answer::kHangs;
+    if (left.count() <= 0) return Reply::kHangs;
     pollfd line{client.getfd(), POLLIN, 0};
     if (awaited == XmlRpcDispatch::WritableEvent) line.events = POLLOUT;
     if (poll(&line, 1, 1 + static_cast<int>(left.count())) <= 0) continue;
@@ -53,17 +57,18 @@ Answer askMaster() {
     awaited = client.handleEvent(ready ? awaited : unsigned{XmlRpcDispatch::Exception});
   }
   // A refused connection also counts as done, without an answer.
-  if (!client.executeCheckDone(answer) || !answer.valid()) return Answer::kIsGone;
-  const bool sound = !client.isFault() && answer.getType() == XmlRpc::XmlRpcValue::TypeArray &&
-                     answer.size() > 0 && answer[0].getType() == XmlRpc::XmlRpcValue::TypeInt;
-  return sound && static_cast<int>(answer[0]) == kSuccess ? Answer::kKnowsUs : Answer::kForgotUs;
+  XmlRpc::XmlRpcValue all;
+  if (!client.executeCheckDone(all) || !all.valid()) return Reply::kIsGone;
+  const bool sound = !client.isFault() && all.getType() == XmlRpc::XmlRpcValue::TypeArray &&
+                     all.size() == 3 && all[0].getType() == XmlRpc::XmlRpcValue::TypeInt;
+  if (!sound || static_cast<int>(all[0]) != kSuccessCode) return Reply::kFailure;
+  answer = all[2];
+  return Reply::kSuccess;
 }
 
-}  // namespace
-
 bool masterAnswers() {
-  const Answer answer = askMaster();
-  return answer == Answer::kKnowsUs || answer == Answer::kForgotUs;
+  const Reply answer = askMaster();
+  return answer == Reply::kSuccess || answer == Reply::kFailure;
 }
 
 MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
@@ -83,8 +88,8 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
   basics::MutexLock lock(mutex_);
   while (!wake_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; })) {
     lock.unlock();
-    const Answer answer = askMaster();
-    missed = answer == Answer::kKnowsUs ? 0 : missed + 1;
+    const Reply answer = askMaster();
+    missed = answer == Reply::kSuccess ? 0 : missed + 1;
     if (missed >= misses && ros::ok()) {
       lost_ = true;
       EndRequest::make();

@@ -7,6 +7,7 @@
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/common/end_request.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -22,9 +23,11 @@ void CommandTrace::answered(const TargetStatus& status) {
   const bool accepted = status.outcome != TargetStatus::DROPPED;
   if (status.commander != ros::this_node::getName()) {
     accepted_ = accepted_ && !accepted;
+    rested_ = rested_ && !accepted;
     return;
   }
   accepted_ = accepted;
+  rested_ = status.fault == control::nameOf(control::Fault::kRested);
   heard_ = true;
   if (status.target_stamp == last_stamp_) waits_ = false;
 }

@@ -42,6 +42,7 @@ bool CommandLink::follows() const { return speaks_ && accepted_ && enabled_ && i
 void CommandLink::send(const Eigen::VectorXd& pressure) { publish(pressure); }
 
 void CommandLink::ask() {
+  if (trace_.wasRested()) return;  // until pressure_command knows that this node knows
   publish(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
 }
 
@@ -68,10 +69,11 @@ void CommandLink::rest() {
 }
 
 void CommandLink::restIfDue() {
-  if (!rests_) return;
-  if (trace_.awaitsAnswer()) return;
+  const bool was_rested = trace_.wasRested();
+  if ((!rests_ && !was_rested) || trace_.awaitsAnswer()) return;
   rests_ = false;
-  if (trace_.commands()) requestRest();
+  if (was_rested || trace_.commands()) requestRest();
+  trace_ = {};
 }
 
 std::optional<control::Refusal> CommandLink::refusal() const {
@@ -104,7 +106,8 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
 }
 
 void CommandLink::onSafety(const SafetyStateConstPtr& state) {
-  enabled_ = state->state == SafetyState::ENABLED;
+  const bool was_enabled = std::exchange(enabled_, state->state == SafetyState::ENABLED);
+  was_enabled_anew_ = was_enabled_anew_ || (enabled_ && !was_enabled);
   safety_reason_ = basics::quoted(state->reason, kLongestMessage);
   if (!enabled_) accepted_ = false;
 }
@@ -122,7 +125,9 @@ void CommandLink::onStatus(const TargetStatusConstPtr& status) {
     return;
   }
   const auto is = [&](Fault fault) { return status->fault == control::nameOf(fault); };
-  const Fault fault = is(Fault::kOtherCommander) ? Fault::kOtherCommander : Fault::kNotEnabled;
+  const Fault fault = is(Fault::kOtherCommander) ? Fault::kOtherCommander
+                      : is(Fault::kRested)       ? Fault::kRested
+                                                 : Fault::kNotEnabled;
   const control::Refusal refusal{fault, basics::quoted(status->message, kLongestMessage)};
   if (is(Fault::kStale)) {
     passing_ = refusal;

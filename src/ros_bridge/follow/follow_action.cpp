@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <sstream>
 #include <utility>
 #include <variant>
 
@@ -49,6 +50,7 @@ FollowAction::FollowAction(ros::NodeHandle& private_node, const io::Scene& scene
       frames_(frames),
       targets_(targets),
       make_check_(std::move(make_check)),
+      client_(private_node, names::kFollowTipPath),
       server_(std::make_unique<Server>(
           private_node, names::kFollowTipPath,
           [this](const Handle& handle) { guard_.run("", [&] { onGoal(handle); }); },
@@ -121,18 +123,28 @@ void FollowAction::takeCandidate() {
     reject(next, *refusal);
     return;
   }
+  auto& goal = std::get<PathGoal>(*decided);
+  if (goal.hold > longestHold()) {
+    std::ostringstream text;
+    text << "hold_s is " << *goal.hold << "; expected at most " << longestHold()
+         << " on hardware: a tip_target that is repeated keeps the tip where it is for longer";
+    reject(next, {Result::INVALID_GOAL, text.str()});
+    return;
+  }
   if (const auto other = targets_.claim(names::kFollowTipPath)) {
     reject(next, {Result::NOT_ENABLED, other->message});
     return;
   }
   if (run_) cancel("replaced by a newer goal");
   next.setAccepted("accepted");
-  auto& goal = std::get<PathGoal>(*decided);
+  client_.watch(*next.getGoal());
   const GoalWatch watch(goal.rules, goal.path.lastTime());
   run_.emplace(Run{std::move(next), std::move(goal), watch});
 }
 
 void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLink& link) {
+  const auto asked = link.refusal();
+  if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
   takeCandidate();
   if (!run_) {
     if (!link.follows()) endHold();
@@ -141,7 +153,10 @@ void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLi
     loop.hold();
     return;
   }
-  if (const auto other = targets_.claim(names::kFollowTipPath)) {
+  if (client_.isGone()) {
+    end({Result::CLIENT_LOST, client_.whyGone()});
+    endHold();
+  } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
     end({Result::NOT_ENABLED, other->message});
   } else if (const auto refusal = link.refusal()) {
     end({Result::NOT_ENABLED, refusal->message});
@@ -218,12 +233,18 @@ void FollowAction::cancel(const std::string& reason) {
 
 // The last position is held if the arm was moved there.
 void FollowAction::leave() {
-  const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+  const double longest = longestHold();
   const double usual =
-      simulated ? std::numeric_limits<double>::infinity() : scene_.safety.rules.target_timeout;
+      std::isinf(longest) ? longest : std::min(longest, scene_.safety.rules.target_timeout);
   hold_time_ = run_->goal.hold.value_or(usual);
   if (run_->follows) hold_since_ = ros::SteadyTime::now();
   run_.reset();
+  client_.release();
+}
+
+double FollowAction::longestHold() const {
+  const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+  return simulated ? std::numeric_limits<double>::infinity() : kLongestHold;
 }
 
 }  // namespace helix_arm::ros_bridge

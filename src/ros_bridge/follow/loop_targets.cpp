@@ -2,6 +2,7 @@
 
 #include <variant>
 
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
@@ -69,6 +70,7 @@ void LoopTargets::answer(const TargetSolution& solution) {
 }
 
 void LoopTargets::refuse(const control::Refusal& refusal) {
+  if (refusal.fault == control::Fault::kRested) rested_.hold(commander_, regulator::steadyNow());
   for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
   unanswered_.clear();
   forget();
@@ -121,6 +123,11 @@ void LoopTargets::aimTip(const TargetSender& sender, const control::Checked<TipG
 }
 
 void LoopTargets::set(const TargetSender& sender, const follow::Target& target) {
+  const double pause = scene_.safety.rules.target_timeout;
+  if (rested_.refuses(sender.commander, regulator::steadyNow(), pause)) {
+    admission_.drop(sender, control::restedRefusal(pause));
+    return;
+  }
   // A repeated target renews the lease but does not restart the watch for divergence.
   changed_ = changed_ || !target_ || !areEqual(*target_, target);
   target_ = target;

@@ -84,6 +84,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   stamp_ = stamp;
   const double time = stamp.toSec();
   loop_.enable(link_.follows());
+  if (link_.takeEnabling()) targets_.enabled();
   action_.prepare(time, loop_, link_);
   aim();
   const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
@@ -189,11 +190,15 @@ bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
 void SightLoopNode::adopt(io::Scene next) {
   next = requirePneumatic(std::move(next));
   requireSameRig(scene_, next);
-  basics::require(!isWanted(),
+  basics::require(!action_.runs() && !targets_.target(),
                   "the loop commands the arm; cancel its goal, or send it no target for ",
                   scene_.safety.rules.target_timeout, " s, and reload again");
   follow::SightLoop loop(next.model, procedures::loopConfigOf(next));
   loop.close(closes_);
+  if (action_.wants()) {  // the last place of a goal, which is the old model's
+    action_.endHold();
+    link_.rest();
+  }
   scene_ = std::move(next);
   loop_ = std::move(loop);
   targets_.adopt();

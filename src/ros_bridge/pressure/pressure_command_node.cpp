@@ -29,7 +29,9 @@ PressureCommandNode::PressureCommandNode()
               [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
       intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(),
               {[this] { return loop_->goal(); },
-               [this](const Eigen::VectorXd& pressure) { return loop_->command(pressure); }}),
+               [this](const std::string& commander, const Eigen::VectorXd& pressure) {
+                 return loop_->command(commander, pressure);
+               }}),
       model_server_(ros::NodeHandle("~"), scene_.model) {
   reload_ =
       std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene, options_.scene_folder,

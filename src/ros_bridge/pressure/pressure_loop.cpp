@@ -134,15 +134,21 @@ bool PressureLoop::end() {
   return path_.end();
 }
 
-std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
-  std::string refusal;
+std::optional<control::Refusal> PressureLoop::command(const std::string& commander,
+                                                      const Eigen::VectorXd& pressure) {
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   control::SafetyCore& core = path_.core();
+  if (rested_.refuses(commander, now, core.rules().target_timeout)) {
+    return control::restedRefusal(core.rules().target_timeout);
+  }
+  std::string refusal;
   if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
   if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+  if (refusal.empty()) commander_ = commander;
   publish(now);
-  return refusal;
+  if (refusal.empty()) return std::nullopt;
+  return control::Refusal{control::Fault::kNotEnabled, refusal};
 }
 
 void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
@@ -176,15 +182,19 @@ bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
   const double now = steadyNow();
   const std::string refusal = path_.enable(now);
   turn(now);
+  if (refusal.empty()) rested_.release();
   response.success = refusal.empty();
   response.message = refusal.empty() ? path_.reason() : refusal;
   return true;
 }
 
-bool PressureLoop::onRest(Trigger::Request&, Trigger::Response& response) {
+bool PressureLoop::onRest(const std::string& caller, Trigger::Request&,
+                          Trigger::Response& response) {
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   response.success = path_.core().rest(now);
+  if (response.success && caller != commander_) rested_.hold(commander_, now);
+  rested_.acknowledge(caller);
   turn(now);
   response.message = (response.success ? "" : "not enabled, so nothing changes: ") + path_.reason();
   return true;

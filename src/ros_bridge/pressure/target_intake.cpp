@@ -96,9 +96,9 @@ void TargetIntake::follow(const TargetSender& sender, const statics::InverseResu
 }
 
 bool TargetIntake::command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
-  const std::string refusal = commands_.send(pressure);
-  if (!refusal.empty()) admission_.drop(sender, {control::Fault::kNotEnabled, refusal});
-  return refusal.empty();
+  const auto refusal = commands_.send(sender.commander, pressure);
+  if (refusal) admission_.drop(sender, *refusal);
+  return !refusal;
 }
 
 }  // namespace helix_arm::ros_bridge

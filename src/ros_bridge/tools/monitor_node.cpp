@@ -139,7 +139,8 @@ void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
       return countOf(status, std::string(names::kDroppedPrefix) + control::nameOf(fault));
     };
     refused_ = countOfDropped(control::Fault::kOtherCommander) +
-               countOfDropped(control::Fault::kNotEnabled) + countOfDropped(control::Fault::kStale);
+               countOfDropped(control::Fault::kNotEnabled) +
+               countOfDropped(control::Fault::kRested) + countOfDropped(control::Fault::kStale);
     last_fault_ = basics::quoted(valueOf(status, names::kLastFaultKey), kLongestMessage);
   }
 }

@@ -54,10 +54,11 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
   return rows;
 }
 
-// Refusals that do not depend on the values of the target: the arm is not enabled, messages are
-// late, or clocks differ.
+// Refusals that do not depend on the values of the target: the arm is not enabled, or was brought
+// to rest by somebody else; messages are late, or clocks differ.
 bool passes(const std::string& fault) {
   return fault == control::nameOf(control::Fault::kNotEnabled) ||
+         fault == control::nameOf(control::Fault::kRested) ||
          fault == control::nameOf(control::Fault::kStale);
 }
 

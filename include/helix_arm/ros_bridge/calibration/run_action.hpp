@@ -17,6 +17,7 @@
 #include "helix_arm/ros_bridge/calibration/calibrator.hpp"
 #include "helix_arm/ros_bridge/calibration/job_slot.hpp"
 #include "helix_arm/ros_bridge/calibration/recorder.hpp"
+#include "helix_arm/ros_bridge/common/client_watch.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/rest_request.hpp"
 
@@ -24,7 +25,8 @@ namespace helix_arm::ros_bridge {
 
 /// Serves the action ~run_calibration in a thread of its own: forgets what was recorded, steps the
 /// arm through a plan of pressures and records it at each, ramps down, asks pressure_command to
-/// rest, if the arm follows it and no other goal waits, and calibrates.
+/// rest, if the arm follows it and no other goal waits, and calibrates. Where the node that sent
+/// the goal is gone, it ramps down at once.
 ///
 /// Subscribes to target_status. Publishes pressure_target, all actuators, gauge [Pa], during a run
 /// alone. Its mutex is locked before that of Recorder.
@@ -92,6 +94,7 @@ class RunAction {
 
   ros::Publisher target_publisher_;
   ros::Subscriber status_subscriber_;
+  GoalClient<RunCalibrationActionGoal> client_;  ///< of the present run
   FaultGuard goal_guard_{"a goal of run_calibration"};
   std::unique_ptr<Server> server_;  ///< last: its end waits for the thread of the action
 };

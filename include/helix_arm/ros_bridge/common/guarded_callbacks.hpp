@@ -96,7 +96,7 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
 template <class Request, class Response>
 class GuardedService : public ros::ServiceCallbackHelper {
  public:
-  using Callback = std::function<bool(Request&, Response&)>;
+  using Callback = std::function<bool(const std::string& caller, Request&, Response&)>;
 
   GuardedService(const std::string& service, Callback callback, FaultGuard::Log log)
       : guard_("a call of " + service, std::move(log)), callback_(std::move(callback)) {}
@@ -107,15 +107,16 @@ class GuardedService : public ros::ServiceCallbackHelper {
     bool ok = false;
     std::string why;
     const auto& header = params.connection_header;
+    const std::string caller = header ? (*header)["callerid"] : "";
     const bool sound = guard_.run(
-        header ? (*header)["callerid"] : "",
+        caller,
         [&] {
           const ros::SerializedMessage& bytes = params.request;
           CheckedStream stream(bytes.message_start,
                                static_cast<std::uint32_t>(bytes.num_bytes -
                                                           (bytes.message_start - bytes.buf.get())));
           stream.next(request);
-          ok = callback_(request, response);
+          ok = callback_(caller, request, response);
         },
         &why);
     params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
@@ -169,11 +170,11 @@ ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uin
       std::move(log));
 }
 
-/// Advertises a service.
-template <class Node, class Request, class Response>
-ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(Request&, Response&), Node* owner,
-                         FaultGuard::Log log = {}) {
+/// Advertises a service; called by serve().
+template <class Request, class Response>
+ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& service,
+                                typename GuardedService<Request, Response>::Callback callback,
+                                FaultGuard::Log log) {
   ros::AdvertiseServiceOptions options;
   options.service = service;
   options.md5sum = ros::service_traits::md5sum<Request>();
@@ -181,12 +182,32 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
   options.req_datatype = ros::message_traits::datatype<Request>();
   options.res_datatype = ros::message_traits::datatype<Response>();
   options.helper = boost::make_shared<GuardedService<Request, Response>>(
-      node.resolveName(service),
-      [owner, callback](Request& request, Response& response) {
+      node.resolveName(service), std::move(callback), std::move(log));
+  return node.advertiseService(options);
+}
+
+/// Advertises a service. The callback may take the name of the calling node first.
+template <class Node, class Request, class Response>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(Request&, Response&), Node* owner,
+                         FaultGuard::Log log = {}) {
+  return serveGuarded<Request, Response>(
+      node, service,
+      [owner, callback](const std::string&, Request& request, Response& response) {
         return (owner->*callback)(request, response);
       },
       std::move(log));
-  return node.advertiseService(options);
+}
+template <class Node, class Request, class Response>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(const std::string&, Request&, Response&),
+                         Node* owner, FaultGuard::Log log = {}) {
+  return serveGuarded<Request, Response>(
+      node, service,
+      [owner, callback](const std::string& caller, Request& request, Response& response) {
+        return (owner->*callback)(caller, request, response);
+      },
+      std::move(log));
 }
 
 /// Calls back periodically, on a steady clock.

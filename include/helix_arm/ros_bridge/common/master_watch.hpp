@@ -2,11 +2,29 @@
 
 #include <atomic>
 #include <chrono>
+#include <string>
 #include <thread>
+
+#include <xmlrpcpp/XmlRpcValue.h>
 
 #include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// What became of a call of the XML-RPC interface of the master or of a node.
+enum class Reply {
+  kSuccess,
+  kFailure,  ///< it answers that it failed
+  kHangs,    ///< no answer within MasterWatch::kPatience
+  kIsGone,   ///< nobody is there, or it ended
+};
+
+/// Calls and waits for at most MasterWatch::kPatience, unlike ros::master::execute(), which waits
+/// without end for one that hangs.
+///
+/// @param answer  the value of a success.
+Reply callXmlRpc(const std::string& host, int port, const char* method,
+                 const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer);
 
 /// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
 /// node; roscpp notices none of these.

@@ -23,6 +23,10 @@ class CommandTrace {
   bool commands() const;
   /// Whether the last target may still be answered: it has waited for less than kPatience.
   bool awaitsAnswer() const;
+  /// Whether the newest answer refused a target since somebody else had asked for rest, and no
+  /// target of another was accepted since. Once no target of this node is under way, requestRest()
+  /// tells pressure_command that it knows: its next target counts.
+  bool wasRested() const { return rested_; }
   /// Whether this node has sent targets of which none was answered.
   bool isUnheard() const { return waits_ && !heard_; }
 
@@ -31,6 +35,7 @@ class CommandTrace {
   ros::SteadyTime last_sent_;
   bool waits_ = false;  ///< for the answer to the last target
   bool accepted_ = false;
+  bool rested_ = false;
   bool heard_ = false;
 };
 

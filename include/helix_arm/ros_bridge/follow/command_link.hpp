@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include <ros/node_handle.h>
 #include <ros/time.h>
@@ -45,10 +46,14 @@ class CommandLink {
   /// Sends nothing from now on, and asks for rest once the last target is answered: the loop is
   /// done. Until it sends again, or another commands the arm.
   void rest();
-  /// Asks for the rest that is due. To be called regularly; waits for the answer.
+  /// Asks for the rest that is due, or tells that it knows of the rest that somebody else asked
+  /// for: until then it sends nothing. To be called regularly; waits for the answer.
   void restIfDue();
   /// Commands the arm, may do so once it answers, or is to bring it to rest.
   bool isBusy() const { return follows() || rests_ || (speaks_ && trace_.awaitsAnswer()); }
+
+  /// Whether the arm was enabled since the last call.
+  bool takeEnabling() { return std::exchange(was_enabled_anew_, false); }
 
   /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
   std::optional<control::Refusal> refusal() const;
@@ -66,6 +71,7 @@ class CommandLink {
   std::optional<Eigen::VectorXd> set_point_;
   ros::SteadyTime last_command_;  ///< zero: none yet
   bool enabled_ = false;
+  bool was_enabled_anew_ = false;
   std::string safety_reason_;  ///< empty: safety_state has not come yet
 
   bool speaks_ = false;         ///< targets are sent

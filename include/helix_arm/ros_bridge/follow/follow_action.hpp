@@ -12,6 +12,7 @@
 
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/client_watch.hpp"
 #include "helix_arm/ros_bridge/common/frame_lookup.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/follow/command_link.hpp"
@@ -25,12 +26,18 @@ namespace helix_arm::ros_bridge {
 /// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
 /// decides how it ends. Afterwards the last wanted place is held for a time.
 ///
+/// A goal lives as long as the node that sent it. Where that is gone, the goal is aborted and
+/// nothing is held, so that the arm vents. On hardware, a place is held for kLongestHold at most.
+///
 /// A new goal replaces the running one once it is accepted, and one whose path is still being
 /// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
 /// the thread of the node's callback queue, except what a PathChecker does: it reads the points of
 /// a goal and checks its path.
 class FollowAction {
  public:
+  /// Longest time for which hardware stands at the last place of a goal [s].
+  static constexpr double kLongestHold = 60.0;
+
   /// Makes a check for another thread, of the arm as it is now.
   using MakePathCheck = std::function<PathCheck()>;
 
@@ -83,6 +90,8 @@ class FollowAction {
   void cancel(const std::string& reason);
   void leave();
   bool isHeld() const;
+  /// Longest time for which a place may be held [s].
+  double longestHold() const;
 
   const io::Scene& scene_;
   const FrameLookup& frames_;
@@ -92,7 +101,8 @@ class FollowAction {
   PathChecker checker_;
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
-  double hold_time_ = 0.0;  ///< [s]
+  double hold_time_ = 0.0;               ///< [s]
+  GoalClient<UnreadActionGoal> client_;  ///< of the running goal
   FaultGuard guard_{"a goal of follow_tip_path"};
   std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
 };

@@ -11,6 +11,7 @@
 
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
@@ -54,8 +55,11 @@ class LoopTargets {
   bool areUnanswered() const { return !unanswered_.empty(); }
   /// Answers them: the loop commands the target.
   void answer(const TargetSolution& solution);
-  /// Answers them, and forgets the target.
+  /// Answers them, and forgets the target. After a rest (Fault::kRested), its commander must pause
+  /// for safety.target_timeout before its next target counts, or the arm be enabled (enabled()).
   void refuse(const control::Refusal& refusal);
+  /// The arm was enabled: whoever was brought to rest may command again.
+  void enabled() { rested_.release(); }
 
   /// As TargetAdmission::status().
   diagnostic_msgs::DiagnosticStatus status(const std::string& node) {
@@ -74,6 +78,7 @@ class LoopTargets {
   const io::Scene& scene_;
   const FrameLookup& frames_;
   TargetAdmission admission_;
+  control::RestedCommander rested_;
   std::optional<follow::Target> target_;
   bool changed_ = false;
   std::string commander_;

@@ -52,7 +52,8 @@ namespace helix_arm::ros_bridge {
 /// Services
 /// - ~close_loop (std_srvs/SetBool): false keeps what the pictures teach out of the command
 /// - ~reset (std_srvs/Trigger): forgets what they taught; the way out of the state `diverging`
-/// - ~reload (Reload): another file of the same rig, while nobody commands the loop; forgets, too
+/// - ~reload (Reload): another file of the same rig, while nobody commands the loop; forgets, too,
+///   and ends the hold of a goal, after which the arm rests
 ///
 /// Action
 /// - ~follow_tip_path (FollowTipPath): moves the tip along a path
@@ -62,9 +63,10 @@ namespace helix_arm::ros_bridge {
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
 /// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
 /// safety.target_timeout lets go of the arm, which then vents, unless somebody else commands it. A
-/// running goal counts as a commander. After the hold of a goal, and where the node is asked to
-/// end, it asks pressure_command for rest. Nothing here enables the arm, except that a target may
-/// enable a simulated one.
+/// running goal counts as a commander as long as the node that sent it answers (ClientWatch). Where
+/// somebody else asks pressure_command for rest, goals, holds and targets end. After the hold of a
+/// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
+/// enables the arm, except that a target may enable a simulated one.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
 /// it runs in the main thread, except that goals are read and their paths checked in others.

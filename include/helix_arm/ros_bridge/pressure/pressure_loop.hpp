@@ -16,6 +16,7 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/thread_annotations.hpp"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
@@ -69,9 +70,12 @@ class PressureLoop {
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
-  /// Sets the target: (n), inside the limits [Pa].
-  /// @return the reason for refusal; empty on success.
-  std::string command(const Eigen::VectorXd& pressure) HELIX_ARM_EXCLUDES(mutex_);
+  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that somebody else
+  /// asked for, it is refused until it pauses for target_timeout, asks for rest itself, or somebody
+  /// enables the arm.
+  std::optional<control::Refusal> command(const std::string& commander,
+                                          const Eigen::VectorXd& pressure)
+      HELIX_ARM_EXCLUDES(mutex_);
 
   /// Replaces the rules of the same channels, and the arm with the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
@@ -95,7 +99,7 @@ class PressureLoop {
   using SetBool = std_srvs::SetBool;
 
   bool onEnable(Trigger::Request&, Trigger::Response& response);
-  bool onRest(Trigger::Request&, Trigger::Response& response);
+  bool onRest(const std::string& caller, Trigger::Request&, Trigger::Response& response);
   bool onVent(Trigger::Request&, Trigger::Response& response);
   bool onStop(SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
@@ -116,6 +120,8 @@ class PressureLoop {
   mutable regulator::PriorityMutex mutex_;  ///< also orders the commands
   model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);
   regulator::PressurePath path_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string commander_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of the last target
+  control::RestedCommander rested_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t turns_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
   std::optional<std::uint64_t> changes_noted_ HELIX_ARM_GUARDED_BY(mutex_);
   FaultCount bad_readings_ HELIX_ARM_GUARDED_BY(mutex_);

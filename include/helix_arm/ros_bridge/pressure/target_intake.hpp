@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
@@ -32,8 +33,10 @@ class TargetIntake {
   /// Where accepted targets go.
   struct Commands {
     std::function<Eigen::VectorXd()> goal;  ///< (n) where the arm goes now [Pa]
-    /// Takes (n) [Pa], inside the limits. Returns the reason for refusal; empty on success.
-    std::function<std::string(const Eigen::VectorXd&)> send;
+    /// Takes (n) [Pa], inside the limits, of a commander; or refuses it.
+    std::function<std::optional<control::Refusal>(const std::string& commander,
+                                                  const Eigen::VectorXd& pressure)>
+        send;
   };
 
   /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
