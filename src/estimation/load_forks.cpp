@@ -29,6 +29,8 @@ constexpr double kPlaceLead = 4.5;    // of log likelihoods
 // Of drifts, in time of pictures [s].
 constexpr double kMemoryPeriod = 3.0;
 constexpr double kLongestMemory = 60.0;
+// Fewer that are contradicted begin anew: the arm was not yet at rest when they were made.
+constexpr std::size_t kLeastMemories = 3;
 constexpr double kForceTime = 0.5;  // in which the estimate of a new force settles
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
@@ -275,6 +277,10 @@ void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter
     drift = *middle;
   }
   beyond = drift.distance > drift.allowed;
+  if (beyond && !explained && all.size() < kLeastMemories) {
+    memories.clear();
+    beyond = false;
+  }
   against = beyond == doubtful ? 0.0 : against + dt;
   drift.doubtful = against < kDoubtTime ? doubtful : beyond;
   if (drift.doubtful != doubtful) against = 0.0;

@@ -61,7 +61,7 @@ class LoopStates : public test::LoopTest {
   }
   void reachDoubtful() {
     close();
-    bench_.run(12);
+    bench_.run(17);
     for (double end = bench_.time() + 10; !doubts() && bench_.time() < end;) lie(0.03, 0.1);
     bench_.step();
   }
@@ -336,12 +336,10 @@ TEST_F(LoopStates, AnArmThatIsSlowToReachATargetDoesNotDiverge) {
   bench_.loop.aimAt(tipAt(0.9, 0.1, 0.1));
   bench_.run(1);
   ASSERT_GT(bench_.error(), 0.022);
-  // Pressures that lag far more than the loop knows are doubted for a while.
   for (int k = 0; k < 2000; ++k) {
     bench_.step();
-    ASSERT_TRUE(state() == LoopState::kClosed || state() == LoopState::kDoubtful) << k;
+    ASSERT_EQ(state(), LoopState::kClosed) << k;
   }
-  EXPECT_EQ(state(), LoopState::kClosed);
   EXPECT_LT(bench_.error(), 5e-3);
 }
 
@@ -369,7 +367,7 @@ TEST_F(LoopStates, PicturesThatDriftAreDoubtedAndFollowedNoFarther) {
     LoopBench bench(model_, truthOf(model_.arm()), LoopBench::config(), {});
     bench.loop.setOnContact(reaction);
     bench.loop.aimAt(here_);
-    bench.run(15);
+    bench.run(20);
     ASSERT_EQ(bench.loop.state(), LoopState::kClosed);
     double said = INFINITY, error_then = INFINITY, most = 0;
     for (int k = 1; k <= 3000; ++k) {
