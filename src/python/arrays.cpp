@@ -1,5 +1,6 @@
 #include "arrays.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -113,7 +114,21 @@ void requireFinite(const Rows& rows) {
 }
 
 py::array textsOf(const py::list& texts) {
-  return py::module_::import("numpy").attr("array")(texts, py::arg("dtype") = "str");
+  // Without code of Python, such as an import: where a daemon thread runs it when the interpreter
+  // ends, Python unwinds the callers as well.
+  std::vector<std::string> words;
+  std::size_t width = 1;
+  for (const py::handle text : texts) {
+    words.push_back(text.cast<std::string>());
+    width = std::max(width, words.back().size());
+  }
+  py::array out(py::dtype("U" + std::to_string(width)), words.size());
+  auto* to = static_cast<char32_t*>(out.mutable_data());
+  for (const std::string& word : words) {
+    std::fill(std::copy(word.begin(), word.end(), to), to + width, U'\0');
+    to += width;
+  }
+  return out;
 }
 
 py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <new>
 #include <string>
 #include <utility>
@@ -70,7 +71,16 @@ py::array arrayOf(const py::handle& given, const char* name);
 /// @throws ValueError naming the argument and the row of an entry that is NaN or infinite.
 void requireFinite(const Rows& rows);
 
-/// New array of text, also of none.
+/// New array of these numbers. Those of py::array_t are copied by NumPy, which gives up the
+/// interpreter meanwhile: when it ends, a daemon thread is then unwound through its caller.
+template <class Number>
+py::array_t<Number> copyOf(const Number* first, const std::vector<py::ssize_t>& shape) {
+  py::array_t<Number> out(shape);
+  std::copy_n(first, out.size(), out.mutable_data());
+  return out;
+}
+
+/// New array of ASCII text, also of none.
 py::array textsOf(const py::list& texts);
 
 /// "(3,)", "(2, 3)".

@@ -113,7 +113,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
     outliers.append(fitted ? outliersOf(*found, *scene.tags) : py::list());
   }
   py::dict out;
-  out["captures"] = py::array_t<int>(static_cast<py::ssize_t>(numbers.size()), numbers.data());
+  out["captures"] = copyOf(numbers.data(), {static_cast<py::ssize_t>(numbers.size())});
   out["pressures_pa"] = matrixOf(pressures);
   out["status"] = textsOf(py::cast(status));
   out["twists"] = arrays.twists;

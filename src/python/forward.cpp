@@ -91,7 +91,7 @@ py::array Forward::twists(const py::object& self) const {
 }
 py::object Forward::converged() const {
   if (single_) return py::bool_(converged_[0]);
-  return py::array_t<bool>(rows_, converged_.get());
+  return copyOf(converged_.get(), {rows_});
 }
 
 namespace {

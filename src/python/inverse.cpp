@@ -69,7 +69,7 @@ struct Found {
 
 template <class Number>
 py::array tableOf(const Found::Table<Number>& table, bool single) {
-  py::array_t<Number> out({table.rows(), table.cols()}, table.data());
+  const py::array_t<Number> out = copyOf(table.data(), {table.rows(), table.cols()});
   if (single) return out.attr("reshape")(-1).template cast<py::array>();
   return out;
 }
@@ -77,7 +77,7 @@ py::array tableOf(const Found::Table<Number>& table, bool single) {
 template <class Value>
 py::object columnOf(const std::vector<Value>& values, bool single) {
   if (single) return py::cast(values.front());
-  return py::array_t<Value>(static_cast<py::ssize_t>(values.size()), values.data());
+  return copyOf(values.data(), {static_cast<py::ssize_t>(values.size())});
 }
 
 py::dict resultOf(const Found& found, bool single) {

@@ -124,9 +124,8 @@ py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::lis
              });
   }
   py::dict out = arrays.fields();
-  out["converged"] = inputs.single()
-                         ? py::object(py::bool_(converged[0]))
-                         : py::array_t<bool>(static_cast<py::ssize_t>(rows), converged.get());
+  out["converged"] = inputs.single() ? py::object(py::bool_(converged[0]))
+                                     : copyOf(converged.get(), {static_cast<py::ssize_t>(rows)});
   return out;
 }
 

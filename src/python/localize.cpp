@@ -102,7 +102,7 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
     one["quaternion_xyzw"] = arrays.quaternions[first];
     one["tip_covariance"] = arrays.tip_covariances[first];
     one["rms_px"] = arrays.rms.at(0);
-    one["tags"] = py::array_t<int>(static_cast<py::ssize_t>(ids.size()), ids.data());
+    one["tags"] = copyOf(ids.data(), {static_cast<py::ssize_t>(ids.size())});
     one["corners_px"] = cornersOf(sight->detections);
     one["outlier_tags"] = measured ? outliersOf(sight->fit, *scene.tags) : py::list();
     one["unknown_tags"] = sight->unknown_ids;
