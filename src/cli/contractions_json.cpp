@@ -27,7 +27,8 @@ json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
           {"reason", found->taken ? json() : json(found->reason)},
           {"deviation_m", found->deviation},
           {"standard_errors", found->standard_errors},
-          {"pressure_pa", found->pressure}};
+          {"pressure_pa", found->pressure},
+          {"probability", found->probability}};
 }
 
 json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {

@@ -91,6 +91,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   out.K_eps = problem.K_eps();
   out.length_scale = problem.lengthScale();
   out.spline = problem.spline();
+  if (out.spline && fit.covariance.size() > 0) out.curve_test = testCurve(fit);
   out.X_B0B = problem.base();
   out.layout = problem.layout();
   out.bleed = problem.values().rig.at(ParameterBlock::kBleed)[0];
@@ -369,6 +370,10 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   out.combinations = combinationsOf(read, options, fit, kind, out.parameters, jackknives);
   const std::vector<std::string> warnings = warningsOf(read, groups, fit, out.captures, gains);
   out.warnings.insert(out.warnings.end(), warnings.begin(), warnings.end());
+  if (options.errors) {
+    const std::vector<std::string> more = warningsOfHeld(read, options, fit, kind, out.parameters);
+    out.warnings.insert(out.warnings.end(), more.begin(), more.end());
+  }
   out.status = CalibrationStatus::kCalibrated;
   return out;
 }

@@ -4,10 +4,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
 #include <optional>
 #include <utility>
 
 #include "calibration_statistics.hpp"
+#include "helix_arm/estimation/gaussian.hpp"
 #include "shape_model.hpp"
 
 namespace helix_arm::estimation {
@@ -27,6 +29,13 @@ constexpr double kLeastMix = 0.005;
 // of a normal distribution to 1 %.
 constexpr double kValleyStep = 1.5;
 constexpr int kValleySteps = 2;  // to either side
+// Directions of a curve, or of a parameter that is not fitted, of which the captures tell less than
+// this share of what is known of them otherwise are not tested.
+constexpr double kLeastTold = 0.05;
+// A parameter that is not fitted is doubted below this probability of the captures.
+constexpr double kLeastProbability = 1e-3;
+// Free lengths are often off by so much, without any message [1].
+constexpr double kUsualLengthError = 0.01;
 
 Parameter heldParameter(const ParameterInfo& info) {
   return {info.name,
@@ -37,14 +46,15 @@ Parameter heldParameter(const ParameterInfo& info) {
           false};
 }
 
-// All parameters that affect the readings and could be fitted, requested or not, except those that
-// count as exact.
+// All parameters that affect the readings and could be fitted, requested or not, and the curve of
+// measured free lengths, except those that count as exact.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
     if (isMet(info.need, kind)) wanted.rig.insert(*info.block);
   }
   if (wanted.free_shapes) return wanted;
+  wanted.curve = wanted.curve || arms.front().free_curve.has_value();
   Elasticity initial = ShapeModel(arms, {}).initial();
   std::vector<StiffnessEntry>& entries = wanted.stiffness;
   for (const FitParameterInfo& info : fitParameters()) {
@@ -58,14 +68,17 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
 
 bool hasSameName(const ParameterInfo& a, const ParameterInfo& b) { return a.name == b.name; }
 
-// The values of `fitted` as those of a problem with more entries of the stiffness, which are held
-// at their initial values.
-Values valuesAmong(const std::vector<ParameterInfo>& infos, Eigen::Index entries,
-                   const CalibrationProblem& fitted) {
-  const std::vector<ParameterInfo>& known = fitted.parameters();
+// The values of `fitted` as those of a problem with more parameters, which are held at their
+// initial values.
+Values valuesAmong(const CalibrationProblem& all, const CalibrationProblem& fitted) {
+  const std::vector<ParameterInfo>&infos = all.parameters(), &known = fitted.parameters();
   const Eigen::VectorXd at = fitted.vector();
+  const Eigen::Index entries = all.values().stiffness.size();
   Values values = fitted.values();
   values.stiffness = Eigen::VectorXd::Zero(entries);
+  values.length_scale.conservativeResizeLike(
+      Eigen::VectorXd::Zero(all.values().length_scale.size()));
+  values.curve.conservativeResizeLike(Eigen::VectorXd::Zero(all.values().curve.size()));
   for (Eigen::Index i = 0; i < entries; ++i) {
     const auto found = std::find_if(known.begin(), known.end(), [&](const ParameterInfo& one) {
       return hasSameName(one, infos[static_cast<std::size_t>(i)]);
@@ -82,7 +95,10 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
                                       const CalibrationOptions& options, const Selection& all,
                                       double noise_scale) {
   const Selection& own = fitted.selection();
-  if (all.stiffness.size() == own.stiffness.size() && all.rig == own.rig) return covariance;
+  if (all.stiffness.size() == own.stiffness.size() && all.rig == own.rig &&
+      all.curve == own.curve) {
+    return covariance;
+  }
   CalibrationProblem everything(arms, options, all);
   const std::vector<ParameterInfo>& known = fitted.parameters();
   const std::vector<ParameterInfo>& infos = everything.parameters();
@@ -94,7 +110,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
     (is_fitted ? fitted_columns : held_columns).push_back(i);
   }
   if (held_columns.empty()) return covariance;
-  everything.values() = valuesAmong(infos, everything.values().stiffness.size(), fitted);
+  everything.values() = valuesAmong(everything, fitted);
   const Eigen::MatrixXd H = statisticsOf(everything, noise_scale).information;
   const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
   const Eigen::MatrixXd shift = covariance * cross;
@@ -191,6 +207,7 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const Estimate estimate = solveWithNoise(*fit.problem, bias);
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
+  fit.freedom = estimate.freedom;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
   fit.determined = estimate.determined && statistics.determined;
   fit.converged = fit.converged && fit.determined;
@@ -253,6 +270,112 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
 bool hasOthers(const Selection& selection) {
   return selection.length_scale != LengthScaling::kNone || !selection.rig.empty() ||
          selection.curve;
+}
+
+// Whether a parameter counts as exact, and could have been requested together with the others.
+bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
+                       CalibrationOptions options, ReadingKind kind) {
+  const bool scaled = info.scaling != LengthScaling::kNone;
+  if (!info.block || info.uncertain_if_held || isFitted(info, options)) return false;
+  if (scaled && options.length_scale != LengthScaling::kNone) return false;
+  if (info.flag != nullptr) options.*info.flag = true;
+  if (scaled) options.length_scale = info.scaling;
+  return !unfit(arms, options, kind);
+}
+
+// What the captures say of a parameter that was not fitted.
+struct HeldTest {
+  const FitParameterInfo* info = nullptr;
+  double probability = 1;        // of such captures, or less likely ones, if its value is right
+  double initial = 0;            // its value
+  Eigen::VectorXd value, error;  // of its numbers, by one step to the optimum; with its prior
+  double told = 0;               // their standard error by the captures alone, of a single number
+  Eigen::VectorXd shift;         // (fitted parameters) by a step of 1 of a single number
+};
+
+// Score test: the gradient at the fitted values, with all that is not exact marginalised.
+HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
+                  const CalibrationOptions& options, const CalibrationFit& fit, ReadingKind kind) {
+  Selection all = allOf(fit.problem->selection(), arms, kind);
+  if (info.scaling != LengthScaling::kNone) all.length_scale = info.scaling;
+  if (info.entry) all.stiffness.push_back(*info.entry);
+  if (info.aboutRig()) all.rig.insert(*info.block);
+  CalibrationProblem everything(arms, options, all);
+  everything.values() = valuesAmong(everything, *fit.problem);
+  const std::vector<ParameterInfo>&infos = everything.parameters(),
+        &known = fit.problem->parameters();
+  std::vector<int> own, others, fitted;
+  for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
+    const bool is_own = infos[i].name.rfind(info.name, 0) == 0;
+    (is_own ? own : others).push_back(i);
+  }
+  for (const ParameterInfo& one : known) {
+    const auto found = std::find_if(infos.begin(), infos.end(), [&one](const ParameterInfo& other) {
+      return hasSameName(one, other);
+    });
+    fitted.push_back(static_cast<int>(found - infos.begin()));
+  }
+  const ArrowEquations& equations = everything.equations(fit.noise_scale);
+  const Eigen::MatrixXd H = equations.dense(), cross = H(others, own);
+  const Eigen::VectorXd gradient = equations.gradient();
+  const Eigen::LLT<Eigen::MatrixXd> rest(Eigen::MatrixXd(H(others, others)));
+  const auto size = static_cast<Eigen::Index>(own.size());
+  Eigen::VectorXd deviation(size);
+  for (Eigen::Index i = 0; i < size; ++i) deviation[i] = infos[own[i]].deviation;
+  // In units of the prior, whose own information is 1.
+  const Eigen::MatrixXd posterior =
+      deviation.asDiagonal() *
+      (Eigen::MatrixXd(H(own, own)) - cross.transpose() * rest.solve(cross)).eval() *
+      deviation.asDiagonal();
+  const Eigen::VectorXd score =
+      -deviation.cwiseProduct(gradient(own) - cross.transpose() * rest.solve(gradient(others)));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(posterior);
+  HeldTest out;
+  out.info = &info;
+  double square = 0;
+  int directions = 0;
+  for (Eigen::Index j = 0; j < size; ++j) {
+    const double information = axes.eigenvalues()[j] - 1;
+    if (information < kLeastTold) continue;
+    square += std::pow(axes.eigenvectors().col(j).dot(score), 2) / information;
+    ++directions;
+  }
+  if (directions > 0) out.probability = tailOfF(square / directions, directions, fit.freedom);
+  const ParameterInfo& first = infos[own.front()];
+  const Eigen::MatrixXd covariance = posterior.inverse();
+  out.initial = first.initial;
+  out.value = deviation.cwiseProduct(covariance * score);
+  out.error = deviation.cwiseProduct(covariance.diagonal().cwiseSqrt());
+  if (first.logarithmic) {
+    out.value = first.initial * out.value.array().exp();
+    out.error = out.value.cwiseProduct(out.error);
+  }
+  out.told = deviation[0] / std::sqrt(std::max(posterior(0, 0) - 1, 0.0));
+  out.shift = -fit.information.llt().solve(Eigen::VectorXd(H(fitted, own[0])));
+  return out;
+}
+
+// Captures that do not tell the lengths hide their errors in the stiffness.
+std::optional<std::string> warningOfLengths(const HeldTest& lengths, const CalibrationFit& fit,
+                                            const std::vector<Parameter>& reported) {
+  if (3 * lengths.told < kUsualLengthError) return std::nullopt;
+  const std::vector<ParameterInfo>& infos = fit.problem->parameters();
+  for (std::size_t i = 0; i < infos.size(); ++i) {
+    const auto found = std::find_if(reported.begin(), reported.end(), [&](const Parameter& one) {
+      return one.name == infos[i].name && one.identifiable;
+    });
+    if (found == reported.end() || !infos[i].logarithmic) continue;
+    const double change =
+        std::abs(lengths.shift[static_cast<Eigen::Index>(i)]) * kUsualLengthError * found->value;
+    if (change <= found->standard_error) continue;
+    return text("the standard error of ", infos[i].name,
+                " takes the free lengths as exact, and the captures do not tell them: if they are "
+                "off by ",
+                100 * kUsualLengthError, " %, ", infos[i].name, " is off by ",
+                std::round(100 * change / found->value), " %; fit length_scale as well, so that ",
+                "the error says so, or contraction to measured free lengths");
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -329,7 +452,7 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
       withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
                             fit.asked_noise_scale)
           .topLeftCorner(entries, entries);
-  const Values reported = valuesAmong(asked.parameters(), entries, *fit.problem);
+  const Values reported = valuesAmong(asked, *fit.problem);
   Eigen::VectorXd mean = optimum - reported.stiffness;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
   for (Eigen::Index j = 0; j < entries; ++j) {
@@ -344,6 +467,64 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
     mean += spread.mean;
   }
   return covariance + mean * mean.transpose();
+}
+
+CurveTest testCurve(const CalibrationFit& fit) {
+  const Eigen::VectorXd& deviation = fit.problem->values().curve;
+  const Eigen::Index size = deviation.size(), all = fit.covariance.rows();
+  const Eigen::MatrixXd by_noise = fit.information.inverse();
+  const Eigen::VectorXd prior = fit.problem->priorInformation().head(all);
+  const Eigen::MatrixXd by_captures =
+      (by_noise - by_noise * prior.asDiagonal() * by_noise).bottomRightCorner(size, size);
+  // The curve moves by what the free lengths leave open less what the captures leave open, and by
+  // what is not fitted.
+  const Eigen::MatrixXd moved = Eigen::MatrixXd::Identity(size, size) +
+                                (fit.covariance - 2 * by_noise).bottomRightCorner(size, size);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(moved);
+  CurveTest out{0, 0, 1};
+  double estimated = 0;  // share of the variance that comes from the noise of the captures
+  for (Eigen::Index j = 0; j < size; ++j) {
+    const double variance = axes.eigenvalues()[j];
+    if (variance < kLeastTold) continue;
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    out.chi_square += std::pow(axis.dot(deviation), 2) / variance;
+    estimated += axis.dot(by_captures * axis) / variance;
+    ++out.directions;
+  }
+  if (out.directions == 0) return out;
+  estimated /= out.directions;
+  // Welch's degrees of freedom, of a sum of which only this share is estimated.
+  out.probability = tailOfF(out.chi_square / out.directions, out.directions,
+                            fit.freedom / (estimated * estimated));
+  return out;
+}
+
+std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
+                                        const CalibrationOptions& options,
+                                        const CalibrationFit& fit, ReadingKind kind,
+                                        const std::vector<Parameter>& reported) {
+  std::vector<std::string> warnings;
+  if (options.free_shapes) return warnings;
+  std::optional<HeldTest> doubted;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!canBeFittedAsWell(info, arms, options, kind)) continue;
+    const HeldTest test = testHeld(info, arms, options, fit, kind);
+    if (test.probability < (doubted ? doubted->probability : kLeastProbability)) doubted = test;
+    if (info.parameter != FitParameter::kLengthScale || arms.front().free_curve) continue;
+    if (auto warning = warningOfLengths(test, fit, reported)) warnings.push_back(*warning);
+  }
+  if (!doubted) return warnings;
+  const FitParameterInfo& info = *doubted->info;
+  std::string values;
+  if (doubted->value.size() == 1) {
+    const std::string unit = info.numbers.front().unit;
+    values =
+        text(std::setprecision(4), ", ", doubted->initial, unit.empty() ? "" : " ", unit,
+             ", and ask for ", doubted->value[0], " +- ", std::setprecision(2), doubted->error[0]);
+  }
+  return {text("the captures contradict the scene's ", info.word, values, std::setprecision(2),
+               " (probability, if it is right: ", doubted->probability, "): fit ", info.word,
+               " as well; values and standard errors take it as exact")};
 }
 
 }  // namespace helix_arm::estimation

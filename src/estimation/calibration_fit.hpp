@@ -18,6 +18,7 @@ struct CalibrationFit {
   /// did not converge.
   bool determined = true;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
+  double freedom = 1;      ///< residuals from which it was estimated, less the fitted parameters
   // The sizes are those of the problem's parameters; empty after fitRequested().
   Eigen::MatrixXd information;  ///< from readings and priors
   Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted
@@ -59,5 +60,19 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
 Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options, const CalibrationFit& fit,
                                 ReadingKind kind);
+
+/// Test of the curve of a fit that has one and errors.
+CurveTest testCurve(const CalibrationFit& fit);
+
+/// Warnings of parameters that the fit took as exact although the captures contradict them, or
+/// although the stiffness hangs on them; see Parameter::standard_error.
+///
+/// Score tests of every parameter that could be fitted as well, about the fitted values, with all
+/// others marginalised. One parameter is named, the least probable. Of sound captures, fewer than 1
+/// in 100 get such a warning.
+std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
+                                        const CalibrationOptions& options,
+                                        const CalibrationFit& fit, ReadingKind kind,
+                                        const std::vector<Parameter>& reported);
 
 }  // namespace helix_arm::estimation

@@ -46,8 +46,12 @@ double typicalNoise(const std::vector<Comparison>& comparisons, double data_para
   return basics::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
 }
 
+struct NoiseScale {
+  double scale, freedom;
+};
+
 // Scale of the noise relative to the expected noise, estimated from the residuals.
-double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
+NoiseScale noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
                     double scale) {
   // The outlier limit must not depend on the outliers themselves: from one outlier in thirteen on,
   // each iteration would include more of them.
@@ -62,9 +66,8 @@ double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_para
     freedom += weight * one.residuals;
   }
   const double prior = kNoisePrior / (scale * scale);
-  const double variance =
-      (prior + weighted) / (kNoisePrior + std::max(0.0, freedom - data_parameters));
-  return scale * std::sqrt(variance);
+  freedom = kNoisePrior + std::max(0.0, freedom - data_parameters);
+  return {scale * std::sqrt((prior + weighted) / freedom), freedom};
 }
 
 // Number of free parameters that the readings determine: the trace of the covariance times their
@@ -132,8 +135,9 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
       data_parameters = *counted;
     }
     counted_at = before;
-    const double seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
-    const double now = std::hypot(seen, bias);
+    const NoiseScale seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
+    estimate.freedom = seen.freedom;
+    const double now = std::hypot(seen.scale, bias);
     const bool settled = std::abs(now / before - 1) < kNoiseSettled;
     if (!settled || exact) estimate.noise_scale = now;
     if (settled && exact) break;

@@ -24,6 +24,7 @@ struct Estimate {
   double noise_scale = 1;   ///< noise as a multiple of the expected noise
   double solved_scale = 1;  ///< the scale used in the last solution, close to noise_scale
   double cost = 0;          ///< of the last solution
+  double freedom = 1;       ///< of the noise: residuals in excess of the fitted parameters
 };
 /// Estimates both together, starting from the problem's values, which are updated.
 ///

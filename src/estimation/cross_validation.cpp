@@ -80,10 +80,13 @@ HeldOut heldOut(ReadingKind kind, const Refits& refits, const std::vector<std::s
                 const std::vector<Comparison>& in_sample) {
   HeldOut out;
   std::vector<Comparison> all;
+  std::vector<std::vector<Comparison>> of_capture(refits.shapes.size());
   for (std::size_t g = 0; g < refits.left_out.size(); ++g) {
     out.groups.push_back({labels[g], errorOf(kind, refits.left_out[g])});
     all.insert(all.end(), refits.left_out[g].begin(), refits.left_out[g].end());
+    for (const Comparison& one : refits.left_out[g]) of_capture[one.capture].push_back(one);
   }
+  for (const std::vector<Comparison>& one : of_capture) out.captures.push_back(errorOf(kind, one));
   out.error = errorOf(kind, all);
   out.in_sample = errorOf(kind, in_sample);
   return out;

@@ -41,4 +41,9 @@ void Gaussian::update(const Measurement& measurement, Eigen::Index held) {
   covariance = 0.5 * (next + next.transpose());
 }
 
+double tailOfF(double ratio, double above, double below) {
+  const double a = 2 / (9 * above), b = 2 / (9 * below), root = std::cbrt(ratio);
+  return std::erfc(((1 - b) * root - (1 - a)) / std::sqrt(2 * (b * root * root + a))) / 2;
+}
+
 }  // namespace helix_arm::estimation

@@ -4,14 +4,16 @@
 #include <cmath>
 #include <cstdio>
 
+#include "helix_arm/estimation/gaussian.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
 using estimation::ArmCaptures;
 using estimation::Calibration;
 
-// Largest deviation of the curve of a muscle from its free lengths, in their standard errors.
-constexpr double kMostErrors = 3.0;
+// The curve of a muscle is refused by either test in this share of calibrations.
+constexpr double kFalseAlarms = 0.01;
 // Largest residuals of captures that still tell of a muscle, in standard deviations of their noise.
 constexpr double kMostMisfit = 2.0;
 // Points at which curves are compared.
@@ -62,14 +64,26 @@ void compareCurves(const std::vector<ArmCaptures>& arms, const estimation::Contr
   }
 }
 
+// Student's test of the differences of the captures' squared errors: whether held-out captures are
+// predicted worse by more than chance.
 bool isWorse(const std::optional<estimation::HeldOut>& with,
              const std::optional<estimation::HeldOut>& without) {
-  return with && without && with->error > without->error;
+  if (!with || !without || with->captures.size() < 2) return false;
+  const auto count = static_cast<double>(with->captures.size());
+  double sum = 0, square = 0;
+  for (std::size_t c = 0; c < with->captures.size(); ++c) {
+    const double more = std::pow(with->captures[c], 2) - std::pow(without->captures[c], 2);
+    sum += more;
+    square += more * more;
+  }
+  const double variance = (square - sum * sum / count) / (count - 1);
+  if (!(sum > 0 && variance > 0)) return false;
+  return estimation::tailOfF(sum * sum / count / variance, 1, count - 1) < 2 * kFalseAlarms;
 }
 
 template <class... Arguments>
 std::string phrase(const char* pattern, Arguments... arguments) {
-  char text[256];
+  char text[384];
   std::snprintf(text, sizeof text, pattern, arguments...);
   return text;
 }
@@ -77,12 +91,14 @@ std::string phrase(const char* pattern, Arguments... arguments) {
 std::string reasonAgainst(const CurveInArm& found, const Calibration& with,
                           const Calibration& alone) {
   if (with.status != estimation::CalibrationStatus::kCalibrated) return with.reason;
-  if (found.standard_errors > kMostErrors) {
+  if (found.probability < kFalseAlarms) {
     return phrase(
         "the captures ask for a curve that is off by %.1f mm at %.0f kPa, %.1f standard errors of "
-        "the free lengths; expected at most %.0f: it describes the arm, not the muscle (unequal "
-        "lengths, friction)",
-        1e3 * found.deviation, found.pressure / 1e3, found.standard_errors, kMostErrors);
+        "the free lengths; of one muscle, they differ by as much with a probability of %.2g; "
+        "expected at least %.2g: the curve describes the arm, not the muscle (unequal lengths, "
+        "friction)",
+        1e3 * found.deviation, found.pressure / 1e3, found.standard_errors, found.probability,
+        kFalseAlarms);
   }
   if (with.noise_scale > kMostMisfit) {
     return phrase(
@@ -144,6 +160,7 @@ CurveFit fitCurveInArm(const std::vector<ArmCaptures>& arms, estimation::Calibra
   const Calibration& with = out.calibration;
   if (with.status == estimation::CalibrationStatus::kCalibrated) {
     compareCurves(arms, *curve.spline, *with.spline, out.verdict);
+    out.verdict.probability = with.curve_test->probability;
     out.contraction = estimation::contractionOf(*with.spline, lengths, branch);
   }
   out.verdict.reason = reasonAgainst(out.verdict, with, alone);

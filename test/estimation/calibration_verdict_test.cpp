@@ -279,5 +279,80 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
   }
 }
 
+bool warns(const Calibration& found, const std::string& words) {
+  return std::any_of(found.warnings.begin(), found.warnings.end(),
+                     [&words](const auto& one) { return one.find(words) != std::string::npos; });
+}
+
+// Parameters that are not fitted are named where captures contradict them: lengths, or a base, that
+// are off, and none of sound sets.
+TEST(CalibrationVerdict, WhatIsOffAndNotFittedIsNamed) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 8);
+  CalibrationOptions options;
+  options.tag_prior = {1e-6, 1e-6};
+  options.held_out = false;
+  options.next_pressures = 0;
+  struct Case {
+    const char* off;
+    double length_scale, base_shift;  // [1], [m]
+    int sets, least, most;            // in which it is named
+  };
+  // At most 1 % of sound sets: more than 8 of 300 have a probability of 0.4 %.
+  for (const Case& one : {Case{"", 1, 0, 300, 0, 8}, Case{"length_scale", 1.03, 0, 60, 54, 60},
+                          Case{"base", 1, 0.01, 30, 27, 30}}) {
+    int named = 0;
+    for (int set = 0; set < one.sets; ++set) {
+      Random random(20000 + set);
+      test::RigTruth truth = test::drawRig(known, view, kStiffnessErrors, random);
+      truth.length_scale = one.length_scale;
+      truth.X_B0B.translation.z() += one.base_shift;
+      const bool tags = set % 2 == 0 || one.base_shift > 0;
+      const Calibration found = calibrate(
+          {tags ? poses(known, view, truth, random) : twists(known, truth, random)}, options);
+      ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+      named += warns(found, std::string("the captures contradict the scene's ") + one.off);
+    }
+    std::printf("off: %s; named in %d of %d sets\n", one.off, named, one.sets);
+    EXPECT_GE(named, one.least) << one.off;
+    EXPECT_LE(named, one.most) << one.off;
+  }
+}
+
+// Curvatures cannot tell the lengths from K_kappa: the error says so only where the scale is
+// fitted.
+TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Tally alone, together;
+  int warned = 0;
+  constexpr int kSets = 200;
+  for (int set = 0; set < kSets; ++set) {
+    Random random(30000 + set);
+    test::RigTruth truth =
+        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    truth.length_scale = set % 2 == 0 ? 1.01 : 0.99;
+    const ArmCaptures data = curvatures(known, truth, random);
+    CalibrationOptions options;
+    options.K_gamma = false;
+    options.next_pressures = 0;
+    Calibration found = calibrate({data}, options);
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    warned += warns(found, "fit length_scale as well");
+    alone.add(found.parameters.front(), truth.parameters.at("K_kappa"));
+    EXPECT_FALSE(warns(found, "contradict")) << set;
+    options.length_scale = LengthScaling::kCommon;
+    found = calibrate({data}, options);
+    if (found.status != CalibrationStatus::kCalibrated) continue;
+    EXPECT_FALSE(warns(found, "fit length_scale as well")) << set;
+    together.add(found.parameters.front(), truth.parameters.at("K_kappa"));
+  }
+  std::printf("warned %d of %d\n", warned, kSets);
+  print("lengths", {{"alone", alone}, {"together", together}});
+  EXPECT_GT(together.count, kSets / 2);
+  EXPECT_GE(together.coverage(), 0.95);
+  EXPECT_EQ(warned, kSets);
+  EXPECT_LT(alone.coverage(), 0.6) << "the reason to warn";
+}
+
 }  // namespace
 }  // namespace helix_arm::estimation

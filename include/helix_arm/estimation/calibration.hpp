@@ -149,8 +149,10 @@ struct Parameter {
   double value;      ///< fitted value; for a stiffness that is not identifiable, the initial value
   /// The larger of two estimates: the error due to noise, including the prior uncertainty of tags,
   /// bleeding and stiffness ratios that are not fitted; and the variation when one pressure at a
-  /// time is omitted. Base, length scales and K_eps count as exact unless fitted. If the parameter
-  /// is not identifiable, its remaining uncertainty. NaN without CalibrationOptions::errors.
+  /// time is omitted. The error due to noise includes the uncertainty of a FreeCurve, fitted or not.
+  /// Base, length scales and K_eps count as exact unless fitted; a warning names the one that the
+  /// captures contradict. If the parameter is not identifiable, its remaining uncertainty. NaN
+  /// without CalibrationOptions::errors.
   double standard_error;
   /// True if the error due to noise is at most half of the prior's standard deviation. For a
   /// stiffness or a length scale, this holds for the whole standard error, which must also be at
@@ -207,6 +209,19 @@ struct HeldOut {
   double error;
   double in_sample;  ///< the same error of the fit to all captures
   std::vector<Group> groups;
+  std::vector<double> captures;  ///< (captures of all arms) the same error of each
+};
+
+/// Joint test of all numbers of a fitted FreeCurve: whether captures and free lengths are of one
+/// curve.
+struct CurveTest {
+  /// Squared deviation of the curve from that of the free lengths alone, by the covariance that it
+  /// has if both are of one curve.
+  double chi_square;
+  int directions;  ///< of the curve that the captures tell: the degrees of freedom
+  /// Of a chi-square at least as large if both are of one curve. Takes into account that few
+  /// captures determine their noise only roughly.
+  double probability;
 };
 
 /// Parameters of an arm and its rig, with their uncertainties.
@@ -226,6 +241,7 @@ struct Calibration {
   Eigen::VectorXd length_scale;
   std::optional<ContractionSpline>
       spline;        ///< the FreeCurve as fitted; root: by free lengths alone
+  std::optional<CurveTest> curve_test;  ///< of the FreeCurve, with errors
   lie::SE3 X_B0B;    ///< fitted base seen from the nominal base
   TagLayout layout;  ///< with the fitted placements
   double bleed = 0;  ///< [m]

@@ -26,4 +26,13 @@ struct Gaussian {
   void update(const Measurement& measurement, Eigen::Index held = 0);
 };
 
+/// Probability of a ratio at least as large of two variances of normal numbers, F with `above` and
+/// `below` degrees of freedom (Paulson; Abramowitz and Stegun, 26.6.15).
+///
+/// @param ratio  >= 0. With an infinite `below`, a chi-square over `above`; with `above` 1, t^2 of
+/// a
+///     test of both sides.
+/// @param below  >= 1; for 4 and more, tails of 0.1 % and more are right to a fifth of their size.
+double tailOfF(double ratio, double above, double below);
+
 }  // namespace helix_arm::estimation

@@ -50,6 +50,9 @@ struct CurveInArm {
   double deviation = 0;        ///< [m]
   double standard_errors = 0;  ///< of the free lengths
   double pressure = 0;         ///< where it is [Pa]
+  /// Of a deviation at least as large of all of the curve, if captures and free lengths are of one
+  /// curve: see CurveTest.
+  double probability = 1;
 };
 
 /// The response of actuators, fitted to readings in the order taken.
