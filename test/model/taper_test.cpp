@@ -150,6 +150,24 @@ TEST(Taper, StepsAcrossAChangeOfSlopeConverge) {
   EXPECT_LT(error(16), error(8) / 6);
 }
 
+TEST(Taper, TheDerivativeOfAStepIsThatOfDifferences) {
+  const Section section =
+      test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 2 * kTilt});
+  const TaperOf<lie::SE3> taper(section.actuators);
+  const Eigen::VectorXd lengths = Arm({section}).lengths(Eigen::Vector3d(3e5, 0, 5e4));
+  const auto step = taper.step(0.1, 0.9);
+  const auto by = step.byLengths(lengths);
+  const TaperTwist<lie::SE3> profile(taper, lengths);
+  EXPECT_LT((profile.step(0.1, 0.9) - step.twist(lengths)).norm(), 1e-13);
+  constexpr double kStep = 1e-6;
+  for (int i = 0; i < lengths.size(); ++i) {
+    const Eigen::VectorXd change = kStep * Eigen::VectorXd::Unit(lengths.size(), i);
+    const lie::Vector6 expected =
+        (step.twist(lengths + change) - step.twist(lengths - change)) / (2 * kStep);
+    EXPECT_LT((by.col(i) - expected).norm(), 1e-7 * expected.norm()) << i;
+  }
+}
+
 // Where the arm is, by very many steps of order 2 of the equilibria: (3 x steps + 1) positions
 // along each section.
 std::vector<Eigen::Matrix3Xd> curveByMidpoints(const std::vector<Section>& sections, const Arm& arm,
