@@ -193,6 +193,8 @@ Solution ExactArm::Statics::solutionOf(const Reached& reached,
   if (empty_) return solution;
 
   solution.iterations = reached.iterations;
+  solution.load_steps = reached.load_steps;
+  if (reached.snapped) solution.status = SolveStatus::kSnapped;
   solution.residual = reached.residual;
   if (reached.share < 1.0) {
     solution.status = SolveStatus::kNotConverged;
