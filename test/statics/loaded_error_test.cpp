@@ -257,7 +257,7 @@ TEST(LoadedError, ConvergedIsOnTheBranchOfExactForLongArms) {
               stepped, refused);
   EXPECT_GT(far, 200);
   EXPECT_GT(stepped, 500);
-  EXPECT_GT(refused, 4);
+  EXPECT_GT(refused, 0);
 }
 
 // Orders 3 and 4 come to rest on a stable shape whose tip is 29 % of the length from that of the
