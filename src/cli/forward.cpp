@@ -370,7 +370,8 @@ Subcommand addForward(CLI::App& app) {
   command->footer(
       "json: tier, order (of the loaded tier, else null), tier_reason,\n"
       "tip_error_percent (largest tip error of the tier, of the arm's length; null if it does\n"
-      "not always converge), status (converged, not_converged, unsupported), failure (null if\n"
+      "not always converge), status (converged, not_converged, snapped, unsupported), failure "
+      "(null if\n"
       "converged), relative_residual (last iteration's motion over the arm's size),\n"
       "iterations, twist (sections x 6; under load their means), tip {position_m,\n"
       "quaternion_xyzw}, lengths_m (free lengths), rank (least of the sections), full_rank,\n"

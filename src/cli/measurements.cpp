@@ -60,11 +60,15 @@ const char* modelTier(const io::Scene& scene) {
 }
 
 std::string reasonForNoShape(statics::SolveStatus status) {
-  return status == statics::SolveStatus::kUnsupported
-             ? "the load pulls along a motion that no actuator resists"
-             : "no shape that balances the load was found within the error that the tier states; "
-               "less "
-               "load, a higher order or tier: exact may help";
+  if (status == statics::SolveStatus::kUnsupported) {
+    return "the load pulls along a motion that no actuator resists";
+  }
+  if (status == statics::SolveStatus::kSnapped) {
+    return "the shapes that grow from the unloaded one end at a smaller load, and the arm may snap "
+           "to several others; lower the load, or raise arm.stiffness.K_eps_n";
+  }
+  return "no shape that balances the load was found within the error that the tier states; less "
+         "load, a higher order or tier: exact may help";
 }
 
 std::string noteOnStart(const statics::Solution& solution) {

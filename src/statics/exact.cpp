@@ -193,6 +193,9 @@ Solution ExactArm::Statics::solutionOf(const Reached& reached,
   if (empty_) return solution;
 
   solution.iterations = reached.iterations;
+  solution.load_steps = reached.load_steps;
+  // With moments that keep their direction, the steps may end although the branch goes on.
+  if (reached.snapped && rod_.conservative()) solution.status = SolveStatus::kSnapped;
   solution.residual = reached.residual;
   if (reached.share < 1.0) {
     solution.status = SolveStatus::kNotConverged;

@@ -15,10 +15,16 @@ inline constexpr double kStep = 1e-6;  // difference step, relative to the arm's
 using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
                                  kDimensions + 1, kDimensions + 1>;
 
-/// The largest real part of the eigenvalues; infinite if H is not finite.
-inline double largestEigenvalue(const Projection& H) {
-  if (!H.allFinite()) return std::numeric_limits<double>::infinity();
-  return Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().maxCoeff();
+/// Real parts of eigenvalues.
+struct Range {
+  double least, largest;
+};
+
+/// Those of H; the largest is infinite if H is not finite.
+inline Range eigenvalues(const Projection& H) {
+  if (!H.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
+  const auto real = Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().eval();
+  return {real.minCoeff(), real.maxCoeff()};
 }
 
 /// The same for the derivative of a map, in the Krylov space of a start vector with components in
@@ -29,7 +35,7 @@ inline double largestEigenvalue(const Projection& H) {
 /// @param respond  respond(motion, change) sets `change` (size) to the derivative's product with a
 ///     unit vector `motion` (size), by a difference of kStep.
 template <int kMostSize, class Respond>
-double largestEigenvalue(int size, const Respond& respond) {
+Range eigenvalues(int size, const Respond& respond) {
   using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostSize,
                               kDimensions + 1>;
   int count = std::min(kDimensions, size);
@@ -48,7 +54,7 @@ double largestEigenvalue(int size, const Respond& respond) {
     if (!(H(j + 1, j) > kStep)) count = j + 1;
     next /= H(j + 1, j);
   }
-  return largestEigenvalue(H.topLeftCorner(count, count));
+  return eigenvalues(H.topLeftCorner(count, count));
 }
 
 }  // namespace helix_arm::statics::krylov

@@ -33,6 +33,7 @@ Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) 
     if (balance.found) {
       before = std::exchange(out.nodes, std::move(balance.nodes));
       share_before = std::exchange(out.share, target);
+      ++out.load_steps;
       out.residual = balance.residual;
       if (out.iterations - iterations_before <= kFewIterations) load_step *= 2.0;
       continue;
@@ -46,6 +47,7 @@ Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) 
     out.nodes = std::move(balance.nodes);
     out.residual = balance.residual;
     out.share = 1.0;
+    out.snapped = true;
   }
   return out;
 }

@@ -12,6 +12,8 @@ struct Reached {
   double share = 0.0;
   double residual = 0.0;  ///< as Balance::residual
   int iterations = 0;     ///< Newton iterations, summed over all load steps
+  int load_steps = 0;
+  bool snapped = false;  ///< the branch ended at a smaller load
 };
 
 /// Applies the load in steps, as long as Newton's method stays on the branch that grows from the

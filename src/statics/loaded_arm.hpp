@@ -117,17 +117,24 @@ Solver LoadedArmOf<Group>::solved(const Load& load, const Unloaded& unloaded,
   // A solution close to a checked one needs no check of its own.
   if (near != nullptr) return solver;
   if (may_buckle_) solver.refuseUnstable();
-  if (solver.doubtful(statedTipError(order_))) check(load, unloaded, solver);
+  const bool branches = may_buckle_ && solver.branches();
+  if (branches || solver.doubtful(statedTipError(order_))) {
+    check(load, unloaded, solver, branches);
+  }
   return solver;
 }
 
 template <class Group>
 template <class Solver>
 [[gnu::noinline]] void LoadedArmOf<Group>::check(const Load& load, const Unloaded& unloaded,
-                                                 Solver& solver) const {
+                                                 Solver& solver, bool branches) const {
   Relaxation<kFineNodes> finer(*this, load, unloaded);
-  finer.startAt([&solver](int e, double t) { return solver.rateAt(e, t); });
-  finer.run(false);
+  if (branches) {
+    finer.stepLoad();
+  } else {
+    finer.startAt([&solver](int e, double t) { return solver.rateAt(e, t); });
+    finer.run(false);
+  }
   solver.compareWith(finer.result(), statedTipError(order_));
 }
 

@@ -76,9 +76,24 @@ class LoadedArmOf<Group>::Relaxation {
   // the load's strain by less than itself.
   void refuseUnstable() {
     if (status_ != SolveStatus::kConverged) return;
-    const double largest = amplification();
-    if (!(largest <= 1.0)) status_ = SolveStatus::kNotConverged;
-    amplification_ = std::clamp(largest, 0.0, kLargestAmplification);
+    const krylov::Range amplification = amplifications();
+    if (!(amplification.largest <= 1.0)) status_ = SolveStatus::kNotConverged;
+    amplification_ = std::clamp(amplification.largest, 0.0, kLargestAmplification);
+    stiffening_ = std::max(-amplification.least, 0.0);
+  }
+
+  // Whether the shape may lie on another branch than the one that grows from the unloaded shape.
+  // Where a motion x has another stable shape beside it, as in a buckled column (stiffness 1 -
+  // amplification = 3 a x^2 - e, with a = 1/8 in Euler's), that stiffness is at most 2 a x^2.
+  bool branches() const {
+    if (status_ != SolveStatus::kConverged) return false;
+    double turned = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      turned += (rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights())
+                    .template tail<Group::kRotations>()
+                    .norm();
+    }
+    return 1.0 - amplification_ <= kBranching * turned * turned;
   }
 
   // Whether the tip error may exceed the stated one. The contribution of the omitted modes is
@@ -104,9 +119,38 @@ class LoadedArmOf<Group>::Relaxation {
   void compareWith(const TipOf<Group>& finer, double stated) {
     const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
     const bool resolved = turn() <= kFinestTurn;
+    load_steps_ = finer.load_steps;
     if (finer.converged() && resolved && off <= kAgreement * stated) return;
     status_ = SolveStatus::kNotConverged;
     residual_ = std::max(residual_, off);
+  }
+
+  // Applies the load in steps along the branch that grows from the unloaded shape. Where steps
+  // leave it however short they are, the shape does not count as converged.
+  [[gnu::noinline]] void stepLoad() {
+    Rates here = rates_, slope, predicted;
+    here.setZero();
+    rates_.setZero();
+    evaluate(slope);  // of the branch where it begins, since the wrench is that of no load
+    double reached = 0.0, step = kFirstLoadStep;
+    while (reached < 1.0) {
+      share_ = std::min(reached + step, 1.0);
+      rates_ = predicted = here + (share_ - reached) * slope;
+      iterate();
+      const double off = largest(rates_ - predicted), moved = largest(predicted - here);
+      if (status_ == SolveStatus::kConverged && off <= std::max(kOnBranch * moved, kNearBranch)) {
+        slope = (rates_ - here) / (share_ - reached);
+        here = rates_;
+        reached = share_;
+        ++load_steps_;
+        if (off <= kNearBranch) step *= 2.0;
+        continue;
+      }
+      step = 0.5 * (share_ - reached);
+      status_ = SolveStatus::kNotConverged;
+      if (step < kLeastLoadStep) break;
+    }
+    share_ = 1.0;
   }
 
   // Newton's step, which leaves only rounding errors.
@@ -119,9 +163,9 @@ class LoadedArmOf<Group>::Relaxation {
       int sections, const UnloadedChange<Group>& change,
       const typename LinearChain<Group>::Response& response) const;
 
-  TipOf<Group> result() const { return {tip_, status_, residual_, iterations_}; }
+  TipOf<Group> result() const { return {tip_, status_, residual_, iterations_, load_steps_}; }
   Solution solution(int sections) const {
-    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_};
+    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_, load_steps_};
   }
 
   // Pose at t in [0, 1] of an element, seen from the base.
@@ -225,12 +269,13 @@ class LoadedArmOf<Group>::Relaxation {
       Points x;
       for (int j = 0; j < kNodes; ++j) x.col(j) = at_[e * kNodes + j];
       const Points beyond = x * rule_.after();
+      const double stretch = share_ * element.length;
       for (int j = 0; j < kNodes; ++j) {
         const int node = e * kNodes + j;
         Tangent W_j = W;
         add((1.0 - rule_.nodes()[j]) * weight, momentOf(beyond.col(j), weight), W_j);
         wrench_[node] = seenFrom<Group>({at_rotation_[node], at_[node]}, W_j);
-        const Tangent strain = element.length * (unloaded_.compliance(e, j) * wrench_[node]);
+        const Tangent strain = stretch * (unloaded_.compliance(e, j) * wrench_[node]);
         out.col(node) = Group::solveRightJacobian(z_[node], moved(unloaded_.atNode(node), strain));
       }
       add(weight, momentOf(x * rule_.weights(), weight), W);
@@ -299,11 +344,13 @@ class LoadedArmOf<Group>::Relaxation {
     return largest + farthest_;
   }
 
-  // Contribution of the steps that the lowest order omits, each shorter by the same factor; 0 for
-  // the other orders, which take all steps.
+  // Contribution of the steps that the lowest order omits, each the last one times the same factor;
+  // 0 for the other orders, which take all steps. Where the load stiffens, as where it hangs, that
+  // factor is negative; a stretch or torsion that is the same in every step hides it in factor_.
   double remainder() const {
     const double factor = std::min(std::max(factor_, amplification_), kLargestAmplification);
-    return kNodes == kLeastOrder + 1 ? residual_ * factor / (1.0 - factor) : 0.0;
+    const double hidden = stiffening_ / (1.0 + stiffening_);
+    return kNodes == kLeastOrder + 1 ? residual_ * std::max(factor / (1.0 - factor), hidden) : 0.0;
   }
 
   // Sets the starts of the elements and the tip for the shape of rates_.
@@ -337,14 +384,19 @@ class LoadedArmOf<Group>::Relaxation {
     finish(SolveStatus::kNotConverged);
   }
 
+  // Of all elements together, relative to the arm's size and one radian.
+  double largest(const Rates& change) const {
+    return count_ * (scale_.asDiagonal() * change).colwise().norm().maxCoeff();
+  }
+
   static Eigen::Map<Eigen::VectorXd> flat(Rates& rates) { return {rates.data(), rates.size()}; }
 
-  // Factor by which the load's response amplifies a change of strain: the largest eigenvalue of the
+  // Factors by which the load's response amplifies changes of strain: the eigenvalues of the
   // iteration's derivative, in a Krylov space (Arnoldi).
-  [[gnu::noinline]] double amplification() {
+  [[gnu::noinline]] krylov::Range amplifications() {
     Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
     evaluate(answer);
-    const double largest = krylov::largestEigenvalue<kRates * kMaxElements>(
+    const krylov::Range range = krylov::eigenvalues<kRates * kMaxElements>(
         static_cast<int>(found.size()), [&](const auto& motion, auto& change) {
           flat(rates_) = flat(found) + krylov::kStep * motion.cwiseQuotient(flat(weight));
           evaluate(moved);
@@ -352,7 +404,7 @@ class LoadedArmOf<Group>::Relaxation {
         });
     rates_ = found;
     place();
-    return largest;
+    return range;
   }
 
   bool supported() const {
@@ -384,8 +436,11 @@ class LoadedArmOf<Group>::Relaxation {
   Group tip_;
   SolveStatus status_ = SolveStatus::kNotConverged;
   double residual_ = 0.0, farthest_ = 0.0;
+  double share_ = 1.0;  // of the load
+  int load_steps_ = 0;
   double factor_ = 0.0;         // ratio of consecutive steps
   double amplification_ = 0.0;  // 0 if the load is too small to matter
+  double stiffening_ = 0.0;     // the negative one of the largest magnitude
   int iterations_ = 0;
 };
 

@@ -31,4 +31,15 @@ inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;
 
+// Stiffness of a shape that may have another beside it: 2 a = 1/4 of the square of its turn [rad],
+// and as much to spare.
+inline constexpr double kBranching = 0.5;
+// Load steps, relative to the whole load.
+inline constexpr double kFirstLoadStep = 0.25;
+inline constexpr double kLeastLoadStep = 1e-3;
+// Distance of a step's shape from the predicted one: relative to the step, or to the arm's size and
+// one radian.
+inline constexpr double kOnBranch = 0.5;
+inline constexpr double kNearBranch = 0.05;
+
 }  // namespace helix_arm::statics

@@ -3,8 +3,17 @@
 namespace helix_arm::statics {
 
 const char* nameOf(SolveStatus status) {
-  if (status == SolveStatus::kConverged) return "converged";
-  return status == SolveStatus::kNotConverged ? "not_converged" : "unsupported";
+  switch (status) {
+    case SolveStatus::kConverged:
+      return "converged";
+    case SolveStatus::kNotConverged:
+      return "not_converged";
+    case SolveStatus::kSnapped:
+      return "snapped";
+    case SolveStatus::kUnsupported:
+      return "unsupported";
+  }
+  return "";
 }
 
 }  // namespace helix_arm::statics

@@ -112,11 +112,12 @@ Tip TierSolver::tipFrom(const Unloaded& unloaded, const Direct& direct) const {
   if (loaded_) return loaded_->tip(unloaded(arm_));
   if (planar_loaded_) {
     const TipOf<lie::SE2> found = planar_loaded_->tip(unloaded(*plane_));
-    return {lie::embed(found.tip), found.status, found.residual, found.iterations};
+    return {lie::embed(found.tip), found.status, found.residual, found.iterations,
+            found.load_steps};
   }
   if (exact_) {
     const Solution found = exact_->solve(unloaded(arm_));
-    return {found.tip, found.status, found.residual, found.iterations};
+    return {found.tip, found.status, found.residual, found.iterations, found.load_steps};
   }
   Tip found;
   found.tip = plane_ != nullptr ? lie::embed(direct(*plane_)) : direct(arm_);

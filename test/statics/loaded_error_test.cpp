@@ -2,8 +2,11 @@
 // that buckles a column and with many turns a section, and at many inputs of the arm that the tiers
 // are measured with.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -189,6 +192,110 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
   for (int order = kLeastOrder; order <= kMostOrder; ++order) {
     EXPECT_GT(few.share(order), 0.85) << order;
     EXPECT_GT(many.share(order), 0.7) << order;
+  }
+}
+
+// An arm of equal rings and its weight, which bends it by up to a few turns: 3 to 15 muscles a
+// section, 0.3 to 1.5 m long, soft and stiff, hanging, standing and horizontal.
+struct LongArm {
+  model::Arm arm;
+  Load load;
+};
+LongArm longArm(int posture, test::Random& random) {
+  constexpr int kMuscles = 30;
+  const int sections = std::array{2, 3, 5, 6, 10}[random.integer(0, 4)];
+  const double length = random.uniform(0.3, 1.5);
+  test::Ring ring;
+  ring.count = kMuscles / sections;
+  ring.radius = random.uniform(0.015, 0.05);
+  ring.tilt = random.integer(0, 1) * random.uniform(-0.35, 0.35);
+  ring.stiffness = {random.logUniform(10, 1000), random.integer(0, 1) * random.uniform(0, 1e-4),
+                    random.uniform(0.5e-4, 2e-4)};
+  const model::Contraction muscle = test::fig3Muscle();
+  model::Arm arm(std::vector<model::Section>(
+      sections, test::ringSection(ring, muscle.scaledBy(length / sections / muscle.length(0.0)))));
+  Load load;
+  load.gravity = test::kGravity * std::array{Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(-1, 0, 0),
+                                             Eigen::Vector3d(0, 0, -1)}[posture];
+  load.K_eps.assign(sections, random.logUniform(20, 1500));
+  const double bending = arm.restLength() / load.K_eps[0] *
+                         arm.equilibrium(0).compliance.bottomRightCorner<3, 3>().norm();
+  const double weight = random.logUniform(1.5, 300) / (length * bending);
+  load.mass.assign(sections, weight / test::kGravity / sections);
+  return {std::move(arm), std::move(load)};
+}
+
+TEST(LoadedError, ConvergedIsOnTheBranchOfExactForLongArms) {
+  test::Random random(67);
+  int far = 0, stepped = 0, refused = 0;
+  for (int posture = 0; posture < 3; ++posture) {
+    Tally tally;
+    for (int scene = 0; scene < 80; ++scene) {
+      const auto [arm, load] = longArm(posture, random);
+      for (int i = 0; i < 4; ++i) {
+        const model::Twists twists = arm.twists(test::randomInput(arm, random));
+        tally.add(
+            arm, load, twists,
+            [&arm = arm, &load = load, &twists, &stepped, &refused](int order) {
+              const Tip found = LoadedArm(arm, load, order).tip(twists);
+              stepped += found.converged() && found.load_steps > 0;
+              refused += !found.converged() && found.load_steps > 0;
+              return found;
+            },
+            "long arm");
+        const Tip tip = LoadedArm(arm, load, kMostOrder).tip(twists);
+        far += (tip.tip.translation - model::tipPose(twists).translation).norm() >
+               0.3 * arm.restLength();
+      }
+    }
+    tally.print(std::array{"hanging", "standing", "horizontal"}[posture]);
+    EXPECT_GT(tally.cases, 200);
+    EXPECT_GT(tally.share(5), posture == 1 ? 0.1 : 0.5);
+    EXPECT_GT(tally.converged[0], 10);
+  }
+  std::printf("%d far from the unloaded shape; of the orders %d took load steps, %d in vain\n", far,
+              stepped, refused);
+  EXPECT_GT(far, 200);
+  EXPECT_GT(stepped, 500);
+  EXPECT_GT(refused, 0);
+}
+
+// Orders 3 and 4 come to rest on a stable shape whose tip is 29 % of the length from that of the
+// branch which grows from the unloaded shape.
+TEST(LoadedError, AnotherStableShapeIsNotConverged) {
+  test::Ring ring;
+  ring.radius = 0.026799233923669008;
+  ring.stiffness = {89.061974976387759, 5.130821517663327e-05, 5.4765066984311999e-05};
+  const model::Contraction muscle = test::fig3Muscle();
+  const double length = 1.4890923003547716;
+  const model::Arm arm(std::vector<model::Section>(
+      3, test::ringSection(ring, muscle.scaledBy(length / 3 / muscle.length(0.0)))));
+  Load load = test::weight(Posture::kHorizontal, 0.0, 0.0);
+  load.mass.assign(3, 1.6073833230423027 / 3);
+  load.K_eps.assign(3, 247.03680524826117);
+  load.points.resize(1);
+  load.points[0].section = 2;
+  load.points[0].mass = 0.2945332664142728;
+  Eigen::VectorXd q(9);
+  q << 236.912, 357.728, 26.9607, 307.357, 6.41589, 75.5297, 381.731, 107.528, 356.067;
+  const model::Twists twists = arm.twists(1e3 * q);
+  const Solution truth = ExactArm(arm, load).solve(twists);
+  ASSERT_TRUE(truth.converged());
+  EXPECT_GT(truth.load_steps, 1);
+  for (int order = kLeastOrder + 1; order <= kMostOrder; ++order) {
+    const Tip found = LoadedArm(arm, load, order).tip(twists);
+    const double error = (found.tip.translation - truth.tip.translation).norm() / arm.restLength();
+    if (found.converged()) {
+      EXPECT_LE(error, statedTipError(order)) << order;
+      EXPECT_GT(found.load_steps, 1) << order;
+    }
+    if (order > 5) {
+      EXPECT_TRUE(found.converged()) << order;
+    }
+    if (order < 5) {
+      EXPECT_FALSE(found.converged()) << order;
+      EXPECT_NEAR(found.residual, 0.29, 0.01) << order;
+    }
   }
 }
 

@@ -33,8 +33,8 @@ struct ExactOptions {
 /// shooting is used: frames and moments at intermediate points are unknowns as well. If Newton's
 /// method does not contract at once, the load is applied in steps. Of several equilibria, this
 /// finds the stable one that grows from the unloaded shape. Where that branch ends (a snap, or a
-/// column that is straight to the last digit under Euler's load), the result is whichever
-/// equilibrium damped steps then find; it may be unstable.
+/// column that is straight to the last digit under Euler's load), the result is whichever stable
+/// equilibrium damped steps then find, with the status kSnapped.
 class ExactArm {
  public:
   /// @throws std::invalid_argument naming the value that breaks a rule of Load or ExactOptions.

@@ -50,7 +50,9 @@ constexpr double statedTipError(int order) {
 /// section than the order resolves, the shape is compared with one on 16 Gauss points. It counts as
 /// not converged if the error is exceeded.
 /// Under loads that could buckle the arm, a shape that is in equilibrium but unstable (a motion
-/// away from it releases energy) counts as not converged.
+/// away from it releases energy) counts as not converged. So does a stable one on another branch
+/// than that which grows from the unloaded shape: if there may be several, the shape is compared
+/// with one for which the load was applied in steps (load_steps of the result).
 ///
 /// For arms in a plane (Group SE2) the load must lie in the plane; see inPlane().
 template <class Group>
@@ -130,9 +132,10 @@ class LoadedArmOf {
   // Runs a relaxation, starting from the solution `near` of a similar problem if there is one.
   template <class Solver>
   Solver solved(const Load& load, const Unloaded& unloaded, const Solver* near) const;
-  // Rejects a relaxation whose tip differs from that of a finer one.
+  // Rejects a relaxation whose tip differs from that of a finer one; of one that steps the load, if
+  // there may be several branches.
   template <class Solver>
-  void check(const Load& load, const Unloaded& unloaded, Solver& solver) const;
+  void check(const Load& load, const Unloaded& unloaded, Solver& solver, bool branches) const;
 
   int order_;
   Load load_;

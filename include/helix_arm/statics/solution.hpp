@@ -9,10 +9,12 @@ enum class SolveStatus {
   kConverged,     ///< loaded tier: the tip error is within statedTipError() of its order
   kNotConverged,  ///< the last iterate is returned; it does not balance the load, is unstable, or
                   ///< errs by more than statedTipError() of its order
-  kUnsupported,   ///< the load acts along a motion that no actuator resists, so there is no
-                  ///< equilibrium
+  kSnapped,  ///< exact tier: in balance and stable, but the branch of shapes that grows from the
+             ///< unloaded one ends at a smaller load, so the arm may snap to another shape
+  kUnsupported,  ///< the load acts along a motion that no actuator resists, so there is no
+                 ///< equilibrium
 };
-/// "converged", "not_converged" or "unsupported".
+/// "converged", "not_converged", "snapped" or "unsupported".
 const char* nameOf(SolveStatus status);
 
 /// Shape of an arm as computed by one of the tiers.
@@ -24,6 +26,8 @@ struct Solution {
   /// error, that error.
   double residual = 0.0;
   int iterations = 0;  ///< 0 for closed-form solutions
+  /// Load steps along the branch that grows from the unloaded shape; 0 if there can be no other.
+  int load_steps = 0;
 
   bool converged() const { return status == SolveStatus::kConverged; }
 };
@@ -35,6 +39,7 @@ struct TipOf {
   SolveStatus status = SolveStatus::kConverged;
   double residual = 0.0;
   int iterations = 0;
+  int load_steps = 0;  ///< as Solution::load_steps
 
   bool converged() const { return status == SolveStatus::kConverged; }
 };
