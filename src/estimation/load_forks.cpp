@@ -34,7 +34,7 @@ constexpr std::size_t kLeastMemories = 3;
 constexpr double kForceTime = 0.5;  // in which the estimate of a new force settles
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
-constexpr double kLeastDrift = 0.003;  // [m]
+constexpr double kLeastDrift = 0.005;  // [m]
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.

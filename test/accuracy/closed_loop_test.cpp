@@ -145,7 +145,8 @@ TEST(ClosedLoop, MusclesWithHysteresis) {
   EXPECT_LE(figures.steady_rms, 0.001);
 }
 
-// The loop follows what the muscles feel, and asks for pressures that come to be felt as wanted.
+// The loop follows what the muscles feel, and asks for pressures that come to be felt as wanted. On
+// the circle, an arm whose lag the scene does not know looks touched, and is then doubted.
 TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const std::string lag_and_play =
       "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], play_weight: [0.6]}";
@@ -154,7 +155,8 @@ TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const FollowPlan plan = steps(known, 20, 6);
   const StepFigures with = figuresOf(run(known, plan)), without = figuresOf(run(unknown, plan));
   const auto followed = [](const io::Scene& scene) {
-    return run(scene, shape(scene, TipShape::kCircle, 20)).figures.path_rms.value();
+    return procedures::runFollow(scene, shape(scene, TipShape::kCircle, 20))
+        .figures.path_rms.value();
   };
   const double circle = followed(known), circle_without = followed(unknown);
   std::printf(

@@ -34,11 +34,11 @@ struct ExternalLoad {
 /// How far the measured tip has left the one that was learnt of the arm. A force that began or
 /// ended at once, as found, is no drift.
 struct Drift {
-  /// For half a second, the distance has exceeded what is allowed: a load that came slowly, a camera
-  /// or base that has moved, or a changed arm. Ends after half a second within that.
+  /// For half a second, the distance has exceeded what is allowed: a load that came slowly, a
+  /// camera or base that has moved, or a changed arm. Ends after half a second within that.
   bool doubtful = false;
   double distance = 0.0;  ///< [m]
-  /// What hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 3 mm [m].
+  /// What hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 5 mm [m].
   double allowed = 0.0;
   double age = 0.0;  ///< of what was learnt, in time of pictures [s]
 };
@@ -48,8 +48,8 @@ struct Drift {
 /// likelihood ratio test over the time of onset.
 ///
 /// Finds drifts: keeps what the watch, with the force of a contact, knew of the arm every few
-/// seconds of the last minute, and compares each picture with that. While a picture contradicts most
-/// of it, nothing new is kept.
+/// seconds of the last minute, and compares each picture with that. While a picture contradicts
+/// most of it, nothing new is kept.
 ///
 /// During contact the watch gets its state from the filter of the force, since it would take the
 /// force for a difference of the arm from its model.
