@@ -23,12 +23,10 @@ constexpr int kCurvePoints = 100;
 
 json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
   if (!found) return nullptr;
-  return {{"taken", found->taken},
-          {"reason", found->taken ? json() : json(found->reason)},
-          {"deviation_m", found->deviation},
-          {"standard_errors", found->standard_errors},
-          {"pressure_pa", found->pressure},
-          {"probability", found->probability}};
+  return {
+      {"taken", found->taken},           {"reason", found->taken ? json() : json(found->reason)},
+      {"deviation_m", found->deviation}, {"standard_errors", found->standard_errors},
+      {"pressure_pa", found->pressure},  {"probability", found->probability}};
 }
 
 json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {

@@ -52,7 +52,7 @@ struct NoiseScale {
 
 // Scale of the noise relative to the expected noise, estimated from the residuals.
 NoiseScale noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
-                    double scale) {
+                        double scale) {
   // The outlier limit must not depend on the outliers themselves: from one outlier in thirteen on,
   // each iteration would include more of them.
   const double typical =

@@ -149,9 +149,9 @@ struct Parameter {
   double value;      ///< fitted value; for a stiffness that is not identifiable, the initial value
   /// The larger of two estimates: the error due to noise, including the prior uncertainty of tags,
   /// bleeding and stiffness ratios that are not fitted; and the variation when one pressure at a
-  /// time is omitted. The error due to noise includes the uncertainty of a FreeCurve, fitted or not.
-  /// Base, length scales and K_eps count as exact unless fitted; a warning names the one that the
-  /// captures contradict. If the parameter is not identifiable, its remaining uncertainty. NaN
+  /// time is omitted. The error due to noise includes the uncertainty of a FreeCurve, fitted or
+  /// not. Base, length scales and K_eps count as exact unless fitted; a warning names the one that
+  /// the captures contradict. If the parameter is not identifiable, its remaining uncertainty. NaN
   /// without CalibrationOptions::errors.
   double standard_error;
   /// True if the error due to noise is at most half of the prior's standard deviation. For a
@@ -240,11 +240,11 @@ struct Calibration {
   /// (actuators of the first arm) factors on its free lengths; 1 if not fitted.
   Eigen::VectorXd length_scale;
   std::optional<ContractionSpline>
-      spline;        ///< the FreeCurve as fitted; root: by free lengths alone
+      spline;                           ///< the FreeCurve as fitted; root: by free lengths alone
   std::optional<CurveTest> curve_test;  ///< of the FreeCurve, with errors
-  lie::SE3 X_B0B;    ///< fitted base seen from the nominal base
-  TagLayout layout;  ///< with the fitted placements
-  double bleed = 0;  ///< [m]
+  lie::SE3 X_B0B;                       ///< fitted base seen from the nominal base
+  TagLayout layout;                     ///< with the fitted placements
+  double bleed = 0;                     ///< [m]
   /// (captures of all arms) mean twists, predicted by the fits without their pressure; empty
   /// without held-out fits.
   std::vector<model::Twists> held_out_shapes;
