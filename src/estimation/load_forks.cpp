@@ -35,6 +35,9 @@ constexpr double kForceTime = 0.5;  // in which the estimate of a new force sett
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
 constexpr double kLeastDrift = 0.005;  // [m]
+// While the tip is faster, lags that the scene does not know look like a drift.
+constexpr double kStillTip = 0.005;  // [m/s]
+constexpr double kStillTime = 0.5;   // over which the speed is averaged [s]
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.
@@ -88,6 +91,7 @@ struct LoadForks::Workspace {
   std::size_t likeliest() const;
   void report(TipCompliance& compliance);
   void explain(double dt);
+  bool isStill(const model::Shape& measured, double dt);
   void compare(const model::Shape& measured, const ArmFilter& watch, TipCompliance& compliance);
   void remember(bool sure, const ArmFilter& watch);
 
@@ -109,14 +113,16 @@ struct LoadForks::Workspace {
   int outliers = 0;  // consecutive, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
-  std::vector<Memory> memories;  // oldest first
-  bool touched = false;          // contact at the last picture
-  bool agreed_at_onset = true;   // the pictures, when the force began
-  bool renewed = false;          // another force acts
-  bool explained = false;        // a force explains what is measured
-  double since_change = 0.0;     // of contact [s]
-  double against = 0.0;          // pictures that contradict `drift.doubtful` [s]
-  bool beyond = false;           // the last picture contradicts a memory
+  std::vector<Memory> memories;        // oldest first
+  bool touched = false;                // contact at the last picture
+  bool agreed_at_onset = true;         // the pictures, when the force began
+  bool renewed = false;                // another force acts
+  bool explained = false;              // a force explains what is measured
+  double since_change = 0.0;           // of contact [s]
+  double against = 0.0;                // pictures that contradict `drift.doubtful` [s]
+  bool beyond = false;                 // the last picture contradicts a memory
+  std::optional<Eigen::Vector3d> tip;  // of the last picture [m]
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // of it, averaged [m/s]
   Drift drift;
 };
 
@@ -267,7 +273,7 @@ void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter
     if (memory.touched != explained) continue;
     all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
   }
-  const bool doubtful = drift.doubtful;
+  const bool doubtful = drift.doubtful, still = isStill(measured, dt);
   drift = {};
   if (!all.empty()) {
     const auto middle = all.begin() + (static_cast<std::ptrdiff_t>(all.size()) - 1) / 2;
@@ -281,7 +287,11 @@ void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter
     memories.clear();
     beyond = false;
   }
-  against = beyond == doubtful ? 0.0 : against + dt;
+  if (beyond == doubtful) {
+    against = 0.0;
+  } else if (still) {
+    against += dt;
+  }
   drift.doubtful = against < kDoubtTime ? doubtful : beyond;
   if (drift.doubtful != doubtful) against = 0.0;
 }
@@ -301,6 +311,14 @@ void LoadForks::Workspace::explain(double dt) {
   memories.erase(std::remove_if(memories.begin(), memories.end(), underAnother), memories.end());
   drift.doubtful = beyond = false;
   against = 0.0;
+}
+
+// Whether the tip is slow enough to be compared.
+bool LoadForks::Workspace::isStill(const model::Shape& measured, double dt) {
+  const Eigen::Vector3d now = model::tipPose(measured).translation;
+  if (tip && dt > 0) velocity += std::min(1.0, dt / kStillTime) * ((now - *tip) / dt - velocity);
+  tip = now;
+  return velocity.norm() < kStillTip;
 }
 
 void LoadForks::Workspace::remember(bool sure, const ArmFilter& watch) {

@@ -114,6 +114,7 @@ struct Conversion {
   std::optional<std::string> override_key;
   int values = 0;
   std::size_t bytes = 0;
+  bool is_text = true;  // what readers may look at
 
   void count() {
     if (++values > kMostValues) throw TooLarge();
@@ -135,6 +136,7 @@ struct Conversion {
       value.text = node.Scalar();
       if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
       if (const std::string fault = faultOfText(value.text, "\t\n\r"); !fault.empty()) {
+        is_text = false;
         report(faults, place(node.Mark(), key_place),
                nameOf(path) + " holds " + fault + "; expected printable text in UTF-8");
       }
@@ -170,6 +172,7 @@ struct Conversion {
       return;
     }
     if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
+      is_text = false;
       report(faults, here,
              nameOf(path) + " has a key with " + fault + "; expected a name of printable text");
       return;
@@ -204,6 +207,7 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
     Conversion conversion{found, override_key};
     Value document = conversion.convert(YAML::Load(text), path, start, 0);
     faults.append(found);
+    if (!conversion.is_text) return std::nullopt;
     return document;
   } catch (const TooLarge&) {
     report(faults, start, "is nested too deeply or holds too many values");

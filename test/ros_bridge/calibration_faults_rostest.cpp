@@ -334,8 +334,8 @@ TEST_F(CalibrationFaults, WithoutTheNodeThatAskedForItARunEnds) {
   first_target_ = targets_.all().size();
   Process client({"rostopic", "pub", "/calibration/run_calibration/goal",
                   "helix_arm/RunCalibrationActionGoal",
-                  "{goal: {fit: [K_kappa], plan: [3.0e5, 0, 0, 0, 3.0e5, 0, 3.0e5, 3.0e5, 0, 0, 0, "
-                  "3.0e5]}}"});
+                  "{goal: {fit: [K_kappa], plan: [300000.0, 0, 0, 0, 300000.0, 0, 300000.0, "
+                  "300000.0, 0, 0, 0, 300000.0]}}"});
   ASSERT_TRUE(rig_.command.next([](const PressureArray& command) {
     return command.pressure[0] > 2.9e5;
   })) << client.outputNow()

@@ -160,6 +160,8 @@ TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
   EXPECT_TRUE(waitFor([&] { return loop_.last().path_time > stands; }));
   client_->cancelGoal();
   EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
+  EXPECT_TRUE(call("pressure_command/vent"));  // ends what is held without end
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
 }
 
 // The last test: it ends vision.

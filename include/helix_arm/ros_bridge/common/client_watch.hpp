@@ -6,12 +6,12 @@
 #include <thread>
 #include <utility>
 
-#include <boost/function.hpp>
 #include <boost/weak_ptr.hpp>
 #include <ros/message_event.h>
 #include <ros/node_handle.h>
 
 #include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -69,8 +69,7 @@ class GoalClient {
   using Goal = typename ActionGoal::_goal_type;
 
   GoalClient(ros::NodeHandle& node, const std::string& action) {
-    const boost::function<void(const Event&)> note = [this](const Event& event) { onGoal(event); };
-    subscriber_ = node.subscribe<ActionGoal, const Event&>(action + "/goal", kQueue, note);
+    subscriber_ = listen(node, action + "/goal", kQueue, &GoalClient::onGoal, this);
   }
 
   /// Watches the sender of a goal, which the server has handed out and not copied.
