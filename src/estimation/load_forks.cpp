@@ -113,15 +113,15 @@ struct LoadForks::Workspace {
   int outliers = 0;  // consecutive, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
-  std::vector<Memory> memories;        // oldest first
-  bool touched = false;                // contact at the last picture
-  bool agreed_at_onset = true;         // the pictures, when the force began
-  bool renewed = false;                // another force acts
-  bool explained = false;              // a force explains what is measured
-  double since_change = 0.0;           // of contact [s]
-  double against = 0.0;                // pictures that contradict `drift.doubtful` [s]
-  bool beyond = false;                 // the last picture contradicts a memory
-  std::optional<Eigen::Vector3d> tip;  // of the last picture [m]
+  std::vector<Memory> memories;             // oldest first
+  bool touched = false;                     // contact at the last picture
+  bool agreed_at_onset = true;              // the pictures, when the force began
+  bool renewed = false;                     // another force acts
+  bool explained = false;                   // a force explains what is measured
+  double since_change = 0.0;                // of contact [s]
+  double against = 0.0;                     // pictures that contradict `drift.doubtful` [s]
+  bool beyond = false;                      // the last picture contradicts a memory
+  std::optional<Eigen::Vector3d> last_tip;  // of the last picture [m]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // of it, averaged [m/s]
   Drift drift;
 };
@@ -316,8 +316,10 @@ void LoadForks::Workspace::explain(double dt) {
 // Whether the tip is slow enough to be compared.
 bool LoadForks::Workspace::isStill(const model::Shape& measured, double dt) {
   const Eigen::Vector3d now = model::tipPose(measured).translation;
-  if (tip && dt > 0) velocity += std::min(1.0, dt / kStillTime) * ((now - *tip) / dt - velocity);
-  tip = now;
+  if (last_tip && dt > 0) {
+    velocity += std::min(1.0, dt / kStillTime) * ((now - *last_tip) / dt - velocity);
+  }
+  last_tip = now;
   return velocity.norm() < kStillTip;
 }
 

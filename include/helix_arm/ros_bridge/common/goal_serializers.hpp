@@ -18,12 +18,15 @@ namespace helix_arm::ros_bridge {
 /// Reads the goals of an action with the checks of all other messages (CheckedStream).
 template <class ActionGoal>
 struct GoalSerializer {
+  static void read(CheckedStream& stream, ActionGoal& goal) {
+    stream.next(goal.header);
+    stream.next(goal.goal_id);
+    stream.next(goal.goal);
+  }
   template <class Stream>
   static void read(Stream& stream, ActionGoal& goal) {
     CheckedStream checked(stream.getData(), stream.getLength());
-    checked.next(goal.header);
-    checked.next(goal.goal_id);
-    checked.next(goal.goal);
+    read(checked, goal);
     stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
   }
   template <class Stream>
