@@ -36,8 +36,8 @@ constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
 constexpr double kLeastDrift = 0.005;  // [m]
 // While the tip is faster, lags that the scene does not know look like a drift.
-constexpr double kStillTip = 0.005;  // [m/s]
-constexpr double kStillTime = 0.5;   // over which the speed is averaged [s]
+constexpr double kStillTip = 0.0015;  // [m/s]
+constexpr double kStillTime = 1.0;    // over which the speed is averaged [s]
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.
