@@ -35,9 +35,6 @@ constexpr double kForceTime = 0.5;  // in which the estimate of a new force sett
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
 constexpr double kLeastDrift = 0.005;  // [m]
-// While the tip is faster, lags that the scene does not know look like a drift.
-constexpr double kStillTip = 0.0015;  // [m/s]
-constexpr double kStillTime = 1.0;    // over which the speed is averaged [s]
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.
@@ -91,8 +88,8 @@ struct LoadForks::Workspace {
   std::size_t likeliest() const;
   void report(TipCompliance& compliance);
   void explain(double dt);
-  bool isStill(const model::Shape& measured, double dt);
-  void compare(const model::Shape& measured, const ArmFilter& watch, TipCompliance& compliance);
+  void compare(const model::Shape& measured, bool settled, const ArmFilter& watch,
+               TipCompliance& compliance);
   void remember(bool sure, const ArmFilter& watch);
 
   // What was known of the arm; takes no later pictures.
@@ -113,16 +110,14 @@ struct LoadForks::Workspace {
   int outliers = 0;  // consecutive, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
-  std::vector<Memory> memories;             // oldest first
-  bool touched = false;                     // contact at the last picture
-  bool agreed_at_onset = true;              // the pictures, when the force began
-  bool renewed = false;                     // another force acts
-  bool explained = false;                   // a force explains what is measured
-  double since_change = 0.0;                // of contact [s]
-  double against = 0.0;                     // pictures that contradict `drift.doubtful` [s]
-  bool beyond = false;                      // the last picture contradicts a memory
-  std::optional<Eigen::Vector3d> last_tip;  // of the last picture [m]
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // of it, averaged [m/s]
+  std::vector<Memory> memories;  // oldest first
+  bool touched = false;          // contact at the last picture
+  bool agreed_at_onset = true;   // the pictures, when the force began
+  bool renewed = false;          // another force acts
+  bool explained = false;        // a force explains what is measured
+  double since_change = 0.0;     // of contact [s]
+  double against = 0.0;          // pictures that contradict `drift.doubtful` [s]
+  bool beyond = false;           // the last picture contradicts a memory
   Drift drift;
 };
 
@@ -261,8 +256,8 @@ Drift LoadForks::Workspace::driftSince(const Memory& memory, const model::Shape&
 
 // A picture is beyond what is allowed if it contradicts more than half of the memories: some are of
 // moments at which the arm was not as the filter assumes.
-void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter& watch,
-                                   TipCompliance& compliance) {
+void LoadForks::Workspace::compare(const model::Shape& measured, bool settled,
+                                   const ArmFilter& watch, TipCompliance& compliance) {
   const ArmFilter::Step& step = *watch.lastStep();
   const double dt = std::min(step.dt, kLongestGap);
   const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
@@ -273,7 +268,7 @@ void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter
     if (memory.touched != explained) continue;
     all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
   }
-  const bool doubtful = drift.doubtful, still = isStill(measured, dt);
+  const bool doubtful = drift.doubtful;
   drift = {};
   if (!all.empty()) {
     const auto middle = all.begin() + (static_cast<std::ptrdiff_t>(all.size()) - 1) / 2;
@@ -289,7 +284,7 @@ void LoadForks::Workspace::compare(const model::Shape& measured, const ArmFilter
   }
   if (beyond == doubtful) {
     against = 0.0;
-  } else if (still) {
+  } else if (settled) {
     against += dt;
   }
   drift.doubtful = against < kDoubtTime ? doubtful : beyond;
@@ -313,16 +308,6 @@ void LoadForks::Workspace::explain(double dt) {
   against = 0.0;
 }
 
-// Whether the tip is slow enough to be compared.
-bool LoadForks::Workspace::isStill(const model::Shape& measured, double dt) {
-  const Eigen::Vector3d now = model::tipPose(measured).translation;
-  if (last_tip && dt > 0) {
-    velocity += std::min(1.0, dt / kStillTime) * ((now - *last_tip) / dt - velocity);
-  }
-  last_tip = now;
-  return velocity.norm() < kStillTip;
-}
-
 void LoadForks::Workspace::remember(bool sure, const ArmFilter& watch) {
   if (beyond || drift.doubtful) return;
   const auto tooOld = [](const Memory& memory) { return memory.age > kLongestMemory; };
@@ -342,7 +327,7 @@ LoadForks::~LoadForks() = default;
 LoadForks::LoadForks(LoadForks&&) noexcept = default;
 LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
 
-void LoadForks::see(double time, double tip_deviation, const model::Shape& measured,
+void LoadForks::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
                     ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
@@ -357,7 +342,7 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
   }
   w.report(compliance);
   w.explain(std::min(watch.lastStep()->dt, kLongestGap));
-  w.compare(measured, watch, compliance);
+  w.compare(measured, settled, watch, compliance);
   w.remember(w.seen_time >= kArmingTime && sure, watch);
 }
 

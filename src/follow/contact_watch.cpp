@@ -31,7 +31,8 @@ ContactWatch::ContactWatch(const statics::ArmModel& model, const SightLoopConfig
       forks_(config.contact) {}
 
 void ContactWatch::see(estimation::ArmFilter::Input picture,
-                       const std::optional<std::vector<int>>& tags, estimation::ArmFilter& watch) {
+                       const std::optional<std::vector<int>>& tags, bool settled,
+                       estimation::ArmFilter& watch) {
   // A picture that is not used, such as a repeated one, says nothing of the tags either.
   if (watch.check(picture) != estimation::SightingFault::kNone) return;
   if (tags) takeTags(*tags, picture, watch);
@@ -40,7 +41,7 @@ void ContactWatch::see(estimation::ArmFilter::Input picture,
   compliance_.moveTo(picture.pressure, watch.correction(), tags);
   const model::Shape measured = model::shapeOf(arm_, picture.twists);
   const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
-  forks_.see(picture.time, largestDeviation(tip), measured, watch, compliance_);
+  forks_.see(picture.time, largestDeviation(tip), measured, settled, watch, compliance_);
 }
 
 // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at the

@@ -17,8 +17,9 @@ class ContactWatch {
   ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config);
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
+  /// @param settled  as for LoadForks::see().
   void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
-           estimation::ArmFilter& watch);
+           bool settled, estimation::ArmFilter& watch);
   /// Forgets the pictures.
   void reset();
 

@@ -24,6 +24,7 @@ constexpr double kSureTip = 0.01;        // largest uncertainty at which the loo
 constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kSettledWithin = 1e4;   // of the set point, a reading [Pa]
 constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
@@ -83,6 +84,7 @@ struct SightLoop::Workspace {
   MuscleMemory memory;
   Aim aim;  // at pressures as they are felt
 
+  bool settled = false;  // every pressure is where it was ordered
   bool enabled = false, closed = true, diverged = false;
   bool fades = false;  // the correction decays to 0
   // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
@@ -339,6 +341,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
   w.observer.update(time, set_point, reading);
+  w.settled = (set_point - reading).cwiseAbs().maxCoeff() < kSettledWithin;
   w.memory.follow(w.observer);
 
   const LoopState before = w.turn.state;
@@ -373,7 +376,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
                                            twists, covariance};
   const bool touched = w.contact.load().contact;
-  w.contact.see(input, tags, w.watch);
+  w.contact.see(input, tags, w.settled, w.watch);
   if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;

@@ -71,7 +71,8 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), watch, compliance);
+    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, watch,
+              compliance);
   }
   void run(double seconds) {
     for (double end = time + seconds; time < end - kPeriod / 2;) see();

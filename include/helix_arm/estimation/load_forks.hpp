@@ -66,9 +66,11 @@ class LoadForks {
   /// @param tip_deviation  standard deviation of the tip that the watch predicts, along its worst
   ///     direction [m]; contacts are found while it is below 3 mm.
   /// @param measured       the picture's shape.
+  /// @param settled        the pressures are where they were ordered. Otherwise lags that the scene
+  ///     does not know look like a drift, and `doubtful` stays as it is.
   /// @param compliance     moved to the arm's pressures.
-  void see(double time, double tip_deviation, const model::Shape& measured, ArmFilter& watch,
-           TipCompliance& compliance);
+  void see(double time, double tip_deviation, const model::Shape& measured, bool settled,
+           ArmFilter& watch, TipCompliance& compliance);
   /// Adds to the covariance of b, (d x d) of the measured rows, in the watch too: other tags are
   /// seen, which err otherwise.
   void growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch);
