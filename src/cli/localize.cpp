@@ -328,7 +328,7 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
                 << suspicion.deviations
                 << " standard deviations from its prior: " << suspicion.remedy;
     }
-    if (!frame.reason.empty()) std::cout << "; " << frame.reason;
+    if (!frame.reason.empty()) std::cout << "; " << basics::printable(frame.reason);
     std::cout << "\n";
   }
 }

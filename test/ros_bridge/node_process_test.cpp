@@ -103,14 +103,11 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
 
 // In its log, as in those of other programs, a line of a node begins with its level.
 TEST_F(NodeProcess, NothingOfASceneOrAParameterReachesTheLogAsItIs) {
-  // Of these, the XML of parameters can hold what follows the bell.
-  const std::string title = "\x1b]0;x\x07",
-                    forged = "\rall is well\n[ INFO] [1.0]: forged\u009b31m\u202e";
-  const TemporaryFile scene("name: \"bad" + forged + title + "\"\narm: {}\n");
-  for (const std::vector<std::string>& arguments :
-       std::vector<std::vector<std::string>>{{"_scene:=" + scene.path()},
-                                             {"_scene:=" + forged},
-                                             {kScene, "_world_frame:=" + forged}}) {
+  const std::string title = "\\e]0;x\\a\\rall is well\\n",
+                    forged = "[ INFO] [1.0]: forged\u009b31m\u202e";
+  const TemporaryFile scene("name: \"bad" + title + forged + "\"\narm: {}\n");
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"_scene:=" + scene.path()}, {"_scene:=" + forged}, {kScene, "_regulator:=" + forged}}) {
     const Master master;
     std::vector<std::string> call = {HELIX_ARM_PRESSURE_COMMAND};
     call.insert(call.end(), arguments.begin(), arguments.end());
