@@ -2,6 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
 
 #include "fit_noise.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -56,6 +59,45 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
     out.noalias() += moved * J.col(column).transpose();
   }
   return out;
+}
+
+/// Tip of the shape seen from B0 after a step of the twists, followed by the base if it is free.
+template <class Vector>
+Eigen::Vector3d tipAfter(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
+                         const Vector& step) {
+  const int sections = shape.sectionCount(), per_section = shape.piecesPerSection();
+  lie::SE3 X = X_B0B;
+  if (free_base) X = X * lie::SE3::exp(lie::Vector6(step.template segment<6>(6 * sections)));
+  for (int j = 0; j < sections * per_section; ++j) {
+    const int k = j / per_section;
+    const lie::Vector6 change = step.template segment<6>(6 * k) / per_section;
+    X = X * lie::SE3::exp(lie::Vector6(shape.pieces().col(j) + change));
+    if (shape.links() && (j + 1) % per_section == 0) X = X * (*shape.links())[k];
+  }
+  return X.translation;
+}
+
+/// Second moment of what the tip's path adds to its linear motion, where it bends within the errors
+/// of the twists and the base: with the even part q_i of its motion along each principal direction
+/// of the covariance, E[(sum q_i z_i^2)(sum q_i z_i^2)'] for independent standard normal z_i.
+template <class Matrix>
+Eigen::Matrix3d tipCurvatureOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
+                               const Matrix& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Matrix> principal(covariance);
+  const Eigen::Vector3d tip = (X_B0B * model::tipPose(shape)).translation;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  for (int i = 0; i < static_cast<int>(covariance.cols()); ++i) {
+    const auto step =
+        (std::sqrt(std::max(0.0, principal.eigenvalues()[i])) * principal.eigenvectors().col(i))
+            .eval();
+    const Eigen::Vector3d even = 0.5 * (tipAfter(X_B0B, shape, free_base, step) +
+                                        tipAfter(X_B0B, shape, free_base, (-step).eval())) -
+                                 tip;
+    sum += even;
+    squares += even * even.transpose();
+  }
+  return sum * sum.transpose() + 2.0 * squares;
 }
 
 /// Whether tags with the expected noise determine every entry of the twists. `covariance` is that
@@ -154,6 +196,7 @@ void reportStatistics(const Model& model, const TwistEquations& equations, const
   const double tip_scale =
       ellipsoidScale(sumOfShares(tip_by_tags, result.tip_covariance), noise.freedom);
   result.tip_covariance += (tip_scale - 1) * tip_by_tags;
+  result.tip_covariance += tipCurvatureOf(at.X_B0B, at.shape, equations.options().free_base, all);
 }
 
 }  // namespace helix_arm::estimation

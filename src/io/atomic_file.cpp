@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/file_error.hpp"
 
 namespace helix_arm::io {
@@ -27,7 +28,7 @@ constexpr mode_t kPermissions = 07777;
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason,
                          const std::string& remedy) {
-  throw FileError(path + " cannot be written: " + reason + "; " + remedy);
+  throw FileError(basics::printable(path) + " cannot be written: " + reason + "; " + remedy);
 }
 
 const char* remedyOf(int error) {
@@ -175,8 +176,9 @@ Target targetOf(const std::string& path) {
   const bool exists = ::stat(path.c_str(), &present) == 0;
   if (!exists && errno != ENOENT) refuse(path, errno);
   // A device would be replaced by a file, and a dangling link would create a file elsewhere.
-  struct stat link {};
-  if (!exists && ::lstat(path.c_str(), &link) == 0) {
+  struct stat entry {};
+  const bool is_there = ::lstat(path.c_str(), &entry) == 0;
+  if (!exists && is_there) {
     refuse(path, "it is a link to a file that does not exist",
            "remove the link, or name the file that it leads to");
   }
@@ -196,11 +198,12 @@ Target targetOf(const std::string& path) {
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
   if (error) refuse(path, error.value());
-  // Else a link would lead a picture into a scene, or a scene into any other file.
-  if (target.extension() != fs::path(path).extension()) {
-    refuse(path, "it is a link to " + target.string() + ", a file of another kind",
-           "remove the link, or name a link to a file that ends in " +
-               fs::path(path).extension().string());
+  // A scene may be kept under a second name. Any other result would replace a file that its path
+  // does not name.
+  const auto isScene = [](const fs::path& file) { return file.extension() == ".yaml"; };
+  if (is_there && S_ISLNK(entry.st_mode) && !(isScene(path) && isScene(target))) {
+    refuse(path, "it is a link to " + basics::printable(target.string()),
+           "remove the link, or name the file that it leads to");
   }
   const std::string name = target.filename().string();
   if (name.empty()) refuse(path, "it names no file", "expected the path of a file");
@@ -235,7 +238,7 @@ class AtomicFile::Place {
     file_.renameTo(target_.name);
     // Not every file system can sync a folder; those that cannot return EINVAL.
     if (::fsync(*folder_) != 0 && errno != EINVAL) {
-      throw FileError(path_ +
+      throw FileError(basics::printable(path_) +
                       " is written, but a loss of power may undo it: its folder cannot be "
                       "synced: " +
                       std::strerror(errno) + "; check the disk");

@@ -14,6 +14,8 @@
 #include <string>
 #include <vector>
 
+#include <unistd.h>
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size);
 
 namespace {
@@ -21,6 +23,7 @@ namespace {
 using Inputs = std::vector<std::string>;
 
 constexpr std::size_t kMostSteps = 8, kLongestPart = 64;
+constexpr unsigned kPatience = 60;  // of an input, after which a signal ends the program [s]
 
 // SplitMix64: the distributions of the standard library differ between its makers.
 class Random {
@@ -107,6 +110,7 @@ Inputs wordsOf(const std::string& path) {
 
 void run(const std::string& input, const std::string& current) {
   std::ofstream(current, std::ios::binary | std::ios::trunc) << input;
+  alarm(kPatience);
   LLVMFuzzerTestOneInput(reinterpret_cast<const std::uint8_t*>(input.data()), input.size());
 }
 

@@ -159,7 +159,7 @@ TEST(AtomicFile, AReadOnlyFileIsKept) {
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
 }
 
-TEST(AtomicFile, ALinkIsFollowed) {
+TEST(AtomicFile, ALinkFromSceneToSceneIsFollowed) {
   const TemporaryFolder folder;
   fs::create_directory(folder / "real");
   std::ofstream(folder / "real/scene.yaml") << "old";
@@ -170,18 +170,33 @@ TEST(AtomicFile, ALinkIsFollowed) {
   EXPECT_EQ(namesIn(folder / "real"), std::set<std::string>{"scene.yaml"});
 }
 
-TEST(AtomicFile, ALinkToAFileOfAnotherKindIsRefusedAndBothAreKept) {
+TEST(AtomicFile, AnyOtherLinkIsRefusedAndBothAreKept) {
+  const std::pair<const char*, const char*> pairs[] = {{"tags.pdf", "scene.yaml"},
+                                                       {"tags.pdf", "thesis.pdf"},
+                                                       {"scene.yaml", "table.csv"},
+                                                       {"out", "profile"}};
+  for (const auto& [name, of] : pairs) {
+    const TemporaryFolder folder;
+    const std::string link = folder / name, file = folder / of;
+    std::ofstream(file) << "old";
+    fs::create_symlink(of, link);
+    EXPECT_EQ(refusal(link, "text"), link + " cannot be written: it is a link to " +
+                                         fs::canonical(file).string() +
+                                         "; remove the link, or name the file that it leads to");
+    EXPECT_TRUE(fs::is_symlink(link));
+    EXPECT_EQ(contentOf(file), "old");
+    EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{name, of}));
+  }
+}
+
+TEST(AtomicFile, AFileInALinkedFolderIsWritten) {
   const TemporaryFolder folder;
-  const std::string link = folder / "tags.pdf", scene = folder / "scene.yaml";
-  std::ofstream(scene) << "old";
-  fs::create_symlink("scene.yaml", link);
-  EXPECT_EQ(refusal(link, "text"),
-            link + " cannot be written: it is a link to " + fs::canonical(scene).string() +
-                ", a file of another kind; remove the link, or name a link to a file that ends in "
-                ".pdf");
-  EXPECT_TRUE(fs::is_symlink(link));
-  EXPECT_EQ(contentOf(scene), "old");
-  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"tags.pdf", "scene.yaml"}));
+  fs::create_directory(folder / "real");
+  fs::create_directory_symlink("real", folder / "link");
+  for (const char* text : {"new", "again"}) {
+    writeFileAtomically(folder / "link/tags.pdf", text);
+    EXPECT_EQ(contentOf(folder / "real/tags.pdf"), text);
+  }
 }
 
 TEST(AtomicFile, ALinkToNothingIsRefusedAndKept) {

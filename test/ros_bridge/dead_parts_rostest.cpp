@@ -5,10 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <limits>
-#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -39,21 +36,6 @@ void tellFigure(const char* what, double since) {
   const double after = regulator::steadyNow() - since;
   std::printf("[  FIGURE  ] %s: the regulator vents after %.0f ms\n", what, 1e3 * after);
   ::testing::Test::RecordProperty("vents_after_ms", std::to_string(std::lround(1e3 * after)));
-}
-
-// Processes that guard the arm of a scene.
-std::vector<pid_t> guardsOf(const std::string& scene) {
-  const std::string wanted = '\0' + std::string("regulator") + '\0' + scene + '\0' + "guard" + '\0';
-  std::vector<pid_t> found;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
-    const std::string name = entry.path().filename();
-    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
-    // A process may end while it is read: the stream then fails, a bare iterator would throw.
-    std::ostringstream command;
-    command << std::ifstream(entry.path() / "cmdline", std::ios::binary).rdbuf();
-    if (command.str().find(wanted) != std::string::npos) found.push_back(std::stoi(name));
-  }
-  return found;
 }
 
 class DeadParts : public ::testing::TestWithParam<Line> {

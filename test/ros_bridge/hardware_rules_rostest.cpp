@@ -9,9 +9,10 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/FollowTipPathActionGoal.h"
 #include "helix_arm/Reload.h"
 #include "helix_arm/ros_bridge/common/client_watch.hpp"
-#include "support/hardware_rig.hpp"
+#include "support/hardware_loop.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -134,36 +135,18 @@ TEST_P(HardwareRules, TargetsThatAreLateOrEarlyAreDropped) {
   }
 }
 
-// The board as the arm of sight_loop, which has no camera and therefore stays open, and follow_path
-// as a client that lives as long as a test wants it to.
 class ClientOfTheLoop : public ::testing::Test {
  protected:
-  // Enables the arm, and sends a path along which it shortens: all pressures rise.
-  void follow(double seconds, const std::vector<std::string>& more = {}) {
-    ASSERT_TRUE(ros::service::waitForService("/client/pressure_command/enable", ros::Duration(20)));
-    ASSERT_TRUE(waitFor([this] {
-      rig_.trigger(names::kEnable);
-      return rig_.comesTo("enabled", 0.5);
-    })) << rig_.node.outputNow();
-    std::ostringstream path;
-    path << "time_s,x_m,y_m,z_m\n0,0.38,0,0\n" << seconds << ",0.35,0,0\n";
-    path_.emplace(path.str(), ".csv");
-    ros::param::del("/client/follow_path");  // those of the run before would stay
-    std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "__ns:=/client",
-                                        "_path:=" + path_->path()};
-    command.insert(command.end(), more.begin(), more.end());
-    client_ = std::make_unique<Process>(command);
-  }
-  bool isUnderWay() {
-    return waitFor([this] { return regulator_.pressure().minCoeff() > 6e4; }, 60);
+  void follow(double duration, const std::vector<std::string>& more = {}) {
+    ASSERT_TRUE(arm_.enable()) << arm_.rig.node.outputNow();
+    arm_.follow(duration, more);
   }
 
   EmulatedRegulator regulator_{Line::kSerial};
-  HardwareRig rig_{regulator_, "client"};
-  Process loop_{{HELIX_ARM_SIGHT_LOOP, "__ns:=/client", "_scene:=" + regulator_.scene(),
-                 "_frame_prefix:=client_"}};
-  std::optional<TemporaryFile> path_;
-  std::unique_ptr<Process> client_;
+  HardwareLoop arm_{regulator_, "client"};
+  HardwareRig& rig_ = arm_.rig;
+  Process& loop_ = arm_.loop;
+  std::unique_ptr<Process>& client_ = arm_.client;
 };
 
 class GoneClient : public ClientOfTheLoop, public ::testing::WithParamInterface<int> {};
@@ -174,7 +157,7 @@ INSTANTIATE_TEST_SUITE_P(, GoneClient, ::testing::Values(SIGKILL, SIGSTOP), [](c
 TEST_P(GoneClient, LeavesAnArmThatVents) {
   using ros_bridge::ClientWatch;
   follow(120, {"_hold_s:=50"});
-  ASSERT_TRUE(isUnderWay()) << client_->outputNow() << loop_.outputNow();
+  ASSERT_TRUE(arm_.isUnderWay()) << client_->outputNow() << loop_.outputNow();
   client_->signal(GetParam());
   const double begin = regulator::steadyNow();
   const double patience = GetParam() == SIGKILL ? ClientWatch::kMisses * ClientWatch::kPeriod
@@ -188,9 +171,21 @@ TEST_P(GoneClient, LeavesAnArmThatVents) {
   client_->signal(SIGCONT);
 }
 
+// The check of so long a path takes seconds.
+TEST_F(ClientOfTheLoop, ThatDiesWhileItsGoalIsCheckedMovesNothing) {
+  ros::NodeHandle node("/client");
+  Inbox<FollowTipPathActionGoal> goals(node, "sight_loop/follow_tip_path/goal");
+  follow(9000);
+  ASSERT_TRUE(waitFor([&] { return !goals.all().empty(); })) << client_->outputNow();
+  client_->signal(SIGKILL);
+  EXPECT_TRUE(loop_.prints("/client/follow_path, is gone or does not answer", 60))
+      << loop_.output();
+  EXPECT_TRUE(regulator_.setPoint().isZero());
+}
+
 TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {
   follow(9, {"_hold_s:=0.5"});
-  ASSERT_TRUE(isUnderWay()) << client_->outputNow() << loop_.outputNow();
+  ASSERT_TRUE(arm_.isUnderWay()) << client_->outputNow() << loop_.outputNow();
   EXPECT_EQ(client_->exitCode(60), 0) << client_->output() << loop_.outputNow();
   EXPECT_TRUE(rig_.comesTo("disabled")) << rig_.safety.last().reason;
   EXPECT_EQ(rig_.safety.last().cause, "none");

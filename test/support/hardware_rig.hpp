@@ -2,8 +2,11 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -22,6 +25,21 @@ namespace helix_arm::test {
 /// Of a machine that is busy, beyond what a rule allows: tells late from never. How late it is, is
 /// a figure [s].
 inline constexpr double kSlack = 10;
+
+/// Processes that guard the arm of a scene.
+inline std::vector<pid_t> guardsOf(const std::string& scene) {
+  const std::string wanted = '\0' + std::string("regulator") + '\0' + scene + '\0' + "guard" + '\0';
+  std::vector<pid_t> found;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    // A process may end while it is read: the stream then fails, a bare iterator would throw.
+    std::ostringstream command;
+    command << std::ifstream(entry.path() / "cmdline", std::ios::binary).rdbuf();
+    if (command.str().find(wanted) != std::string::npos) found.push_back(std::stoi(name));
+  }
+  return found;
+}
 
 /// One pressure_command process, and a commander of it in this one, in a thread of its own: no call
 /// that a test waits for silences it.

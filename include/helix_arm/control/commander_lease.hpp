@@ -26,9 +26,8 @@ class CommanderLease {
   double last_claim_ = 0.0;
 };
 
-/// Keeps the commander whose arm was brought to rest by somebody else from moving it again with
-/// targets that it merely repeats: its next target counts once it has paused. Times are seconds on
-/// any steady clock.
+/// Refuses the targets of the commander whose arm was brought to rest by somebody else until it has
+/// paused: it may not know of the rest yet. Times are seconds on any steady clock.
 class RestedCommander {
  public:
   /// @param commander  whose targets the arm followed; empty: nobody.

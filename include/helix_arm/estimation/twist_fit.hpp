@@ -107,11 +107,12 @@ struct TwistFit {
   /// factor, F over chi-square: 2.0 at 6 residuals in excess of the fitted parameters, 1.3 at 18,
   /// 1.1 at 60. For single entries this is conservative. With fewer than 4 excess residuals,
   /// expected ones are added; the result is then as good as the expected noise. The propagation is
-  /// linear: if the twists' errors reach some tenths of a radian, the ellipsoid contains fewer than
-  /// 95 %.
+  /// linear: if the twists' errors reach some tenths of a radian, the ellipsoid contains somewhat
+  /// fewer than 95 %.
   Covariance covariance;
   /// Likewise for the tip's position seen from the nominal base [m^2], for an ellipsoid of
-  /// chi-square_0.95(3). Includes the uncertainty of a free base.
+  /// chi-square_0.95(3). Includes the uncertainty of a free base, and how the tip's path bends
+  /// within the errors of the twists.
   Eigen::Matrix3d tip_covariance = Eigen::Matrix3d::Zero();
   /// Base and bleed with what these tags tell of them, in addition to what was known. Entries that
   /// the options do not free are as known.

@@ -12,9 +12,9 @@ namespace helix_arm::io {
 ///
 /// A temporary file beside it (`.NAME.<16 digits>.tmp`) is written, synced and renamed, and the
 /// folder is synced. An existing file keeps its permissions and is then owned by its last writer.
-/// Links are followed to files with the same ending; those to others, and dangling ones, are
-/// refused. Temporary files of the same name whose writers were killed are removed. Several writers
-/// may write at once: the last one wins.
+/// A link from one scene (.yaml) to another is followed; every other link is refused. Temporary
+/// files of the same name whose writers were killed are removed. Several writers may write at once:
+/// the last one wins.
 ///
 /// All members throw FileError naming path, reason and remedy: on a path that cannot be written or
 /// is no regular file, a read-only file, a full disk. The old file is then unchanged, and no

@@ -96,7 +96,8 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
   if (!goal_guard_.run(
           "",
           [&] {
-            client_.watch(goal);
+            client_.watchNext(goal);
+            client_.beginNext();
             const auto ending = play();
             client_.release();
             recorder_.stopSeries();

@@ -88,8 +88,8 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
                     join(endings), " file", below);
   };
-  // The system would cut a path at a null character.
-  require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
+  // The system would cut a path at a null character, and messages repeat it.
+  require(!given.empty() && given.front() == '/' && basics::printable(given) == given);
   std::error_code fault;
   const fs::path path = fs::weakly_canonical(given, fault);
   require(!fault);

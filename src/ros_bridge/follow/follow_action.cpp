@@ -92,6 +92,7 @@ void FollowAction::onGoal(Handle handle) {
   }
   checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
                      const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+  client_.watchNext(*handle.getGoal());
   candidate_ = std::move(handle);
 }
 
@@ -111,10 +112,15 @@ void FollowAction::onCancel(Handle handle) {
 
 void FollowAction::discardCandidate() {
   checker_.discard();
+  client_.releaseNext();
   candidate_.reset();
 }
 
 void FollowAction::takeCandidate() {
+  if (candidate_ && client_.nextIsGone()) {
+    reject(*candidate_, {Result::CLIENT_LOST, client_.whyNextGone()});
+    discardCandidate();
+  }
   auto decided = checker_.take();
   if (!candidate_ || !decided) return;
   Handle next = std::move(*candidate_);
@@ -137,7 +143,7 @@ void FollowAction::takeCandidate() {
   }
   if (run_) cancel("replaced by a newer goal");
   next.setAccepted("accepted");
-  client_.watch(*next.getGoal());
+  client_.beginNext();
   const GoalWatch watch(goal.rules, goal.path.lastTime());
   run_.emplace(Run{std::move(next), std::move(goal), watch});
 }

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <atomic>
-#include <deque>
+#include <list>
 #include <string>
 #include <thread>
 #include <utility>
@@ -72,20 +72,32 @@ class GoalClient {
     subscriber_ = listen(node, action + "/goal", kQueue, &GoalClient::onGoal, this);
   }
 
-  /// Watches the sender of a goal, which the server has handed out and not copied.
-  void watch(const Goal& goal) { watch_.watch(senderOf(goal)); }
-  void release() { watch_.release(); }
-  bool isGone() const { return watch_.isGone(); }           ///< as ClientWatch
-  std::string whyGone() const { return watch_.whyGone(); }  ///< as ClientWatch
+  /// Watches the sender of the next goal, which the server has handed out and not copied, beside
+  /// that of the present one: a goal may be checked for long before it begins.
+  void watchNext(const Goal& goal) { next().watch(senderOf(goal)); }
+  bool nextIsGone() const { return watches_[1 - present_].isGone(); }
+  std::string whyNextGone() const { return watches_[1 - present_].whyGone(); }
+  void releaseNext() { next().release(); }
+  /// The next goal becomes the present one.
+  void beginNext() {
+    watches_[present_].release();
+    present_ = 1 - present_;
+  }
+
+  void release() { watches_[present_].release(); }
+  bool isGone() const { return watches_[present_].isGone(); }           ///< as ClientWatch
+  std::string whyGone() const { return watches_[present_].whyGone(); }  ///< as ClientWatch
 
  private:
   using Event = ros::MessageEvent<const ActionGoal>;
 
   static constexpr int kQueue = 50;  // that of actionlib
 
+  ClientWatch& next() { return watches_[1 - present_]; }
+
   void onGoal(const Event& event) {
     const basics::MutexLock lock(mutex_);
-    while (!senders_.empty() && senders_.front().first.expired()) senders_.pop_front();
+    senders_.remove_if([](const auto& sender) { return sender.first.expired(); });
     senders_.emplace_back(event.getConstMessage(), event.getPublisherName());
   }
   std::string senderOf(const Goal& goal) {
@@ -99,9 +111,10 @@ class GoalClient {
 
   basics::Mutex mutex_;
   /// Of the goals that somebody still has.
-  std::deque<std::pair<boost::weak_ptr<const ActionGoal>, std::string>> senders_
+  std::list<std::pair<boost::weak_ptr<const ActionGoal>, std::string>> senders_
       HELIX_ARM_GUARDED_BY(mutex_);
-  ClientWatch watch_;
+  ClientWatch watches_[2];
+  int present_ = 0;
   ros::Subscriber subscriber_;
 };
 

@@ -102,7 +102,7 @@ class FollowAction {
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
   double hold_time_ = 0.0;               ///< [s]
-  GoalClient<UnreadActionGoal> client_;  ///< of the running goal
+  GoalClient<UnreadActionGoal> client_;  ///< of the running goal and of the candidate
   FaultGuard guard_{"a goal of follow_tip_path"};
   std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
 };

@@ -1,0 +1,477 @@
+// Kills every node with SIGKILL at random moments and checks what docs/safety.md promises of its
+// end: by the record of the emulated device, where the arm is on a line, and by what the other
+// nodes publish, where it is simulated. Each node is then started again and has to work as before.
+// Prints a row per node; exits with 1 if a promise was broken. usage: kills [--moments 50] [--seed
+// 1] [--only WORDS_OF_A_ROW]
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <random>
+#include <set>
+
+#include <actionlib/client/simple_action_client.h>
+
+#include "helix_arm/LoopStatus.h"
+#include "helix_arm/RecordSample.h"
+#include "helix_arm/Reload.h"
+#include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/Save.h"
+#include "helix_arm/ros_bridge/common/client_watch.hpp"
+#include "support/hardware_loop.hpp"
+#include "support/vision_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using Line = EmulatedRegulator::Line;
+
+class Random {
+ public:
+  explicit Random(unsigned seed) : engine_(seed) {}
+  double between(double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(engine_);
+  }
+  Eigen::Vector3d pressures() { return {between(2e4, 2e5), between(2e4, 2e5), between(2e4, 2e5)}; }
+
+ private:
+  std::mt19937 engine_;
+};
+
+/// One kill: how long after it the promise came true [s], or what was broken.
+struct Kill {
+  double after = 0;
+  std::string broken;
+};
+Kill broken(const std::string& what) { return {0, what}; }
+
+/// Handles callbacks up to a moment [s].
+void spin(double duration) {
+  waitFor([] { return false; }, duration);
+}
+
+bool isIn(const Inbox<SafetyState>& safety, const std::string& state) {
+  return !safety.all().empty() && safety.last().state == state;
+}
+
+/// Whether the device is told to vent and runs empty.
+Kill vents(HardwareRig& rig, double begin, double rule) {
+  if (!rig.ventsBy(begin, rule + kSlack)) return broken("the device got no vent order");
+  const double after = regulator::steadyNow() - begin;
+  const auto isEmpty = [&] { return rig.regulator.pressure().maxCoeff() < kEmpty; };
+  if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
+  return {after, ""};
+}
+
+/// Whether it vents and the safety core names the cause.
+Kill ventsBecauseOf(HardwareRig& rig, const std::string& cause, double begin, double rule) {
+  Kill kill = vents(rig, begin, rule);
+  if (!kill.broken.empty()) return kill;
+  if (!rig.comesTo("vented")) return broken("state is " + rig.safety.last().state);
+  if (rig.safety.last().cause != cause) return broken("cause is " + rig.safety.last().cause);
+  return kill;
+}
+
+// One emulated device on a line, which outlives whatever drives it.
+class OnALine {
+ public:
+  OnALine(Line line, const std::string& name) : device_(line), name_(name) {}
+
+  Kill commandNode(Random& random) {
+    HardwareRig rig(device_, name_);
+    if (random.between(0, 1) < 0.3) {  // while it starts
+      rig.command(random.pressures());
+      spin(random.between(0, 1.5));
+    } else if (!rig.bringTo(random.pressures())) {
+      return broken("not enabled after the kill before: " + rig.node.outputNow());
+    }
+    rig.command(random.pressures());
+    spin(random.between(0, 0.5));
+    const double begin = regulator::steadyNow();
+    rig.node.signal(SIGKILL);
+    return vents(rig, begin, 0);
+  }
+
+  // During a reload of a scene with another response, of many that follow each other.
+  Kill commandNodeInReload(Random& random) {
+    HardwareRig rig(device_, name_,
+                    {"_scene_folder:=" + std::filesystem::temp_directory_path().string()});
+    if (!rig.bringTo(random.pressures())) return broken("not enabled: " + rig.node.outputNow());
+    std::atomic<bool> ends{false};
+    std::atomic<int> taken{0};
+    std::thread caller([&] {
+      const std::string own = readText(device_.scene());
+      for (int k = 1; !ends; ++k) {
+        std::string text = own;
+        text.insert(text.find("    table:"),
+                    "    response: {play_kpa: [" + std::to_string(1 + k % 9) + "]}\n");
+        const TemporaryFile scene(text, ".yaml");
+        Reload reload;
+        reload.request.scene = scene.path();
+        if (!ros::service::call("/" + name_ + "/pressure_command/reload", reload)) return;
+        if (reload.response.success) ++taken;
+      }
+    });
+    const bool took = waitFor([&] { return taken > 0; });
+    spin(random.between(0, 0.3));
+    const double begin = regulator::steadyNow();
+    rig.node.signal(SIGKILL);
+    Kill kill = vents(rig, begin, 0);
+    ends = true;
+    caller.join();
+    return took ? kill : broken("no reload was taken: " + rig.node.outputNow());
+  }
+
+  Kill guard(Random& random) {
+    if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
+    if (!rig_->bringTo(random.pressures())) {
+      return broken("not enabled after the kill before: " + rig_->safety.last().reason);
+    }
+    rig_->command(random.pressures());
+    spin(random.between(0, 1));
+    const std::vector<pid_t> guards = guardsOf(device_.scene());
+    if (guards.size() != 1) return broken(std::to_string(guards.size()) + " guards");
+    const double begin = regulator::steadyNow();
+    ::kill(guards.front(), SIGKILL);
+    return ventsBecauseOf(*rig_, "guard_lost", begin, 1);
+  }
+
+  Kill series(Random& random) {
+    if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
+    Process series({HELIX_ARM_SERIES, "__ns:=/" + name_, "_scene:=" + device_.scene(),
+                    "_loop:=true", "_ramp_s:=0.2", "_hold_s:=0.5"});
+    const bool moves = waitFor([&] {
+      if (!isIn(rig_->safety, "enabled")) rig_->trigger(names::kEnable);
+      return device_.pressure().maxCoeff() > 3e4;
+    });
+    if (!moves) return broken("it does not move the arm: " + series.outputNow());
+    spin(random.between(0, 2));
+    const double begin = regulator::steadyNow();
+    series.signal(SIGKILL);
+    return ventsBecauseOf(*rig_, "stale_target", begin, kTargetTimeout);
+  }
+
+  Kill loopOfAGoal(Random& random) {
+    HardwareLoop arm(device_, name_);
+    if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
+    arm.follow(30);
+    if (!arm.isUnderWay()) return broken("it does not move the arm: " + arm.loop.outputNow());
+    spin(random.between(0, 1));
+    const double begin = regulator::steadyNow();
+    arm.loop.signal(SIGKILL);
+    return ventsBecauseOf(arm.rig, "stale_target", begin, kTargetTimeout);
+  }
+
+  // At any moment: before its goal is taken, on the way to the first point, along the path.
+  Kill clientOfAGoal(Random& random) {
+    HardwareLoop arm(device_, name_);
+    if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
+    arm.follow(30);
+    spin(random.between(0, 4));
+    const double begin = regulator::steadyNow();
+    arm.client->signal(SIGKILL);
+    constexpr double kLease =
+        ros_bridge::ClientWatch::kMisses * ros_bridge::ClientWatch::kPeriod + kTargetTimeout;
+    spin(kLease + 0.5);  // a goal that was on its way may move the arm for that long
+    const auto isEmpty = [&] {
+      return device_.isVented() && device_.pressure().maxCoeff() < kEmpty;
+    };
+    if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
+    return {regulator::steadyNow() - begin, ""};
+  }
+
+  static std::string readText(const std::string& path) {
+    std::ostringstream text;
+    text << std::ifstream(path).rdbuf();
+    return text.str();
+  }
+
+ private:
+  EmulatedRegulator device_;
+  const std::string name_;
+  std::unique_ptr<HardwareRig> rig_;
+};
+
+// The simulated arm of the demo with the loop closed, all nodes started by hand.
+class InTheDemo {
+ public:
+  using Runs = actionlib::SimpleActionClient<RunCalibrationAction>;
+
+  InTheDemo()
+      : node_("/demo"),
+        rig_("/demo"),
+        tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
+        safety_(node_, names::kSafetyState),
+        loop_(node_, names::kSightLoopStatus) {
+    for (const auto& [name, command] : commands()) start(name);
+  }
+
+  /// @param killed    node.
+  /// @param promised  what is to hold after its end.
+  Kill node(const std::string& killed, Random& random, const std::function<bool()>& promised) {
+    if (!isClosed()) return broken("the loop is not closed after the kill before: " + words());
+    spin(random.between(0, 1));
+    const double begin = regulator::steadyNow();
+    processes_.at(killed)->signal(SIGKILL);
+    if (!until(promised)) return broken(words());
+    Kill out{regulator::steadyNow() - begin, ""};
+    start(killed);
+    return out;
+  }
+
+  Kill vision(Random& random) {
+    return node("vision", random,
+                [this] { return isLoop(LoopStatus::COASTING) || isLoop(LoopStatus::OPEN); });
+  }
+  Kill simulatedRig(Random& random) {
+    return node("simulated_rig", random, [this] {
+      return isIn(safety_, "fault") && safety_.last().cause == "stale_reading";
+    });
+  }
+  Kill commandNode(Random& random) {
+    return node("pressure_command", random, [this] { return highest() < 3e4; });
+  }
+  Kill sightLoop(Random& random) {
+    return node("sight_loop", random, [this] {
+      return isIn(safety_, "vented") && safety_.last().cause == "stale_target";
+    });
+  }
+  /// Of a node that only watches: the arm stays enabled and its loop closed.
+  Kill watcher(const std::string& name, Random& random) {
+    std::size_t first = 0;
+    const auto goesOn = [&] {
+      if (first == 0) first = loop_.all().size();
+      return loop_.all().size() > first + 30;
+    };
+    Kill kill = node(name, random, goesOn);
+    for (std::size_t k = first; k < loop_.all().size(); ++k) {
+      if (loop_.all()[k]->state != LoopStatus::CLOSED) return broken(loop_.all()[k]->message);
+    }
+    return kill;
+  }
+
+  /// During a run there and back, or without the way back.
+  Kill calibrationRun(Random& random) {
+    Runs runs("/demo/calibration/run_calibration", false);
+    if (!waitFor([&] { return runs.isServerConnected(); })) return broken("no action server");
+    if (!waitFor([this] { return !isIn(safety_, "enabled"); })) return broken(words());
+    RunCalibrationGoal goal;
+    goal.loop = random.between(0, 1) < 0.5;
+    goal.fit = {goal.loop ? "response" : "K_kappa"};
+    goal.plan = {2e5, 0, 0, 0, 2e5, 0, 0, 0, 2e5};
+    runs.sendGoal(goal);
+    if (!waitFor([this] { return highest() > 5e4; })) return broken("no run: " + words());
+    spin(random.between(0, 6));
+    const double begin = regulator::steadyNow();
+    processes_.at("calibration")->signal(SIGKILL);
+    const auto isDown = [this] { return !isIn(safety_, "enabled") && highest() < 3e4; };
+    if (!waitFor(isDown)) return broken(words());
+    Kill out{regulator::steadyNow() - begin, ""};
+    start("calibration");
+    return out;
+  }
+
+  /// During a save, of many that follow each other: the file is the old one or the new one.
+  Kill save(Random& random) {
+    const std::string service = "/demo/calibration/";
+    RecordSample record;
+    const auto recorded = [&] {
+      spin(0.1);
+      return ros::service::call(service + names::kRecordSample, record) && record.response.success;
+    };
+    if (!waitFor([this] { return !isIn(safety_, "enabled"); }) || !waitFor(recorded, 40)) {
+      return broken("no sample: " + record.response.message);
+    }
+    Save first;
+    first.request.path = folder_ / ("samples_" + std::to_string(++saves_) + ".csv");
+    if (!ros::service::call(service + names::kSave, first) || !first.response.success) {
+      return broken("not saved: " + first.response.message);
+    }
+    const std::string whole = OnALine::readText(first.request.path);
+    std::thread caller([&] {
+      Save again = first;
+      while (ros::service::call(service + names::kSave, again)) continue;
+    });
+    spin(random.between(0, 0.3));
+    processes_.at("calibration")->signal(SIGKILL);
+    caller.join();
+    const bool same = OnALine::readText(first.request.path) == whole;
+    start("calibration");
+    return same ? Kill{} : broken(first.request.path + " is neither the old nor the new file");
+  }
+
+ private:
+  static std::map<std::string, std::vector<std::string>> commands() {
+    const std::string folder = std::filesystem::temp_directory_path().string();
+    return {{"pressure_command",
+             {HELIX_ARM_PRESSURE_COMMAND, "_regulator:=topic", "_auto_enable:=true",
+              "_handle:=false", "tip_target:=pressure_command/tip_target",
+              "shape_target:=pressure_command/shape_target"}},
+            {"simulated_rig", {HELIX_ARM_SIMULATED_RIG, "_camera_rate:=12"}},
+            {"vision", {HELIX_ARM_VISION, "_source:=image/compressed"}},
+            {"sight_loop", {HELIX_ARM_SIGHT_LOOP}},
+            {"monitor", {HELIX_ARM_MONITOR}},
+            {"workspace_cloud", {HELIX_ARM_WORKSPACE_CLOUD}},
+            {"calibration",
+             {HELIX_ARM_CALIBRATION, "_data_folder:=" + folder, "_out_folder:=" + folder,
+              "_ramp_kpa_s:=200"}}};
+  }
+  void start(const std::string& name) {
+    std::vector<std::string> command = commands().at(name);
+    command.insert(command.begin() + 1, {"__ns:=/demo", "_scene:=demo"});
+    processes_[name] = std::make_unique<Process>(command);
+  }
+
+  // Repeats a target until the condition holds.
+  bool until(const std::function<bool()>& condition) {
+    return waitFor(
+        [&] {
+          const ros::SteadyTime now = ros::SteadyTime::now();
+          if (now - last_sent_ > ros::WallDuration(0.1)) {
+            last_sent_ = now;
+            TipTarget target;
+            target.header.stamp = ros::Time::now();
+            target.mode = TipTarget::POSITION;
+            target.pose.position.x = 0.366;
+            target.pose.position.y = 0.0035;
+            target.pose.position.z = 0.0088;
+            tip_target_.publish(target);
+          }
+          return condition();
+        },
+        60);
+  }
+  bool isClosed() {
+    return until([this] { return isLoop(LoopStatus::CLOSED) && isIn(safety_, "enabled"); });
+  }
+  // By a message that came lately: a killed node leaves its last one.
+  bool isLoop(const std::string& state) const {
+    return !loop_.all().empty() && loop_.last().state == state &&
+           ros::Time::now() - loop_.last().header.stamp < ros::Duration(0.5);
+  }
+  double highest() const {
+    const auto& all = rig_.measured.all();
+    if (all.empty()) return 0;
+    return *std::max_element(all.back()->pressure.begin(), all.back()->pressure.end());
+  }
+  std::string words() const {
+    return (safety_.all().empty() ? "no state"
+                                  : safety_.last().state + ": " + safety_.last().reason) +
+           "; loop " +
+           (loop_.all().empty() ? "silent" : loop_.last().state + ": " + loop_.last().message);
+  }
+
+  TemporaryFolder folder_;
+  int saves_ = 0;
+  ros::NodeHandle node_;
+  Rig rig_;
+  ros::Publisher tip_target_;
+  Inbox<SafetyState> safety_;
+  Inbox<LoopStatus> loop_;
+  ros::SteadyTime last_sent_;
+  std::map<std::string, std::unique_ptr<Process>> processes_;
+};
+
+struct Options {
+  int moments = 50;
+  unsigned seed = 1;
+  std::string only;
+};
+
+/// Kills at so many moments and prints the row. Returns how many promises were broken.
+int row(const std::string& name, const Options& options,
+        const std::function<Kill(Random&)>& killOnce) {
+  if (name.find(options.only) == std::string::npos) return 0;
+  Random random(options.seed);
+  std::vector<double> times;
+  std::multiset<std::string> faults;
+  for (int k = 0; k < options.moments && ros::ok(); ++k) {
+    const Kill kill = killOnce(random);
+    if (kill.broken.empty()) {
+      times.push_back(kill.after);
+    } else {
+      faults.insert(kill.broken);
+    }
+  }
+  std::sort(times.begin(), times.end());
+  std::printf("%-44s %3zu kept, %zu broken; after %.2f s, at most %.2f s\n", name.c_str(),
+              times.size(), faults.size(), times.empty() ? 0 : times[times.size() / 2],
+              times.empty() ? 0 : times.back());
+  for (const std::string& fault : faults) std::printf("  BROKEN: %s\n", fault.c_str());
+  std::fflush(stdout);
+  return static_cast<int>(faults.size());
+}
+
+int killsOnALine(Line line, const std::string& name, const Options& options) {
+  OnALine arm(line, name);
+  using Method = Kill (OnALine::*)(Random&);
+  const std::pair<const char*, Method> rows[] = {
+      {"pressure_command", &OnALine::commandNode},
+      {"pressure_command in a reload", &OnALine::commandNodeInReload},
+      {"sight_loop with a goal", &OnALine::loopOfAGoal},
+      {"client of a goal (follow_path)", &OnALine::clientOfAGoal},
+      {"guard", &OnALine::guard},
+      {"pressure_series", &OnALine::series}};
+  int out = 0;
+  for (const auto& [words, method] : rows) {
+    out += row(name + ": " + words, options,
+               [&, method = method](Random& random) { return (arm.*method)(random); });
+  }
+  return out;
+}
+
+int killsInTheDemo(const Options& options) {
+  std::unique_ptr<InTheDemo> demo;
+  int out = 0;
+  const auto add = [&](const char* words, const std::function<Kill(Random&)>& killOnce) {
+    out += row(std::string("demo: ") + words, options, [&](Random& random) {
+      if (!demo) demo = std::make_unique<InTheDemo>();
+      return killOnce(random);
+    });
+  };
+  add("vision", [&](Random& random) { return demo->vision(random); });
+  add("simulated_rig", [&](Random& random) { return demo->simulatedRig(random); });
+  add("pressure_command", [&](Random& random) { return demo->commandNode(random); });
+  add("sight_loop", [&](Random& random) { return demo->sightLoop(random); });
+  for (const char* watcher : {"monitor", "workspace_cloud"}) {
+    add(watcher, [&, watcher](Random& random) { return demo->watcher(watcher, random); });
+  }
+  add("calibration in a run", [&](Random& random) { return demo->calibrationRun(random); });
+  add("calibration in a save", [&](Random& random) { return demo->save(random); });
+  return out;
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) {
+  using namespace helix_arm::test;
+  Options options;
+  for (int i = 1; i < argc; i += 2) {
+    char* end = nullptr;
+    const char* const value = i + 1 < argc ? argv[i + 1] : "";
+    const long number = std::strtol(value, &end, 10);
+    const bool counts = end != value && *end == '\0' && number > 0;
+    if (std::strcmp(argv[i], "--moments") == 0 && counts) {
+      options.moments = static_cast<int>(number);
+    } else if (std::strcmp(argv[i], "--seed") == 0 && counts) {
+      options.seed = static_cast<unsigned>(number);
+    } else if (std::strcmp(argv[i], "--only") == 0 && *value != '\0') {
+      options.only = value;
+    } else {
+      std::fprintf(stderr, "usage: kills [--moments 50] [--seed 1] [--only WORDS_OF_A_ROW]\n");
+      return 2;
+    }
+  }
+  const Master master;
+  for (const auto& [name, value] : master.variables()) setenv(name.c_str(), value.c_str(), 1);
+  int none = 0;
+  ros::init(none, nullptr, "kills", ros::init_options::AnonymousName);
+  const ros::NodeHandle started;
+  int broken = killsOnALine(EmulatedRegulator::Line::kSerial, "serial", options);
+  broken += killsOnALine(EmulatedRegulator::Line::kModbus, "modbus", options);
+  broken += killsInTheDemo(options);
+  std::printf("%d promises broken\n", broken);
+  return broken > 0 ? 1 : 0;
+}
