@@ -65,8 +65,10 @@ void SimulatedRegulator::step(double dt) {
     dt = std::max(dt - wait, 0.0);
     set_point_ = coming_.front().set_point;
   }
+  // A step without end settles the pressures, but time goes on from the last set point.
+  const double last = time_;
   advance(dt);
-  time_ = end;
+  time_ = std::isfinite(end) ? end : last;
 }
 
 void SimulatedRegulator::advance(double dt) {

@@ -66,6 +66,18 @@ TEST(SimulatedRegulator, SetPointsHaveAnEffectAfterTheDeadTimeWhateverTheSteps) 
   }
 }
 
+TEST(SimulatedRegulator, AStepWithoutEndSettlesAndTheNextSetPointComesAfterIt) {
+  SimulatedRegulatorConfig config;
+  config.noise = 0;
+  config.dead_time = 0.02;
+  SimulatedRegulator regulator(1, config);
+  for (const double pressure : {1e5, 2e5, 5e4}) {
+    regulator.command(Eigen::VectorXd::Constant(1, pressure));
+    regulator.step(std::numeric_limits<double>::infinity());
+    EXPECT_EQ(regulator.pressure()[0], pressure);
+  }
+}
+
 TEST(SimulatedRegulator, ChannelsAreIndependent) {
   SimulatedRegulator regulator(3, kQuiet);
   regulator.command(Eigen::Vector3d(1e5, 0, 3e5));
