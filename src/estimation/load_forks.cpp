@@ -150,7 +150,8 @@ void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& 
   forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
   if (pictures % kForkPeriod == 0) {
     const LoadFork fork(watch.state(), options.deviation);
-    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, !beyond});
+    const bool agrees = !beyond && !drift.doubtful;
+    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
   }
 }
 
@@ -172,7 +173,7 @@ bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::Ma
     outliers = 0;
     return true;
   }
-  if (outliers == 0) agreed_at_onset = drift.allowed > 0 && !beyond;
+  if (outliers == 0) agreed_at_onset = drift.allowed > 0 && !beyond && !drift.doubtful;
   if (++outliers <= kMostOutliers) return false;
   outliers = 0;
   renewed = true;
@@ -255,7 +256,8 @@ Drift LoadForks::Workspace::driftSince(const Memory& memory, const model::Shape&
 }
 
 // A picture is beyond what is allowed if it contradicts more than half of the memories: some are of
-// moments at which the arm was not as the filter assumes.
+// moments at which the arm was not as the filter assumes. What is allowed must not grow during a
+// doubt, which would end by waiting alone.
 void LoadForks::Workspace::compare(const model::Shape& measured, bool settled,
                                    const ArmFilter& watch, TipCompliance& compliance) {
   const ArmFilter::Step& step = *watch.lastStep();
@@ -264,7 +266,7 @@ void LoadForks::Workspace::compare(const model::Shape& measured, bool settled,
   std::vector<Drift> all;
   for (Memory& memory : memories) {
     memory.age += dt;
-    memory.state.predict(step, 0.0);
+    if (!drift.doubtful) memory.state.predict(step, 0.0);
     if (memory.touched != explained) continue;
     all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
   }

@@ -24,7 +24,8 @@ constexpr double kSureTip = 0.01;        // largest uncertainty at which the loo
 constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
-constexpr double kSettledWithin = 1e4;   // of the set point, a reading [Pa]
+constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
+constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
@@ -50,6 +51,7 @@ struct SightLoop::Workspace {
         memory(arm),
         aim(given),
         divergence(config.smoothing + config.time_constant + kCorrectingTime),
+        usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         lengths(arm.actuatorCount()) {
     accepted_at.fill(-std::numeric_limits<double>::infinity());
     turn.pressure = arm.inputAt(0.0);
@@ -70,6 +72,7 @@ struct SightLoop::Workspace {
   void learn();
   const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
   void fade();
+  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
   bool findPressures(double stamp, double now, estimation::SightingFault& fault);
   void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
 
@@ -84,7 +87,8 @@ struct SightLoop::Workspace {
   MuscleMemory memory;
   Aim aim;  // at pressures as they are felt
 
-  bool settled = false;  // every pressure is where it was ordered
+  bool settled = false;            // every pressure is where its regulator usually holds it
+  Eigen::VectorXd usual_distance;  // of readings from set points, as long as it stays [Pa]
   bool enabled = false, closed = true, diverged = false;
   bool fades = false;  // the correction decays to 0
   // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
@@ -98,6 +102,7 @@ struct SightLoop::Workspace {
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
 
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
+  double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   DivergenceWatch divergence;
@@ -123,9 +128,9 @@ bool SightLoop::Workspace::maySee(double now) const {
 
 LoopState SightLoop::Workspace::nextState(double now) const {
   if (!enabled || !target) return LoopState::kIdle;
-  if (diverged) return LoopState::kDiverging;
   const double unseen = now - accepted_at[0];
   const bool fresh = unseen <= config.stale_after;
+  if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
   if (yields() && fresh) return LoopState::kYielding;
   if (!closed) return LoopState::kOpen;
   const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
@@ -133,6 +138,7 @@ LoopState SightLoop::Workspace::nextState(double now) const {
     return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
   }
   const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
+                      turn.state == LoopState::kDiverging ||
                       (turn.state == LoopState::kYielding && !fresh);
   return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
 }
@@ -221,6 +227,18 @@ void SightLoop::Workspace::fade() {
   aim.learn(statics::Correction(arm));
   beyond_goal.setZero();
   fades = true;
+}
+
+// A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set point.
+void SightLoop::Workspace::settle(double dt, const Eigen::VectorXd& set_point,
+                                  const Eigen::VectorXd& reading) {
+  const double share = -std::expm1(-dt / kUsualTime);
+  settled = true;
+  for (Eigen::Index i = 0; i < reading.size(); ++i) {
+    const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
+    settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
+    usual_distance[i] += share * unusual;
+  }
 }
 
 bool SightLoop::Workspace::findPressures(double stamp, double now,
@@ -337,11 +355,12 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
     w.divergence.clear();
     w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
+    w.arrived_at = -std::numeric_limits<double>::infinity();
     w.slow_until = -std::numeric_limits<double>::infinity();
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
   w.observer.update(time, set_point, reading);
-  w.settled = (set_point - reading).cwiseAbs().maxCoeff() < kSettledWithin;
+  w.settle(dt, set_point, reading);
   w.memory.follow(w.observer);
 
   const LoopState before = w.turn.state;
@@ -373,6 +392,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   Workspace& w = *work_;
   estimation::Sighting out;
   if (!w.findPressures(stamp, now, out.fault)) return out;
+  w.arrived_at = now;
   const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
                                            twists, covariance};
   const bool touched = w.contact.load().contact;

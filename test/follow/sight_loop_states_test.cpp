@@ -361,6 +361,16 @@ TEST_F(LoopStates, APushDoesNotDiverge) {
   }
 }
 
+TEST_F(LoopStates, WhoDivergesUnseenIsUnseenFirst) {
+  reach(LoopState::kDiverging);
+  bench_.run(LoopBench::config().stale_after + 0.3, false);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  bench_.run(LoopBench::config().coast_time, false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  bench_.run(0.2);
+  EXPECT_EQ(state(), LoopState::kDiverging);
+}
+
 // Pictures that bend by 0.3 rad in ten seconds, at a target that stands still: no muscle does that.
 TEST_F(LoopStates, PicturesThatDriftAreDoubtedAndFollowedNoFarther) {
   for (const OnContact reaction : {OnContact::kReport, OnContact::kYield}) {
@@ -396,6 +406,25 @@ TEST_F(LoopStates, PicturesThatDriftAreDoubtedAndFollowedNoFarther) {
     EXPECT_EQ(bench.loop.state(), LoopState::kClosed);
     EXPECT_LT(bench.error(), 1e-3);
   }
+}
+
+// What is allowed grows with time as the arm creeps, but not while it is exceeded.
+TEST_F(LoopStates, ADoubtDoesNotEndByWaiting) {
+  reach(LoopState::kDoubtful);
+  const double error = bench_.error();
+  for (int k = 0; k < 18000; ++k) {
+    bench_.step();
+    ASSERT_TRUE(doubts()) << "after " << k * LoopBench::kStep
+                          << " s: " << 1e3 * bench_.loop.drift().distance << " mm of "
+                          << 1e3 * bench_.loop.drift().allowed << " mm allowed";
+  }
+  EXPECT_LT(bench_.error(), error + 2e-3);
+}
+
+// Such regulators never reach their set points, and are at rest nevertheless.
+TEST_F(LoopStates, PicturesThatDriftAreDoubtedAlsoWhereReadingsAreOff) {
+  bench_.options.reading_offset = 2e4;
+  reach(LoopState::kDoubtful);
 }
 
 TEST_F(LoopStates, PicturesThatAgreeAgainAreFollowedAgain) {

@@ -29,12 +29,20 @@ struct Tally {
   double worst[kOrders] = {};
   int converged[kOrders] = {};
   int cases = 0;
+  int snapped = 0;             // beyond the end of the branch that grows from the unloaded shape
+  int claimed_of_snapped = 0;  // by orders that call them converged
 
   // @param solutionOf  by the order. A case that the exact tier finds no shape for is left out.
   template <class SolutionOf>
   void add(const model::Arm& arm, const Load& load, const model::Twists& twists,
            const SolutionOf& solutionOf, const char* name) {
     const Solution truth = ExactArm(arm, load).solve(twists);
+    if (truth.status == SolveStatus::kSnapped) {
+      ++snapped;
+      for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+        claimed_of_snapped += solutionOf(order).converged();
+      }
+    }
     if (!truth.converged()) return;
     ++cases;
     for (int order = kLeastOrder; order <= kMostOrder; ++order) {
@@ -59,7 +67,7 @@ struct Tally {
     for (int i = 0; i < kOrders; ++i) {
       std::printf(" %3.0f %% %.1e", 100.0 * converged[i] / cases, worst[i]);
     }
-    std::printf("\n");
+    std::printf("; %d snapped, of which orders call converged: %d\n", snapped, claimed_of_snapped);
   }
 };
 

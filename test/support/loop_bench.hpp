@@ -25,6 +25,7 @@ class LoopBench {
     double time_constant = 0.15;               // [s]
     double gain = 1.0;                         // of the true arm's motion over the model's
     double reading_noise = 2e3;                // [Pa]
+    double reading_offset = 0.0;               // of every channel's sensor [Pa]
     double twist_noise_v = 1e-4;               // [m]
     double twist_noise_w = 1e-3;               // [rad]
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
@@ -115,7 +116,9 @@ class LoopBench {
   }
   void turn() {
     Eigen::VectorXd reading = pressure_;
-    for (double& value : reading) value += options.reading_noise * random_.normal();
+    for (double& value : reading) {
+      value += options.reading_offset + options.reading_noise * random_.normal();
+    }
     const follow::Turn& turn = loop.reading(time(), set_point_, reading);
     if (turn.commands) set_point_ = turn.pressure;
   }

@@ -34,7 +34,9 @@ struct ExactOptions {
 /// method does not contract at once, the load is applied in steps. Of several equilibria, this
 /// finds the stable one that grows from the unloaded shape. Where that branch ends (a snap, or a
 /// column that is straight to the last digit under Euler's load), the result is whichever stable
-/// equilibrium damped steps then find, with the status kSnapped.
+/// equilibrium damped steps then find, with the status kSnapped. Point moments, which keep their
+/// direction, have no energy: under them stability is not judged, and a shape that damped steps
+/// find counts as converged although it may lie on another branch.
 class ExactArm {
  public:
   /// @throws std::invalid_argument naming the value that breaks a rule of Load or ExactOptions.
