@@ -216,10 +216,13 @@ class InTheDemo {
     spin(random.between(0, 1));
     const double begin = regulator::steadyNow();
     processes_.at(killed)->signal(SIGKILL);
-    if (!until(promised)) return broken(words());
-    Kill out{regulator::steadyNow() - begin, ""};
+    Kill out = until(promised) ? Kill{regulator::steadyNow() - begin, ""} : broken(words());
+    const std::size_t told = safety_.all().size();
     start(killed);
-    return out;
+    // A node that is killed leaves its latched state.
+    const bool tells =
+        killed != "pressure_command" || waitFor([&] { return safety_.all().size() > told; });
+    return tells ? out : broken("no state after the restart");
   }
 
   Kill vision(Random& random) {
