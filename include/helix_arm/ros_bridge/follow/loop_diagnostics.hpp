@@ -24,7 +24,8 @@ class LoopDiagnostics {
 
   std::uint64_t accepted() const { return accepted_; }
   std::uint64_t refused() const { return refused_; }
-  /// If the last picture was refused for its stamp: how far that is off, and the remedy; else empty.
+  /// If the last picture was refused for its stamp: how far that is off, and the remedy; else
+  /// empty.
   const std::string& wrongStamp() const { return wrong_stamp_; }
 
   /// The status `<node>: loop`: its state, and pictures by their faults.

@@ -32,8 +32,8 @@ struct SceneLocalizer {
 /// Measures the arm in one picture after another: checks size and camera, decodes, finds the model
 /// of its time, tracks the tags and fits the shape.
 ///
-/// A picture stamped before the last one is a jump back in time: nothing from before it is used. One
-/// that equals the last one although the model has moved is refused: the camera hangs.
+/// A picture stamped before the last one is a jump back in time: nothing from before it is used.
+/// One that equals the last one although the model has moved is refused: the camera hangs.
 class PictureMeasurer {
  public:
   /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
