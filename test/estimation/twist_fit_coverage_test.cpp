@@ -19,6 +19,8 @@ using test::Random;
 constexpr double kChiSquare6 = 12.5916, kChiSquare3 = 7.8147;
 constexpr int kDraws = 1000;
 constexpr int kMostUnfinished = 5;  // a warm search may end early
+// Of tags on one side, what is not determined is refused, not measured.
+constexpr int kLeastOneSided = 600;
 
 struct Case {
   int tags;
@@ -60,11 +62,12 @@ class TwistFitCoverage : public ::testing::TestWithParam<Case> {
   }
 
   void expectCoverage(const char* readings) {
-    ASSERT_GE(fits_, kDraws - kMostUnfinished);
+    ASSERT_GE(fits_, GetParam().sides > 1 ? kDraws - kMostUnfinished : kLeastOneSided);
     const double twists = static_cast<double>(twists_) / fits_;
     const double tips = static_cast<double>(tips_) / fits_;
-    std::printf("%d tags, %s, noise x%g, base %s: twists %.3f, tips %.3f\n", GetParam().tags,
-                readings, GetParam().noise, GetParam().free_base ? "free" : "fixed", twists, tips);
+    std::printf("%d tags, %s, noise x%g, base %s, %d fits: twists %.3f, tips %.3f\n",
+                GetParam().tags, readings, GetParam().noise,
+                GetParam().free_base ? "free" : "fixed", fits_, twists, tips);
     for (const double coverage : {twists, tips}) {
       EXPECT_GE(coverage, 0.93);
       EXPECT_LE(coverage, 0.97);
