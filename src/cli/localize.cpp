@@ -285,7 +285,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& fra
     }
     for (std::size_t i = 0; i < std::max<std::size_t>(frame.tags.size(), 1); ++i) {
       const TagDetection* tag = frame.tags.empty() ? nullptr : &frame.tags[i];
-      CsvTable::Row row{{"file", quoted(frame.file)},
+      CsvTable::Row row{{"file", quoted(basics::printable(frame.file))},
                         {"state", frame.state},
                         {"tag", tag ? std::to_string(tag->id) : ""}};
       for (int k = 0; k < 4; ++k) {

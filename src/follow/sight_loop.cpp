@@ -50,8 +50,8 @@ struct SightLoop::Workspace {
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         memory(arm),
         aim(given),
-        divergence(config.smoothing + config.time_constant + kCorrectingTime),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
+        divergence(config.smoothing + config.time_constant + kCorrectingTime),
         lengths(arm.actuatorCount()) {
     accepted_at.fill(-std::numeric_limits<double>::infinity());
     turn.pressure = arm.inputAt(0.0);

@@ -158,6 +158,7 @@ FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const Follo
       const double part = (lockstep.time() - plan.drift->begin) / plan.drift->seconds;
       lockstep.sight().shift(std::clamp(part, 0.0, 1.0) * plan.drift->pixels);
     }
+    if (plan.frozen) lockstep.sight().freeze(plan.frozen->contains(lockstep.time()));
     lockstep.advance();
     addAlarm(lockstep.time(), loop.load(), touched, out.alarms);
     touched = loop.load().contact;

@@ -12,6 +12,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/vision/frozen_watch.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
@@ -49,7 +50,9 @@ struct SimulatedSight::Workspace {
   }
 
   std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model);
+  void observe(const model::Shape& shape);
   std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model);
+  bool photograph(const model::Shape& shape);
 
   const estimation::ArmView truth, nominal;
   const int min_tags;
@@ -60,17 +63,32 @@ struct SimulatedSight::Workspace {
   std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
+  bool frozen = false;
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
   std::optional<SimulatedCamera> simulated;
   std::optional<vision::JpegEncoder> encoder;
   vision::JpegDecoder decoder;
   std::optional<vision::ArmLocalizer> localizer;
-  cv::Mat gray;
+  vision::FrozenWatch frozen_watch;
+  cv::Mat gray;  // the last picture
 };
 
 std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::Shape& shape,
                                                                    const model::Shape& model) {
+  if (!frozen) observe(shape);
+  if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+  if (memory) fitter->know(memory->estimate());
+  const estimation::TwistFit& fit =
+      fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+  if (memory) memory->learn(fit);
+  last.reset();
+  if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+  last = fit.shape;
+  return measured(fit);
+}
+
+void SimulatedSight::Workspace::observe(const model::Shape& shape) {
   estimation::visibleTags(truth, shape, kLeastCosine, visible);
   seen.clear();
   for (const estimation::TagSight& tag : visible) {
@@ -83,19 +101,9 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
       seen.push_back({tag.tag, *direction});
     }
   }
-  if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
-  if (memory) fitter->know(memory->estimate());
-  const estimation::TwistFit& fit =
-      fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
-  if (memory) memory->learn(fit);
-  last.reset();
-  if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
-  last = fit.shape;
-  return measured(fit);
 }
 
-std::optional<MeasuredShape> SimulatedSight::Workspace::searchPicture(const model::Shape& shape,
-                                                                      const model::Shape& model) {
+bool SimulatedSight::Workspace::photograph(const model::Shape& shape) {
   cv::Mat picture = simulated->render(shape);
   if (!shift.isZero(0)) {
     const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
@@ -104,7 +112,13 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::searchPicture(const mode
     picture = moved;
   }
   const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
-  if (decoder.decode(jpeg.data(), jpeg.size(), gray)) return std::nullopt;
+  return !decoder.decode(jpeg.data(), jpeg.size(), gray);
+}
+
+std::optional<MeasuredShape> SimulatedSight::Workspace::searchPicture(const model::Shape& shape,
+                                                                      const model::Shape& model) {
+  if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
+  if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
   const vision::Sight& sight = localizer->locate(gray, model);
   if (sight.state != vision::SightState::kMeasured) return std::nullopt;
   return measured(sight.fit);
@@ -119,6 +133,7 @@ SimulatedSight::SimulatedSight(SimulatedSight&&) noexcept = default;
 SimulatedSight& SimulatedSight::operator=(SimulatedSight&&) noexcept = default;
 
 void SimulatedSight::shift(const Eigen::Vector2d& pixels) { work_->shift = pixels; }
+void SimulatedSight::freeze(bool frozen) { work_->frozen = frozen; }
 
 std::optional<MeasuredShape> SimulatedSight::look(const model::Shape& truth,
                                                   const model::Shape& model) {

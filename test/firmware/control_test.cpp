@@ -179,7 +179,7 @@ TEST(BoardForFewerChannels, HasNoOthers) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(kEachPart), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(kBoardKinds), nameOfKind);
 
 // Muscles that the constants were not chosen for. One pulse of an inlet is 3 ms at least.
 TEST(BoardMuscles, SlowOnesAreFollowedAsWellAndFastOnesToAPulse) {

@@ -2,6 +2,9 @@
 #include <cstdio>
 #include <functional>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -172,6 +175,111 @@ std::vector<Row> rowsOfTheBoard() {
 
 INSTANTIATE_TEST_SUITE_P(Line, BoardAndDriver, testing::ValuesIn(rowsOfTheLine()), nameOfRow);
 INSTANTIATE_TEST_SUITE_P(Board, BoardAndDriver, testing::ValuesIn(rowsOfTheBoard()), nameOfRow);
+
+// ---- Two faults of one channel at once ----------------------------------------------------------
+
+enum class Part { kInlet, kOutlet, kSensor, kMuscle, kManifold };
+struct Ill {
+  const char* name;
+  Part part;
+  ChannelFault fault;  ///< none: the supply is weak
+};
+constexpr Ill kIlls[] = {
+    {"inlet_stuck_open", Part::kInlet, ChannelFault::kInletStuckOpen},
+    {"inlet_stuck_shut", Part::kInlet, ChannelFault::kInletStuckShut},
+    {"outlet_stuck_open", Part::kOutlet, ChannelFault::kOutletStuckOpen},
+    {"outlet_stuck_shut", Part::kOutlet, ChannelFault::kOutletStuckShut},
+    {"sensor_open", Part::kSensor, ChannelFault::kSensorOpen},
+    {"sensor_shorted_to_supply", Part::kSensor, ChannelFault::kSensorShortedToSupply},
+    {"sensor_blocked", Part::kSensor, ChannelFault::kSensorBlocked},
+    {"sensor_drifts", Part::kSensor, ChannelFault::kSensorDrifts},
+    {"leak", Part::kMuscle, ChannelFault::kLeak},
+    {"low_supply", Part::kManifold, ChannelFault::kNone},
+};
+void PrintTo(const Ill& ill, std::ostream* out) { *out << ill.name; }
+using Pair = std::pair<Ill, Ill>;
+
+// Of different parts: a part fails in one way.
+std::vector<Pair> pairsOfIlls() {
+  std::vector<Pair> out;
+  for (const Ill& first : kIlls) {
+    for (const Ill& second : kIlls) {
+      if (first.part < second.part) out.emplace_back(first, second);
+    }
+  }
+  return out;
+}
+bool are(const Pair& pair, ChannelFault first, ChannelFault second) {
+  return pair.first.fault == first && pair.second.fault == second;
+}
+bool has(const Pair& pair, ChannelFault fault) {
+  return pair.first.fault == fault || pair.second.fault == fault;
+}
+
+class BoardWithTwoFaults : public testing::TestWithParam<Pair> {};
+
+// With a target that moves: a reading that stands tells nothing while nothing is to move.
+TEST_P(BoardWithTwoFaults, LeavesEnabledByNameShutsTheSupplyAndIsNeverWellAboveTheLimit) {
+  constexpr double kLongest = 5, kMoves = 1, kVents = 1.5;  // [s]
+  constexpr double kLimit = 3.3e5, kAboveLimit = 1;         // with its margin [Pa]; [s]
+  const Pair& pair = GetParam();
+  BoardRig rig(kSmallBoard);
+  ASSERT_EQ(rig.bringTo(kGoal), "");
+  rig.with([&](SimulatedBoard& board) {
+    board.air().forgetPeak();
+    board.air().fail(0, pair.first.fault, pair.second.fault);
+    if (pair.second.part == Part::kManifold) board.air().setSupply(5e4);
+  });
+  const auto pressure = [&] { return rig.with([](SimulatedBoard& b) { return b.pressure(0); }); };
+
+  const double begin = rig.board().time();
+  double now = begin, well_above = 0;
+  const auto turn = [&] {
+    rig.setGoal(static_cast<int>((now - begin) / kMoves) % 2 == 0 ? 2.5e5 : 0.5e5);
+    const double before = now;
+    rig.turn();
+    now = rig.board().time();
+    if (rig.state() == SafetyState::kEnabled && pressure() > kLimit) well_above += now - before;
+  };
+  while (rig.state() == SafetyState::kEnabled && now < begin + kLongest) turn();
+  const double left = now - begin;
+  const std::string cause = rig.cause(), error = rig.error();
+  while (rig.state() != SafetyState::kEnabled && now < begin + left + kVents) turn();
+  const double peak = rig.with([](SimulatedBoard& board) { return board.air().peak(); });
+  std::printf(
+      "[  FIGURE  ] %s and %s: %s after %.0f ms, peak %.0f kPa, above the limit and well %.0f ms; "
+      "%s\n",
+      pair.first.name, pair.second.name, cause.c_str(), 1e3 * left, peak / 1e3, 1e3 * well_above,
+      error.c_str());
+
+  // Nobody sees an inlet that leaks behind a sensor that stands: the relief valve limits that one.
+  const bool is_blind = are(pair, ChannelFault::kInletStuckOpen, ChannelFault::kSensorBlocked);
+  EXPECT_LT(peak, is_blind ? kSupply : kHighest);
+  EXPECT_LT(well_above, kAboveLimit);
+  if (rig.state() == SafetyState::kEnabled) {
+    // A small drift and a small leak may be regulated away.
+    EXPECT_TRUE(are(pair, ChannelFault::kSensorDrifts, ChannelFault::kLeak));
+    EXPECT_LT(peak, kLimit);
+    return;
+  }
+  EXPECT_NE(cause, "none");
+  EXPECT_TRUE(rig.state() == SafetyState::kFault || rig.state() == SafetyState::kVented);
+  rig.with([](SimulatedBoard& board) {
+    EXPECT_TRUE(board.allVent());
+    EXPECT_FALSE(board.isSupplied());
+    EXPECT_LT(board.pressure(1), 2e4);
+    EXPECT_LT(board.pressure(2), 2e4);
+  });
+  // An outlet that stays shut keeps its air, and the arm is not said to be empty.
+  if (rig.state() == SafetyState::kVented || !has(pair, ChannelFault::kOutletStuckShut)) {
+    EXPECT_LT(pressure(), 2e4);
+  }
+}
+
+std::string nameOfPair(const testing::TestParamInfo<Pair>& info) {
+  return std::string(info.param.first.name) + "_and_" + info.param.second.name;
+}
+INSTANTIATE_TEST_SUITE_P(, BoardWithTwoFaults, testing::ValuesIn(pairsOfIlls()), nameOfPair);
 
 TEST(BoardAndHost, EveryFaultOfTheSerialLineHasARow) {
   std::set<DeviceFault> tried;

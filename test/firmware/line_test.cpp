@@ -185,9 +185,13 @@ TEST(BoardLines, AHalfLineIsForgottenAfterAWhile) {
   EXPECT_EQ(board.ask("p1?").substr(0, 3), "p1=");
 }
 
+// The chips' registers and interrupts of the line differ, what is made of a line does not.
+class BoardUart : public testing::TestWithParam<BoardKind> {};
+INSTANTIATE_TEST_SUITE_P(, BoardUart, testing::ValuesIn(kEachPart), nameOfKind);
+
 // simavr's receiver holds 64 bytes, so that it overruns only where they come too fast for it.
-TEST(BoardLines, ALineThatLostBytesIsRefused) {
-  ReadyBoard board;
+TEST_P(BoardUart, ALineThatLostBytesIsRefused) {
+  ReadyBoard board(GetParam());
   board.receive();
   std::string flood;
   for (int i = 0; i < 40; ++i) flood += "p0=120.00\n";
@@ -198,8 +202,8 @@ TEST(BoardLines, ALineThatLostBytesIsRefused) {
   EXPECT_EQ(board.ask("p0?").substr(0, 3), "p0=");
 }
 
-TEST(BoardLines, AnswersAreNeverCut) {
-  ReadyBoard board;
+TEST_P(BoardUart, AnswersAreNeverCut) {
+  ReadyBoard board(GetParam());
   board.receive();
   for (int i = 0; i < 100; ++i) board.send("p0?\n");
   while (board.isReceiving()) board.advance(0.001);
@@ -253,8 +257,8 @@ TEST(BoardLines, AFloodOfJunkHoldsNoPressure) {
   EXPECT_EQ(board.chip().watchdogResets(), 0);
 }
 
-TEST(BoardLines, AFloodOfOrdersIsFollowed) {
-  ReadyBoard board;
+TEST_P(BoardUart, AFloodOfOrdersIsFollowed) {
+  ReadyBoard board(GetParam());
   std::string flood;
   for (int i = 0; i < 1500; ++i) flood += "p0=150.00\n";
   board.send(flood);

@@ -8,6 +8,8 @@ namespace {
 
 constexpr double kSensorZero = 0.1, kSensorSpan = 0.8, kSensorRange = 7e5;  // ratiometric, [Pa]
 constexpr double kProportionalFrom = 0.3;
+constexpr double kDriftRate = 2.5e4, kDriftMost = 2.5e4;  // [Pa/s], [Pa]
+constexpr double kLeakOpening = 0.1;                      // of the outlet's
 
 // Exact for a constant drive.
 void lag(double& value, double goal, double dt, double time) {
@@ -32,34 +34,36 @@ void Pneumatics::step(double dt, const std::vector<ValveDrive>& drives, double s
     lag(channel.inlet, drives[i].inlet, dt, config_.valve_time);
     lag(channel.outlet, drives[i].outlet, dt, config_.valve_time);
     double inlet = opening(channel.inlet), outlet = 1 - channel.outlet;
-    if (channel.fault == ChannelFault::kInletStuckOpen) inlet = 1;
-    if (channel.fault == ChannelFault::kInletStuckShut) inlet = 0;
-    if (channel.fault == ChannelFault::kOutletStuckOpen) outlet = 1;
-    if (channel.fault == ChannelFault::kOutletStuckShut) outlet = 0;
+    if (channel.has(ChannelFault::kInletStuckOpen)) inlet = 1;
+    if (channel.has(ChannelFault::kInletStuckShut)) inlet = 0;
+    if (channel.has(ChannelFault::kOutletStuckOpen)) outlet = 1;
+    if (channel.has(ChannelFault::kOutletStuckShut)) outlet = 0;
+    if (channel.has(ChannelFault::kLeak)) outlet += kLeakOpening;
+    if (channel.has(ChannelFault::kSensorDrifts)) {
+      channel.drift = std::min(channel.drift + kDriftRate * dt, kDriftMost);
+    }
     channel.pressure += dt * (inlet * (manifold_ - channel.pressure) / config_.fill_time -
                               outlet * channel.pressure / config_.vent_time);
     peak_ = std::max(peak_, channel.pressure);
   }
 }
 
-void Pneumatics::fail(int channel, ChannelFault fault) {
-  channels_.at(channel).fault = fault;
-  channels_.at(channel).blocked_at = channels_.at(channel).pressure;
+void Pneumatics::fail(int channel, ChannelFault fault, ChannelFault another) {
+  Channel& of = channels_.at(channel);
+  of.faults = {fault, another};
+  of.blocked_at = of.pressure;
+  of.drift = 0;
 }
 
 double Pneumatics::sensor(int channel) const {
   const Channel& of = channels_.at(channel);
-  switch (of.fault) {
-    case ChannelFault::kSensorOpen:
-    case ChannelFault::kSensorShortedToGround:
+  for (const ChannelFault fault : of.faults) {
+    if (fault == ChannelFault::kSensorOpen || fault == ChannelFault::kSensorShortedToGround)
       return 0;
-    case ChannelFault::kSensorShortedToSupply:
-      return 1;
-    default:
-      break;
+    if (fault == ChannelFault::kSensorShortedToSupply) return 1;
   }
-  const bool blocked = of.fault == ChannelFault::kSensorBlocked;
-  return kSensorZero + kSensorSpan * (blocked ? of.blocked_at : of.pressure) / kSensorRange;
+  const double told = of.has(ChannelFault::kSensorBlocked) ? of.blocked_at : of.pressure;
+  return kSensorZero + kSensorSpan * (told - of.drift) / kSensorRange;
 }
 
 }  // namespace helix_arm::test

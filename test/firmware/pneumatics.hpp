@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <vector>
 
 namespace helix_arm::test {
@@ -15,6 +16,8 @@ enum class ChannelFault {
   kSensorShortedToGround,  ///< or without its supply
   kSensorShortedToSupply,  ///< or without its ground
   kSensorBlocked,          ///< it keeps telling the pressure of the start of the fault
+  kSensorDrifts,           ///< it tells ever less, down to 25 kPa too little
+  kLeak,                   ///< a hole as wide as a tenth of the outlet
 };
 
 /// What drives one channel: mean levels of its pins over a step, 0 to 1.
@@ -45,7 +48,8 @@ class Pneumatics {
   /// @param supply  mean level of the supply valve's pin, 0 to 1.
   void step(double dt, const std::vector<ValveDrive>& drives, double supply);
 
-  void fail(int channel, ChannelFault fault);
+  /// At once, instead of what it had; two are faults of different parts.
+  void fail(int channel, ChannelFault fault, ChannelFault another = ChannelFault::kNone);
   void setSupply(double pressure) { config_.supply = pressure; }
 
   double pressure(int channel) const { return channels_.at(channel).pressure; }  ///< gauge [Pa]
@@ -59,8 +63,10 @@ class Pneumatics {
   struct Channel {
     double pressure = 0;           // [Pa]
     double inlet = 0, outlet = 0;  // currents, 0 to 1
-    ChannelFault fault = ChannelFault::kNone;
-    double blocked_at = 0;  // [Pa]
+    std::array<ChannelFault, 2> faults{};
+    double blocked_at = 0, drift = 0;  // [Pa]
+
+    bool has(ChannelFault fault) const { return faults[0] == fault || faults[1] == fault; }
   };
   double opening(double current) const;
 

@@ -435,6 +435,92 @@ TEST_F(LoopStates, PicturesThatAgreeAgainAreFollowedAgain) {
   EXPECT_LT(bench_.error(), 1e-3);
 }
 
+// A view that stands still while the arm moves, but not in every pixel, as through a recorder that
+// writes its time into the pictures: something seems to hold the arm.
+TEST_F(LoopStates, AViewThatStandsStillWhileTheArmMovesIsToldOf) {
+  for (const OnContact reaction : {OnContact::kReport, OnContact::kYield}) {
+    LoopBench bench(model_, truthOf(model_.arm()), LoopBench::config(), {});
+    bench.loop.setOnContact(reaction);
+    bench.loop.aimAt(here_);
+    bench.run(17);
+    bench.options.frozen = bench.trueTwists();
+    bench.run(3);
+    ASSERT_EQ(bench.loop.state(), LoopState::kClosed) << "an arm at rest looks the same";
+    ASSERT_FALSE(bench.loop.load().contact);
+    bench.loop.aimAt(there_);
+    const auto told = [&bench] {
+      return bench.loop.load().contact || bench.loop.drift().doubtful ||
+             bench.loop.state() == LoopState::kDiverging;
+    };
+    const double begin = bench.time();
+    while (!told() && bench.time() < begin + 3) bench.step();
+    std::printf(
+        "[  FIGURE  ] on_contact %s, a frozen view: told of after %.2f s (%s, score %.0f), the tip "
+        "then %.1f mm off\n",
+        nameOf(reaction), bench.time() - begin, nameOf(bench.loop.state()), bench.loop.load().score,
+        1e3 * bench.error());
+    EXPECT_TRUE(told());
+    if (reaction == OnContact::kReport) continue;
+    // What yields stands still from then on.
+    bench.run(1);
+    const Eigen::VectorXd held = bench.loop.turn().pressure;
+    for (int k = 0; k < 500; ++k) {
+      bench.step();
+      ASSERT_NE(bench.loop.state(), LoopState::kClosed) << k;
+      ASSERT_LE((bench.loop.turn().pressure - held).norm(), 100.0) << k;
+    }
+  }
+}
+
+struct WrongClock {
+  const char* name;
+  double shift;  // of the stamps [s]
+  estimation::SightingFault fault;
+};
+class EachWrongClock : public LoopStates, public ::testing::WithParamInterface<WrongClock> {};
+INSTANTIATE_TEST_SUITE_P(
+    Clocks, EachWrongClock,
+    ::testing::Values(WrongClock{"ASecondAhead", 1.0, estimation::SightingFault::kFuture},
+                      WrongClock{"ASecondBehind", -1.0, estimation::SightingFault::kTooOld}),
+    [](const auto& clock) { return std::string(clock.param.name); });
+
+TEST_P(EachWrongClock, NeverClosesTheLoop) {
+  bench_.options.stamp_shift = GetParam().shift;
+  bench_.loop.aimAt(here_);
+  for (int k = 0; k < 500; ++k) {
+    bench_.step();
+    ASSERT_EQ(state(), LoopState::kOpen);
+  }
+  EXPECT_GT(bench_.faults[GetParam().fault], 150);
+  EXPECT_EQ(bench_.faults.size(), 1U) << "each picture is refused for that";
+}
+
+// The loop goes on as without pictures: it neither swings nor jumps, and sees again at once when
+// the clock is right.
+TEST_P(EachWrongClock, LetsTheLoopCoastAndOpen) {
+  close();
+  bench_.options.stamp_shift = GetParam().shift;
+  bench_.faults.clear();
+  bench_.loop.aimAt(there_);
+  bench_.run(1.5);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  bench_.run(2.0);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
+  for (int k = 0; k < 500; ++k) {
+    bench_.step();
+    ASSERT_LE((bench_.loop.turn().pressure - held).norm(), 1.0) << k;
+  }
+  EXPECT_LT(bench_.error(), 0.01) << "it keeps what it had learnt";
+  EXPECT_EQ(bench_.faults.size(), 1U);
+  EXPECT_GT(bench_.faults[GetParam().fault], 250);
+  bench_.options.stamp_shift = 0.0;
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  bench_.run(3);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
 // A sudden force is a load that is carried, and what grows after it is none.
 TEST_F(LoopStates, AForceAtOnceIsNotDoubtedAndOneThatGrowsSlowlyIs) {
   bench_.loop.setOnContact(OnContact::kReport);

@@ -9,6 +9,7 @@
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
+#include <std_srvs/Trigger.h>
 #include <sys/stat.h>
 #include <xmlrpcpp/XmlRpc.h>
 
@@ -348,6 +349,18 @@ TEST_F(CalibrationFaults, WithoutTheNodeThatAskedForItARunEnds) {
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
+}
+
+// The stream of the run's targets does not undo it.
+TEST_F(CalibrationFaults, ARestThatSomebodyElseAsksForEndsTheRun) {
+  startRun();
+  EXPECT_TRUE(call<std_srvs::Trigger>("/pressure_command/rest").success);
+  ASSERT_TRUE(ends());
+  EXPECT_EQ(ending(), "ABORTED");
+  EXPECT_NE(client_->getResult()->message.find("brought the arm to rest"), std::string::npos)
+      << client_->getResult()->message;
+  EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
 }
 
 TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {

@@ -89,6 +89,17 @@ TEST_F(CallDeskTest, CallsThatHangAreLimitedByName) {
   EXPECT_TRUE(this->answers(4).back().success);
 }
 
+TEST_F(CallDeskTest, KnowsWhichCallsWait) {
+  CallDesk desk(note());
+  EXPECT_FALSE(desk.waits("Enable"));
+  desk.ask("Enable", kLong, hanging());
+  desk.ask("Vent", kShort, hanging());
+  EXPECT_TRUE(desk.waits("Enable"));
+  EXPECT_FALSE(desk.waits("Release"));
+  ASSERT_EQ(this->answers(1).size(), 1U);
+  EXPECT_FALSE(desk.waits("Vent")) << "given up on";
+}
+
 // A node that hung and was started again must still hear a stop.
 TEST_F(CallDeskTest, CallsGivenUpOnLeaveRoomForAnother) {
   CallDesk desk(note());

@@ -99,6 +99,13 @@ TEST(Possibility, AnEnabledArmTakesCommandsButNoSecondEnable) {
   EXPECT_TRUE(maySetPressure(view, view.channels[0]).possible());
 }
 
+TEST(Possibility, ATipIsAimedAtOnlyWhereSomebodyListens) {
+  CockpitView view = enabled();
+  view.tip_heard = false;
+  EXPECT_NE(mayAimTip(view).why_not.find("sight_loop"), std::string::npos);
+  EXPECT_TRUE(mayHold(view).possible());
+}
+
 TEST(Possibility, AnArmThatIsNotEnabledTakesNoTargets) {
   for (const char* state : {"disabled", "vented", "fault"}) {
     const CockpitView view = arm(state, std::string(state) + ": x; y");
@@ -162,6 +169,9 @@ TEST(Possibility, OnlyACalibrationThatSucceededCanBeUsed) {
   EXPECT_FALSE(mayUse(view).possible());
   view.calibration.success = true;
   EXPECT_TRUE(mayUse(view).possible());
+  view.calibration.is_loaded = true;
+  EXPECT_FALSE(mayUse(view).possible()) << "a second time meanwhile";
+  view.calibration.is_loaded = false;
   view.calibration.running = true;
   EXPECT_FALSE(mayUse(view).possible());
 }

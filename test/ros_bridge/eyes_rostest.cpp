@@ -12,6 +12,7 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/vision/frozen_watch.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"
@@ -335,6 +336,33 @@ TEST_P(JpegEye, ACalibrationOtherThanTheScenesReplacesIt) {
     return farthest > kOther;
   })) << "the tip moved by "
       << farthest << " m; " << lastStatus().message;
+}
+
+// The same bytes with new stamps, while the model moves: the camera hangs.
+TEST_P(JpegEye, APictureThatComesAgainWhileTheModelMovesIsRefused) {
+  const model::Twists other = eye_.twists({1e5, 3e5, 1e5});
+  ASSERT_GT((model::tipPose(other).translation - model::tipPose(bent_).translation).norm(),
+            vision::FrozenWatch::kMotion);
+  const cv::Mat picture = eye_.picture(bent_);
+  const auto showWith = [&](const model::Twists& model) {
+    std_msgs::Header header;
+    header.stamp = eye_.stamp();
+    eye_.publish(ros_bridge::toShapeMsg(header, "linear", model));
+    eye_.show(picture, header.stamp);
+    return header.stamp;
+  };
+  for (int k = 0; k < 3; ++k) {
+    ASSERT_TRUE(VisionListener::of(eye_.measured, showWith(bent_))) << "an arm at rest";
+  }
+  // The first pictures may overtake their model.
+  const std::uint64_t before = lastStatus().source_faults;
+  ASSERT_TRUE(waitFor([&] {
+    showWith(other);
+    return lastStatus().source_faults > before;
+  }));
+  expectRefused("it hangs", &VisionStatus::source_faults,
+                [&](const ros::Time&) { bad_.push_back(showWith(other)); });
+  showWith(bent_);
 }
 
 TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {

@@ -16,6 +16,7 @@ TEST_F(HeldGoalTest, IsRepeatedWhileSomebodyLooks) {
   for (double now = 10.0; now < 60.0; now += 0.1) {
     goal_.look(now);
     ASSERT_TRUE(goal_.turn(now)) << now;
+    goal_.noteAnswer(now, false, "", "reached");
   }
   EXPECT_EQ(goal_.pressures(), (std::vector<double>{1e5, 0, 0}));
 }
@@ -68,6 +69,22 @@ TEST_F(HeldGoalTest, WaitsForAnotherCommanderButNotForever) {
   goal_.look(15.2);
   EXPECT_FALSE(goal_.turn(15.2));
   EXPECT_NE(goal_.answer().find("/pressure_series"), std::string::npos);
+}
+
+// As of a sight_loop that died between the cockpit and pressure_command.
+TEST_F(HeldGoalTest, EndsWhereNothingAnswers) {
+  goal_.noteAnswer(11.0, false, "", "reached");
+  const auto turnAt = [this](double now) {
+    goal_.look(now);
+    return goal_.turn(now);
+  };
+  EXPECT_TRUE(turnAt(11.0 + HeldGoal::kUnanswered - 0.01));
+  goal_.holdPressures(11.0 + HeldGoal::kUnanswered - 0.01, {2e5, 0, 0});
+  EXPECT_FALSE(turnAt(11.0 + HeldGoal::kUnanswered + 0.01)) << "another number is no answer";
+  EXPECT_NE(goal_.answer().find("nothing answers"), std::string::npos) << goal_.answer();
+  EXPECT_TRUE(goal_.refused());
+  goal_.holdTip(20.0, {0.3, 0, 0});
+  EXPECT_TRUE(turnAt(20.0 + HeldGoal::kUnanswered - 0.01)) << "it has its own time";
 }
 
 TEST_F(HeldGoalTest, OnceAcceptedItWaitsAnew) {

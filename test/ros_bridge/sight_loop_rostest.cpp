@@ -170,6 +170,36 @@ TEST_F(SightLoop, WithoutPicturesItCoastsAndIsOpenAtLastWithoutAJump) {
   EXPECT_EQ(safety_.last().state, SafetyState::ENABLED);
 }
 
+// As from a computer with another clock: nothing is used, and the message names the clocks.
+TEST_F(SightLoop, PicturesByAnotherClockAreRefusedAndTheClockIsNamed) {
+  const TipTarget target = targetAt(kMiddle);
+  ASSERT_TRUE(comesTo(LoopStatus::CLOSED, target));
+  vision_->signal(SIGKILL);
+  ros::Publisher measured = node_.advertise<ArmShape>(names::kMeasured, 10);
+  ArmShape seen = eye_.measured.last();
+  const struct {
+    double ahead;  // of the clock [s]
+    const char* fault;
+  } clocks[] = {{1.0, "(future)"}, {-1.2, "(too_old)"}};
+  for (const auto& clock : clocks) {
+    EXPECT_TRUE(waitFor(
+        [&] {
+          repeat(target);
+          seen.header.stamp = ros::Time::now() + ros::Duration(clock.ahead);
+          measured.publish(seen);
+          const LoopStatus& told = loop_.last();
+          return (told.state == LoopStatus::COASTING || told.state == LoopStatus::OPEN) &&
+                 told.message.find(clock.fault) != std::string::npos &&
+                 told.message.find("synchronise the clocks") != std::string::npos;
+        },
+        40))
+        << clock.fault << ": " << loop_.last().state << ", " << loop_.last().message;
+  }
+  EXPECT_EQ(safety_.last().state, SafetyState::ENABLED);
+  startVision();
+  EXPECT_TRUE(comesTo(LoopStatus::CLOSED, target)) << vision_->outputNow();
+}
+
 }  // namespace
 }  // namespace helix_arm::test
 

@@ -1,30 +1,21 @@
 // The panel while its ROS master is gone or hangs: the window goes on, and the words tell it.
 #include <QApplication>
-#include <QLabel>
 #include <QLineEdit>
 #include <QPushButton>
 #include <QtTest/QTest>
-#include <algorithm>
 #include <csignal>
 #include <cstdlib>
-#include <functional>
-#include <memory>
-#include <string>
 
 #include <gtest/gtest.h>
-#include <pluginlib/class_loader.hpp>
 #include <ros/ros.h>
-#include <rviz/config.h>
-#include <rviz/panel.h>
 
+#include "panel_window.hpp"
 #include "support/process.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-constexpr double kMostStill = 1.5;  // less than MasterWatch::kPatience [s]
-
-class CockpitMaster : public ::testing::Test {
+class CockpitMaster : public PanelWindow {
  protected:
   void SetUp() override {
     for (const auto& [name, value] : master_.variables()) setenv(name.c_str(), value.c_str(), 1);
@@ -32,25 +23,8 @@ class CockpitMaster : public ::testing::Test {
     ros::init(argc, nullptr, "cockpit_master_test", ros::init_options::NoSigintHandler);
     ros::start();
   }
+  void TearDown() override { panel_.reset(); }  // while there is a master
 
-  void show(const char* ns) {
-    panel_.reset(loader_.createUnmanagedInstance("helix_arm/Cockpit"));
-    panel_->initialize(nullptr);
-    rviz::Config config;
-    config.mapSetValue("Namespace", ns);
-    panel_->load(config);
-    panel_->show();
-  }
-  template <class Widget>
-  Widget* find(const char* name) {
-    auto* const found = panel_->findChild<Widget*>(name);
-    if (found == nullptr) throw std::runtime_error(std::string("no widget ") + name);
-    return found;
-  }
-  bool says(const char* label, const char* words) {
-    return find<QLabel>(label)->text().contains(words);
-  }
-  std::string named() { return find<QPushButton>("stop")->text().section('\n', 1).toStdString(); }
   void enter(const char* ns) {
     auto* const field = find<QLineEdit>("namespace");
     field->selectAll();
@@ -58,27 +32,7 @@ class CockpitMaster : public ::testing::Test {
     QTest::keyClick(field, Qt::Key_Return);
   }
 
-  // Runs an action, then the window until the condition holds. @return the longest time for which
-  // the window stood still, 1000 if the condition did not come to hold [s].
-  static double stillness(const std::function<void()>& action,
-                          const std::function<bool()>& condition) {
-    const double begin = ros::SteadyTime::now().toSec();
-    double longest = 0, last = begin;
-    action();
-    for (bool holds = false; !holds;) {
-      QApplication::processEvents(QEventLoop::AllEvents, 10);
-      holds = condition();
-      const double now = ros::SteadyTime::now().toSec();
-      longest = std::max(longest, now - last);
-      last = now;
-      if (now - begin > 40) return 1000;
-    }
-    return longest;
-  }
-
   Master master_;
-  pluginlib::ClassLoader<rviz::Panel> loader_{"rviz", "rviz::Panel"};
-  std::unique_ptr<rviz::Panel> panel_;
 };
 
 TEST_F(CockpitMaster, NeitherItsEndNorItsSilenceStopsTheWindow) {

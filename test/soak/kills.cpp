@@ -104,8 +104,9 @@ class OnALine {
       const std::string own = readText(device_.scene());
       for (int k = 1; !ends; ++k) {
         std::string text = own;
-        text.insert(text.find("    table:"),
-                    "    response: {play_kpa: [" + std::to_string(1 + k % 9) + "]}\n");
+        text.insert(
+            text.find("    table:"),
+            "    response: {play_kpa: [" + std::to_string(1 + k % 9) + "], play_weight: [0.5]}\n");
         const TemporaryFile scene(text, ".yaml");
         Reload reload;
         reload.request.scene = scene.path();
@@ -139,6 +140,7 @@ class OnALine {
 
   Kill series(Random& random) {
     if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
+    rig_->fallSilent();  // the series commands alone
     Process series({HELIX_ARM_SERIES, "__ns:=/" + name_, "_scene:=" + device_.scene(),
                     "_loop:=true", "_ramp_s:=0.2", "_hold_s:=0.5"});
     const bool moves = waitFor([&] {
@@ -214,10 +216,13 @@ class InTheDemo {
     spin(random.between(0, 1));
     const double begin = regulator::steadyNow();
     processes_.at(killed)->signal(SIGKILL);
-    if (!until(promised)) return broken(words());
-    Kill out{regulator::steadyNow() - begin, ""};
+    Kill out = until(promised) ? Kill{regulator::steadyNow() - begin, ""} : broken(words());
+    const std::size_t told = safety_.all().size();
     start(killed);
-    return out;
+    // A node that is killed leaves its latched state.
+    const bool tells =
+        killed != "pressure_command" || waitFor([&] { return safety_.all().size() > told; });
+    return tells ? out : broken("no state after the restart");
   }
 
   Kill vision(Random& random) {

@@ -30,6 +30,8 @@ class LoopBench {
     double twist_noise_w = 1e-3;               // [rad]
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
     lie::Vector6 lie = lie::Vector6::Zero();   // what pictures add to the first section's twist
+    double stamp_shift = 0.0;                  // what is wrong with the stamps of pictures [s]
+    std::optional<model::Twists> frozen;       // pictures show this shape, whatever the arm's
     int steps_per_reading = 1;
     // Sets of tags that pictures show in turn, and what each measures wrongly; none: unknown.
     std::vector<std::vector<int>> tags = {};
@@ -77,7 +79,8 @@ class LoopBench {
     if (sees && steps_ % 3 == 0) takePicture();
     while (!waiting_.empty() && waiting_.front().stamp + options.latency <= time() + 1e-9) {
       const Picture& next = waiting_.front();
-      last = loop.picture(next.stamp, time(), next.twists, covariance(), next.tags);
+      last = loop.picture(next.stamp + options.stamp_shift, time(), next.twists, covariance(),
+                          next.tags);
       ++faults[last.fault];
       waiting_.pop_front();
     }
@@ -123,7 +126,7 @@ class LoopBench {
     if (turn.commands) set_point_ = turn.pressure;
   }
   model::Twists measured() {
-    model::Twists out = trueTwists();
+    model::Twists out = options.frozen.value_or(trueTwists());
     out.col(0) += options.lie;
     for (int i = 0; i < out.size(); ++i) {
       out.reshaped()[i] +=

@@ -40,8 +40,9 @@ struct FollowPlan {
   std::optional<TimedForce> force;
   std::optional<model::Range> blind;  ///< pictures of these times are lost [s]
   std::optional<PictureDrift> drift;
-  double latency = 0.06;   ///< of the pictures' measurements, >= 0 [s]
-  std::uint32_t seed = 1;  ///< of the noise of readings, corners and pictures
+  std::optional<model::Range> frozen;  ///< the camera hangs: see SimulatedSight::freeze() [s]
+  double latency = 0.06;               ///< of the pictures' measurements, >= 0 [s]
+  std::uint32_t seed = 1;              ///< of the noise of readings, corners and pictures
 };
 
 /// One turn of the run. Tips are positions, base frame [m].

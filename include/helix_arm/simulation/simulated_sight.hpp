@@ -54,6 +54,9 @@ class SimulatedSight {
   std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
   /// From now on pictures are displaced by this, as by a camera that has turned [px].
   void shift(const Eigen::Vector2d& pixels);
+  /// Whether from now on each picture is the last one again, as of a camera that hangs. Rendered
+  /// ones are then refused as those of the vision node (vision::FrozenWatch).
+  void freeze(bool frozen);
 
  private:
   struct Workspace;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
@@ -37,8 +38,7 @@ struct CallDesk::State {
   bool begin(const std::string& what, double limit, const std::string& remedy,
              std::uint64_t& ticket) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    const auto waiting = std::count_if(waiting_.begin(), waiting_.end(),
-                                       [&](const auto& one) { return one.second.what == what; });
+    const auto waiting = count(what);
     if (waiting >= kMostWaiting || running_[what] >= kMostRunning) {
       tell(noAnswer(what, waiting >= kMostWaiting
                               ? "earlier calls still wait for their answers; is the node alive?"
@@ -61,6 +61,11 @@ struct CallDesk::State {
     --running_[answer.what];
     const auto call = waiting_.extract(ticket);
     if (call) tell(answer, call.mapped().remedy);
+  }
+
+  bool waits(const std::string& what) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return count(what) > 0;
   }
 
   void close() HELIX_ARM_EXCLUDES(mutex_) {
@@ -95,6 +100,11 @@ struct CallDesk::State {
   }
 
  private:
+  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex_) {
+    return std::count_if(waiting_.begin(), waiting_.end(),
+                         [&](const auto& one) { return one.second.what == what; });
+  }
+
   // With the lock, so that nothing is told once the desk is closed.
   void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex_) {
     if (!answer.success) answer.remedy = remedy;
@@ -136,5 +146,7 @@ void CallDesk::ask(const std::string& what, double limit, Call call, const std::
     state_->end(ticket, noAnswer(what, std::string("no thread for it: ") + fault.what()));
   }
 }
+
+bool CallDesk::waits(const std::string& what) const { return state_->waits(what); }
 
 }  // namespace helix_arm::ros_bridge

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <utility>
 
 #include <ros/service.h>
@@ -29,6 +30,38 @@ double pressureOf(const PressureArray& array, const std::string& name) {
   return found == array.name.end()
              ? kUnknown
              : array.pressure[static_cast<std::size_t>(found - array.name.begin())];
+}
+
+// Names of the calls that are not asked again while they wait.
+constexpr char kEnableCall[] = "Enable", kReleaseCall[] = "Release", kUseCall[] = "Use it";
+
+CallAnswer triggered(const std::string& what, const std::string& name) {
+  std_srvs::Trigger call;
+  if (!ros::service::call(name, call)) {
+    return {what, false, name + " is not there or does not answer", false};
+  }
+  return {what, call.response.success != 0, shownText(call.response.message)};
+}
+
+CallAnswer stopped(const std::string& what, const std::string& name, bool engage) {
+  std_srvs::SetBool stop;
+  stop.request.data = engage;
+  if (!ros::service::call(name, stop)) return {what, false, "no answer of " + name, false};
+  return {what, stop.response.success != 0, shownText(stop.response.message)};
+}
+
+// A call that a later wish of the user takes back: not sent, if there is still time, or undone.
+template <class Overtaken, class Call, class Undo>
+CallAnswer unlessOvertaken(const std::string& what, const Overtaken& overtaken, const Call& call,
+                           const Undo& undo) {
+  if (overtaken())
+    return {what, false, "not sent, since a stop or vent was clicked after it", false};
+  CallAnswer out = call();
+  // Without an answer it may have arrived, too.
+  if (!overtaken() || (out.answered && !out.success)) return out;
+  const CallAnswer undone = undo();
+  return {what, false, "undone, since a stop or vent was clicked after it: " + undone.message,
+          false};
 }
 
 }  // namespace
@@ -86,13 +119,17 @@ std::vector<CallAnswer> CockpitLink::takeAnswers() {
 
 CockpitView CockpitLink::view() {
   const bool there = client_->isServerConnected();
+  const bool tip_heard = tip_publisher_.getNumSubscribers() > 0;
+  const bool is_loaded = desk_.waits(kUseCall);
   const basics::MutexLock lock(mutex_);
   held_.look(now());
+  watchCalibration(there);
   CockpitView out;
   out.ns = ns_;
   out.base_frame = base_frame_;
   out.arm_length = arm_length_;
   out.connected = command_.isFresh(kValueFresh);
+  out.tip_heard = tip_heard;
   if (!safety_.value.state.empty()) out.safety = safety_.value;
   out.channels = channels();
   if (measured_tip_.isFresh(kValueFresh)) out.measured_tip = measured_tip_.value;
@@ -110,6 +147,7 @@ CockpitView CockpitLink::view() {
   out.target_timeout = target_timeout_;
   out.calibration = calibration_;
   out.calibration.there = there;
+  out.calibration.is_loaded = is_loaded;
   return out;
 }
 
@@ -131,38 +169,49 @@ std::vector<CockpitChannel> CockpitLink::channels() const {
   return out;
 }
 
-void CockpitLink::trigger(const std::string& what, const std::string& service) {
-  desk_.ask(what, kCallLimit, [what, name = serviceOf(names::kPressureCommandNode, service)] {
-    std_srvs::Trigger call;
-    if (!ros::service::call(name, call)) {
-      return CallAnswer{what, false, name + " is not there or does not answer", false};
-    }
-    return CallAnswer{what, call.response.success != 0, shownText(call.response.message)};
-  });
+void CockpitLink::enable() {
+  if (desk_.waits(kEnableCall)) return;
+  const auto overtaken = [asked = asked_, vents = asked_->vents.load()] {
+    return asked->vents != vents;
+  };
+  desk_.ask(kEnableCall, kCallLimit,
+            [overtaken, enable = serviceOf(names::kPressureCommandNode, names::kEnable),
+             vent = serviceOf(names::kPressureCommandNode, names::kVent)] {
+              return unlessOvertaken(
+                  kEnableCall, overtaken, [&] { return triggered(kEnableCall, enable); },
+                  [&] { return triggered(kEnableCall, vent); });
+            });
 }
 
-void CockpitLink::enable() { trigger("Enable", names::kEnable); }
-
 void CockpitLink::vent() {
-  trigger("Vent", names::kVent);
+  ++asked_->vents;
+  desk_.ask("Vent", kCallLimit, [name = serviceOf(names::kPressureCommandNode, names::kVent)] {
+    return triggered("Vent", name);
+  });
   const basics::MutexLock lock(mutex_);
   if (held_.goal() != CockpitGoal::kNone) held_.end("the arm was vented");
 }
 
 void CockpitLink::emergencyStop(bool engage) {
-  const std::string what = engage ? "Emergency stop" : "Release";
   const std::string name = serviceOf(names::kPressureCommandNode, names::kEmergencyStop);
-  const auto call = [what, engage, name] {
-    std_srvs::SetBool stop;
-    stop.request.data = engage;
-    if (!ros::service::call(name, stop)) {
-      return CallAnswer{what, false, "no answer of " + name, false};
-    }
-    return CallAnswer{what, stop.response.success != 0, shownText(stop.response.message)};
+  if (engage) {
+    ++asked_->stops;
+    ++asked_->vents;
+    const auto stop = [name] { return stopped("Emergency stop", name, true); };
+    desk_.ask("Emergency stop", kCallLimit, stop, kStopByHand);
+    const basics::MutexLock lock(mutex_);
+    if (held_.goal() != CockpitGoal::kNone) held_.end("the emergency stop was engaged");
+    return;
+  }
+  if (desk_.waits(kReleaseCall)) return;
+  const auto overtaken = [asked = asked_, stops = asked_->stops.load()] {
+    return asked->stops != stops;
   };
-  desk_.ask(what, kCallLimit, call, engage ? kStopByHand : "");
-  const basics::MutexLock lock(mutex_);
-  if (held_.goal() != CockpitGoal::kNone) held_.end("the emergency stop was engaged");
+  desk_.ask(kReleaseCall, kCallLimit, [overtaken, name] {
+    return unlessOvertaken(
+        kReleaseCall, overtaken, [&] { return stopped(kReleaseCall, name, false); },
+        [&] { return stopped(kReleaseCall, name, true); });
+  });
 }
 
 void CockpitLink::hold(bool on) {
@@ -177,7 +226,9 @@ void CockpitLink::hold(bool on) {
     if (held_.goal() == CockpitGoal::kNone) return;
     held_.end("let go: the arm ramps down to rest");
   }
-  trigger("Let go", names::kRest);
+  desk_.ask("Let go", kCallLimit, [name = serviceOf(names::kPressureCommandNode, names::kRest)] {
+    return triggered("Let go", name);
+  });
 }
 
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
@@ -217,27 +268,42 @@ void CockpitLink::send() {
 
 void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   if (!client_->isServerConnected()) return;
+  std::uint64_t run = 0;
   {
     const basics::MutexLock lock(mutex_);
     if (calibration_.running) return;
     calibration_ = {};
     calibration_.running = true;
+    calibrator_seen_ = now();
+    run = ++runs_;
   }
   RunCalibrationGoal goal;
   goal.fit = fit;
   goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();
   client_->sendGoal(
       goal,
-      [this](const actionlib::SimpleClientGoalState& state,
-             const RunCalibrationResultConstPtr& result) { onResult(result.get(), state); },
+      [this, run](const actionlib::SimpleClientGoalState& state,
+                  const RunCalibrationResultConstPtr& result) {
+        onResult(run, result.get(), state);
+      },
       Client::SimpleActiveCallback(),
-      [this](const RunCalibrationFeedbackConstPtr& feedback) { onFeedback(*feedback); });
+      [this, run](const RunCalibrationFeedbackConstPtr& feedback) { onFeedback(run, *feedback); });
+}
+
+// A client of an action is not told that its server died.
+void CockpitLink::watchCalibration(bool there) {
+  if (there) calibrator_seen_ = now();
+  if (!calibration_.running || now() - calibrator_seen_ < kValueFresh) return;
+  calibration_.running = false;
+  calibration_.ended = true;
+  calibration_.message = "the calibration node is gone; start it, then click Start again";
 }
 
 void CockpitLink::cancelCalibration() { client_->cancelGoal(); }
 
 void CockpitLink::useCalibration() {
-  desk_.ask("Use it", kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
+  if (desk_.waits(kUseCall)) return;
+  desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
 }
 
 void CockpitLink::onTurn(const ros::SteadyTimerEvent&) {

@@ -47,17 +47,19 @@ double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* ke
 
 }  // namespace
 
-void CockpitLink::onFeedback(const RunCalibrationFeedback& feedback) {
+void CockpitLink::onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback) {
   const basics::MutexLock lock(mutex_);
+  if (run != runs_ || !calibration_.running) return;
   calibration_.step = feedback.step;
   calibration_.steps = feedback.steps;
   calibration_.samples = feedback.samples;
   calibration_.state = shownText(feedback.state);
 }
 
-void CockpitLink::onResult(const RunCalibrationResult* result,
+void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result,
                            const actionlib::SimpleClientGoalState& ending) {
   const basics::MutexLock lock(mutex_);
+  if (run != runs_ || !calibration_.running) return;  // it was given up on
   calibration_.running = false;
   calibration_.ended = true;
   calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;

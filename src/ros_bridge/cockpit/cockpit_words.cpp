@@ -186,7 +186,9 @@ Possibility maySetPressure(const CockpitView& view, const CockpitChannel& channe
 Possibility mayAimTip(const CockpitView& view) {
   const std::string out = notEnabled(view);
   if (!out.empty()) return {out};
-  return {calibrates(view) ? "a calibration commands the arm; cancel it first" : ""};
+  if (calibrates(view)) return {"a calibration commands the arm; cancel it first"};
+  if (view.tip_heard) return {};
+  return {"no node takes tip targets; is sight_loop up, or pressure_command started without it?"};
 }
 
 Possibility mayCalibrate(const CockpitView& view) {
@@ -208,6 +210,7 @@ Possibility mayUse(const CockpitView& view) {
   const CockpitCalibration& run = view.calibration;
   if (calibrates(view)) return {"the calibration has not ended"};
   if (!run.ended || !run.success) return {"there is no calibrated scene yet"};
+  if (run.is_loaded) return {"the calibrated scene is being loaded"};
   return {unheard(view)};
 }
 

@@ -6,6 +6,7 @@ namespace helix_arm::ros_bridge {
 
 void HeldGoal::begin(double now, CockpitGoal goal) {
   if (goal_ == CockpitGoal::kNone) waits_since_.reset();
+  if (goal_ != goal) answered_at_ = now;  // a slider that is dragged on is no answer
   goal_ = goal;
   last_look_ = now;
   answer_.clear();
@@ -37,6 +38,7 @@ void HeldGoal::noteState(bool enabled, const std::string& reason) {
 void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
                           const std::string& message) {
   if (goal_ == CockpitGoal::kNone) return;
+  answered_at_ = now;
   answer_ = message;
   refused_ = dropped;
   short_of_ = false;
@@ -54,6 +56,11 @@ bool HeldGoal::turn(double now) {
   if (goal_ == CockpitGoal::kNone) return false;
   if (now - last_look_ > kBlind) {
     end("the hold ended: the window did not respond");
+    return false;
+  }
+  if (now - answered_at_ > kUnanswered) {
+    end("the hold ended: nothing answers its targets; is the node that takes them alive?");
+    refused_ = true;
     return false;
   }
   if (waits_since_ && now - *waits_since_ > kPatience) {

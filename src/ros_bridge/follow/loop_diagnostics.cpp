@@ -28,12 +28,23 @@ std::uint8_t levelOf(LoopState state) {
   return DiagnosticStatus::OK;
 }
 
+std::string wrongStampText(double lead, estimation::SightingFault fault) {
+  return "the last picture is stamped " + fixed(std::abs(lead), 2) + " s " +
+         (lead > 0 ? "after" : "before") + " the last reading of the pressures, and refused (" +
+         estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
+         (lead > 0 ? "" : ", or shorten the delay of the pictures");
+}
+
 std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
 
 }  // namespace
 
-void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
+void LoopDiagnostics::saw(double time, double lead, const estimation::Sighting& sighting,
                           const estimation::ArmFilter& filter, bool with_tags) {
+  using estimation::SightingFault;
+  const bool stamped_wrong =
+      sighting.fault == SightingFault::kFuture || sighting.fault == SightingFault::kTooOld;
+  wrong_stamp_ = stamped_wrong ? wrongStampText(lead, sighting.fault) : "";
   if (!sighting.accepted()) {
     ++refused_;
     ++by_fault_[static_cast<std::size_t>(sighting.fault)];

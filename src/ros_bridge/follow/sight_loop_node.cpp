@@ -15,6 +15,7 @@
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
+#include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 
@@ -137,7 +138,8 @@ void SightLoopNode::onSeen(const SeenArm& seen) {
   const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
   const estimation::Sighting sighting =
       loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
-  pictures_.saw(now, sighting, loop_.tracker(), seen.tags.has_value());
+  pictures_.saw(now, secondsBetween(stamp_, seen.stamp), sighting, loop_.tracker(),
+                seen.tags.has_value());
   if (!sighting.accepted()) return;
   last_picture_ = seen.stamp;
   load_publisher_.publish(seen.stamp, loop_);
@@ -222,6 +224,7 @@ std::string SightLoopNode::reason() {
     return "contact with the arm, and no picture of it since then: path and correction are held "
            "until the arm is seen to be free; check the camera (vision_status)";
   }
+  if (unseen && !pictures_.wrongStamp().empty()) return pictures_.wrongStamp();
   switch (state) {
     case LoopState::kIdle:
       return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";

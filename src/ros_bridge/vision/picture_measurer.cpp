@@ -3,6 +3,7 @@
 #include <utility>
 #include <variant>
 
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
@@ -35,6 +36,11 @@ CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
   const cv::Mat& gray = std::get<cv::Mat>(taken);
   follow(picture.stamp);
   auto model = models_.match(picture.stamp);
+  if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
+    return PictureRefusal{PictureFault::kSource,
+                          "the camera sends the same picture again and again, although the model "
+                          "has moved: it hangs; restart its node, or plug it in anew"};
+  }
   const vision::Sight& sight = current_.localizer->locate(gray, models_.start());
   return Measurement{
       picture.stamp,    gray,        sight, current_.localizer->view(), current_.scene.vision,
@@ -104,6 +110,7 @@ void PictureMeasurer::follow(const ros::Time& stamp) {
   if (elapsed > stale_after_) current_.localizer->reset();
   if (elapsed < 0) {
     current_.localizer->forget();  // a recording that is played again gives the same again
+    frozen_watch_.reset();
     if (jumps_.add()) {
       logInfo(
           "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",

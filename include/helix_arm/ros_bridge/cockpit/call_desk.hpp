@@ -43,6 +43,8 @@ class CallDesk {
   /// @param call     Must not refer to anything that may end before it.
   /// @param remedy   of its answer, however the call fails.
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
+  /// Whether a call of this name waits for its answer; one that was given up on does not.
+  bool waits(const std::string& what) const;
 
  private:
   struct State;

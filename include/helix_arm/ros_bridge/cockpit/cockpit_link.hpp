@@ -1,7 +1,9 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <string>
@@ -35,6 +37,10 @@ namespace helix_arm::ros_bridge {
 /// Once it is made, no call blocks. Topics have a thread of their own, services are called through
 /// a CallDesk, and the target that is held is repeated at 10 Hz for as long as view() is called.
 ///
+/// Calls may overtake each other, and one that hangs may arrive late. None of them undoes a stop or
+/// a vent that was asked for after it: what has not been sent yet is not sent, and what has is
+/// followed by another stop or vent.
+///
 /// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
 /// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
 /// tells the limits. Publishes pressure_target and tip_target.
@@ -57,6 +63,7 @@ class CockpitLink {
   /// Answers of the services that came since the last call.
   std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_);
 
+  /// Without effect while such a call waits for its answer, as for Release and useCalibration().
   void enable();
   void vent() HELIX_ARM_EXCLUDES(mutex_);
   void emergencyStop(bool engage) HELIX_ARM_EXCLUDES(mutex_);
@@ -75,6 +82,11 @@ class CockpitLink {
 
  private:
   using Client = actionlib::SimpleActionClient<RunCalibrationAction>;
+
+  /// How often a stop, and a vent or stop, was asked for. Shared with calls that hang.
+  struct Asked {
+    std::atomic<std::uint64_t> stops{0}, vents{0};
+  };
 
   static double now() { return ros::SteadyTime::now().toSec(); }
 
@@ -101,20 +113,23 @@ class CockpitLink {
   void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
       HELIX_ARM_EXCLUDES(mutex_);
-  void onFeedback(const RunCalibrationFeedback& feedback) HELIX_ARM_EXCLUDES(mutex_);
-  void onResult(const RunCalibrationResult* result, const actionlib::SimpleClientGoalState& ending)
+  void onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback)
       HELIX_ARM_EXCLUDES(mutex_);
+  /// @param run  of which it is, as runs_ was at its start.
+  void onResult(std::uint64_t run, const RunCalibrationResult* result,
+                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
 
   void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_);
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
-  void trigger(const std::string& what, const std::string& service);
+  void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
   std::string serviceOf(const std::string& node, const std::string& name) const;
 
   basics::Mutex answers_mutex_;
   std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
   CallDesk desk_;
+  const std::shared_ptr<Asked> asked_ = std::make_shared<Asked>();
   const std::string ns_;  ///< resolved
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
@@ -135,6 +150,8 @@ class CockpitLink {
   double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                     ///< [s]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
   CockpitCalibration calibration_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started
+  double calibrator_seen_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< when its node was there [s]
 
   std::vector<ros::Subscriber> subscribers_;
   std::unique_ptr<Client> client_;

@@ -44,6 +44,7 @@ enum class CockpitGoal : std::uint8_t { kNone, kPressures, kTip };
 struct CockpitCalibration {
   bool there = false;  ///< the action's server is connected
   bool running = false;
+  bool is_loaded = false;  ///< the calibrated scene is being saved and loaded
   std::uint32_t step = 0, steps = 0, samples = 0;
   std::string state;  ///< phase of the run, and what it waits for
   bool ended = false;
@@ -64,6 +65,7 @@ struct CockpitView {
   std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
   double arm_length = kUnknown;  ///< of the model when it was first seen [m]
   bool connected = false;        ///< pressure_command comes
+  bool tip_heard = true;         ///< a node takes tip targets
   std::optional<CockpitSafety> safety;
   std::vector<CockpitChannel> channels;             ///< in scene order
   std::optional<std::vector<double>> measured_tip;  ///< x, y, z, base frame [m]; fresh

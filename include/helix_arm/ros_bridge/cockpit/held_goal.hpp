@@ -14,12 +14,14 @@ namespace helix_arm::ros_bridge {
 /// times are arguments [s].
 ///
 /// It ends when the arm is no longer enabled, when a target of it is refused for good, when another
-/// commander keeps the arm for kPatience, and when nobody has looked at the cockpit (look()) for
-/// kBlind, as if the window hangs.
+/// commander keeps the arm for kPatience, when no target of it is answered for kUnanswered, as if
+/// the node that takes them is gone, and when nobody has looked at the cockpit (look()) for kBlind,
+/// as if the window hangs.
 class HeldGoal {
  public:
-  static constexpr double kPatience = 5.0;  ///< [s]
-  static constexpr double kBlind = 3.0;     ///< [s]
+  static constexpr double kPatience = 5.0;    ///< [s]
+  static constexpr double kBlind = 3.0;       ///< [s]
+  static constexpr double kUnanswered = 5.0;  ///< [s]
 
   void holdPressures(double now, std::vector<double> pressure);     ///< (n) gauge [Pa]
   void holdTip(double now, const std::array<double, 3>& position);  ///< base frame [m]
@@ -55,6 +57,7 @@ class HeldGoal {
   std::string answer_;
   bool refused_ = false, short_of_ = false;
   double last_look_ = 0;
+  double answered_at_ = 0;             ///< or begun [s]
   std::optional<double> waits_since_;  ///< for another commander
 };
 

@@ -15,15 +15,18 @@ namespace helix_arm::ros_bridge {
 /// Counts pictures, and says how the loop is doing.
 class LoopDiagnostics {
  public:
-  /// Notes what became of a picture. @param filter  the loop's tracker. @param with_tags  the tags
-  /// of its fit are known.
-  void saw(double time, const estimation::Sighting& sighting, const estimation::ArmFilter& filter,
-           bool with_tags);
+  /// Notes what became of a picture. @param lead  of its stamp over that of the last reading [s].
+  /// @param filter  the loop's tracker. @param with_tags  the tags of its fit are known.
+  void saw(double time, double lead, const estimation::Sighting& sighting,
+           const estimation::ArmFilter& filter, bool with_tags);
   /// Notes a `measured` that is not of this arm.
   void sawForeign(const std::string& why);
 
   std::uint64_t accepted() const { return accepted_; }
   std::uint64_t refused() const { return refused_; }
+  /// If the last picture was refused for its stamp: how far that is off, and the remedy; else
+  /// empty.
+  const std::string& wrongStamp() const { return wrong_stamp_; }
 
   /// The status `<node>: loop`: its state, and pictures by their faults.
   diagnostic_msgs::DiagnosticStatus loop(const std::string& node, const follow::SightLoop& loop,
@@ -37,6 +40,7 @@ class LoopDiagnostics {
   std::uint64_t accepted_ = 0, refused_ = 0;
   std::uint64_t without_tags_ = 0;  ///< of accepted_
   std::array<std::uint64_t, estimation::kSightingFaultCount> by_fault_ = {};
+  std::string wrong_stamp_;
   FaultCount foreign_;
   CalibrationWatch calibration_;
 };

@@ -15,6 +15,7 @@
 #include "helix_arm/ros_bridge/vision/picture_source.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frozen_watch.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -32,6 +33,7 @@ struct SceneLocalizer {
 /// of its time, tracks the tags and fits the shape.
 ///
 /// A picture stamped before the last one is a jump back in time: nothing from before it is used.
+/// One that equals the last one although the model has moved is refused: the camera hangs.
 class PictureMeasurer {
  public:
   /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
@@ -63,6 +65,7 @@ class PictureMeasurer {
 
   // Used by the thread of the measurements only.
   SceneLocalizer current_;
+  vision::FrozenWatch frozen_watch_;
   vision::JpegDecoder decoder_;
   cv::Mat buffer_;
   std::string calibration_;  ///< whose intrinsics are used

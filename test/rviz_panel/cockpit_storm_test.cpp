@@ -1,0 +1,713 @@
+// The panel under hundreds of clicks, with nodes that die and services that hang. The arm is a
+// stand-in in this process that counts what comes.
+#include <QAbstractButton>
+#include <QApplication>
+#include <QProgressBar>
+#include <QPushButton>
+#include <QSlider>
+#include <QtTest/QTest>
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <random>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <actionlib/server/action_server.h>
+#include <boost/function.hpp>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <gtest/gtest.h>
+#include <ros/callback_queue.h>
+#include <ros/ros.h>
+#include <ros/spinner.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
+
+#include "helix_arm/ArmShape.h"
+#include "helix_arm/LoopStatus.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/Save.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/TipTarget.h"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "panel_window.hpp"
+#include "support/process.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace names = ros_bridge::names;
+
+constexpr char kArm[] = "left";
+constexpr double kPeriod = 0.05;    // of what a node publishes [s]
+constexpr int kThreadsOfACall = 8;  // more calls of a name than the panel lets wait
+
+// What has come to the nodes, and which calls hang: they have come, and do not happen yet.
+class Record {
+ public:
+  int came(const std::string& what) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = came_.find(what);
+    return found == came_.end() ? 0 : found->second;
+  }
+  void arrive(const std::string& what) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    ++came_[what];
+    changed_.wait(lock, [&] { return hanging_.count(what) == 0; });
+  }
+  void hang(const std::string& what) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    hanging_.insert(what);
+  }
+  void goOn() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    hanging_.clear();
+    changed_.notify_all();
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::map<std::string, int> came_;
+  std::set<std::string> hanging_;
+};
+
+// A node's topics and timer, in one thread of its own.
+class Node {
+ public:
+  explicit Node(Record& record) : record_(record), node_(kArm) { node_.setCallbackQueue(&queue_); }
+
+ protected:
+  void start(const std::function<void()>& turn) {
+    timer_ = node_.createSteadyTimer(ros::WallDuration(kPeriod),
+                                     [turn](const ros::SteadyTimerEvent&) { turn(); });
+    spinner_.start();
+  }
+  void end() {
+    timer_.stop();
+    spinner_.stop();
+  }
+
+  Record& record_;
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+
+ private:
+  ros::SteadyTimer timer_;
+  ros::AsyncSpinner spinner_{1, &queue_};
+};
+
+// A service with threads of its own: a call that hangs holds up no others.
+template <class Service>
+class Server {
+ public:
+  using Request = typename Service::Request;
+  using Response = typename Service::Response;
+  using Act = std::function<void(Request&, Response&)>;
+
+  Server(const std::string& name, Act act) : node_(kArm) {
+    node_.setCallbackQueue(&queue_);
+    const boost::function<bool(Request&, Response&)> call =
+        [act = std::move(act)](Request& request, Response& response) {
+          act(request, response);
+          return true;
+        };
+    server_ = node_.advertiseService(name, call);
+    spinner_.start();
+  }
+  ~Server() {
+    server_.shutdown();
+    spinner_.stop();
+  }
+
+ private:
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+  ros::ServiceServer server_;
+  ros::AsyncSpinner spinner_{kThreadsOfACall, &queue_};
+};
+
+// pressure_command: enables, vents, stops, and takes all pressures while enabled.
+class Arm : public Node {
+ public:
+  explicit Arm(Record& record)
+      : Node(record),
+        command_(node_.advertise<PressureArray>(names::kPressureCommand, 10)),
+        reading_(node_.advertise<PressureArray>(names::kPressureMeasured, 10)),
+        safety_(node_.advertise<SafetyState>(names::kSafetyState, 10, true)),
+        status_(node_.advertise<TargetStatus>(names::kTargetStatus, 100)),
+        model_(node_.advertise<ArmShape>(names::kModel, 10)),
+        diagnostics_(node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
+        targets_(node_.subscribe(names::kPressureTarget, 10, &Arm::onTarget, this)) {
+    start([this] { turn(); });
+  }
+  ~Arm() {
+    record_.goOn();
+    end();
+  }
+
+  std::string state() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return state_;
+  }
+  bool isStopped() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return stopped_;
+  }
+  double pressure() const {  // of the first muscle [Pa]
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return pressure_.front();
+  }
+  /// Answers a target as the node that took it does. @return whether it is followed.
+  bool answer(const char* topic) {
+    TargetStatus status;
+    status.topic = topic;
+    status.commander = ros::this_node::getName();  // the panel is in this process
+    const bool taken = state() == SafetyState::ENABLED;
+    status.outcome = taken ? TargetStatus::REACHED : TargetStatus::DROPPED;
+    if (!taken) status.fault = "not_enabled";
+    if (!taken) status.message = "the arm is not enabled";
+    status_.publish(status);
+    return taken;
+  }
+
+ private:
+  using Trigger = Server<std_srvs::Trigger>;
+  using Answer = std_srvs::Trigger::Response;
+
+  // A call that comes, and happens unless it hangs.
+  Trigger::Act triggered(const std::string& call, const std::function<std::string()>& act) {
+    return [this, call, act](std_srvs::Trigger::Request&, Answer& answer) {
+      record_.arrive(call);
+      const std::lock_guard<std::mutex> lock(mutex_);
+      answer.message = act();
+      answer.success = answer.message.empty();
+      tell();
+    };
+  }
+  void stopped(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& answer) {
+    record_.arrive(request.data != 0 ? "stop" : "release");
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stopped_ = request.data != 0;
+    if (stopped_) become(SafetyState::VENTED);
+    answer.success = 1;
+    tell();
+  }
+  std::string enable() {
+    if (stopped_) return "the emergency stop is engaged";
+    if (state_ == SafetyState::ENABLED) return "it is already enabled";
+    become(SafetyState::ENABLED);
+    return {};
+  }
+  std::string leave(const std::string& state) {
+    if (state_ == SafetyState::ENABLED) become(state);
+    return {};
+  }
+  void become(const std::string& state) {
+    state_ = state;
+    std::fill(pressure_.begin(), pressure_.end(), 0.0);
+  }
+
+  void onTarget(const PressureArrayConstPtr& target) {
+    record_.arrive("pressures");
+    if (!answer(names::kPressureTarget)) return;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (state_ == SafetyState::ENABLED) pressure_ = target->pressure;
+  }
+  void tell() {
+    SafetyState safety;
+    safety.state = state_;
+    safety.cause = "none";
+    safety.reason = state_ + ": as told; call enable";
+    safety.stopped = stopped_;
+    safety_.publish(safety);
+  }
+  void turn() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    PressureArray array;
+    array.header.stamp = ros::Time::now();
+    array.name = {"muscle_1", "muscle_2", "muscle_3"};
+    array.pressure = pressure_;
+    command_.publish(array);
+    reading_.publish(array);
+    ArmShape model;
+    model.tip.position.x = 0.3;
+    model_.publish(model);
+    tell();
+    const std::string node = node_.resolveName(names::kPressureCommandNode);
+    diagnostic_msgs::DiagnosticArray diagnostics;
+    for (const std::string& name : array.name) {
+      auto& status = diagnostics.status.emplace_back();
+      status.name = ros_bridge::statusName(node, names::kChannelStatus + name);
+      ros_bridge::addValue(status, names::kLowerLimitKey, "0");
+      ros_bridge::addValue(status, names::kUpperLimitKey, "400");
+    }
+    diagnostics_.publish(diagnostics);
+  }
+
+  mutable std::mutex mutex_;
+  std::string state_ = SafetyState::DISABLED;
+  bool stopped_ = false;
+  std::vector<double> pressure_ = std::vector<double>(3, 0.0);
+  ros::Publisher command_, reading_, safety_, status_, model_, diagnostics_;
+  ros::Subscriber targets_;
+  Trigger enable_{"pressure_command/enable", triggered("enable", [this] { return enable(); })},
+      vent_{"pressure_command/vent",
+            triggered("vent", [this] { return leave(SafetyState::VENTED); })},
+      rest_{"pressure_command/rest",
+            triggered("rest", [this] { return leave(SafetyState::DISABLED); })};
+  Server<std_srvs::SetBool> stop_{
+      "pressure_command/emergency_stop",
+      [this](std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& answer) {
+        stopped(request, answer);
+      }};
+};
+
+// sight_loop: takes the tip targets for the arm.
+class Loop : public Node {
+ public:
+  Loop(Record& record, Arm& arm)
+      : Node(record),
+        arm_(arm),
+        status_(node_.advertise<LoopStatus>(names::kSightLoopStatus, 10)),
+        targets_(node_.subscribe(names::kTipTarget, 10, &Loop::onTarget, this)) {
+    start([this] {
+      LoopStatus status;
+      status.state = LoopStatus::CLOSED;
+      status_.publish(status);
+    });
+  }
+  ~Loop() { end(); }
+
+ private:
+  void onTarget(const TipTargetConstPtr&) {
+    record_.arrive("tips");
+    arm_.answer(names::kTipTarget);
+  }
+
+  Arm& arm_;
+  ros::Publisher status_;
+  ros::Subscriber targets_;
+};
+
+// vision: the measured tip.
+class Eye : public Node {
+ public:
+  explicit Eye(Record& record)
+      : Node(record), measured_(node_.advertise<ArmShape>(names::kMeasured, 10)) {
+    start([this] {
+      ArmShape shape;
+      shape.tip.position.x = 0.301;
+      measured_.publish(shape);
+    });
+  }
+  ~Eye() { end(); }
+
+ private:
+  ros::Publisher measured_;
+};
+
+// calibration: a goal runs until it is cancelled, the arm is not enabled any more, or it is long
+// enough.
+class Calibration : public Node {
+ public:
+  using Server_ = actionlib::ActionServer<RunCalibrationAction>;
+  using Goal = Server_::GoalHandle;
+
+  Calibration(Record& record, Arm& arm, int turns)
+      : Node(record),
+        arm_(arm),
+        turns_(turns),
+        server_(
+            node_, "calibration/run_calibration", [this](Goal goal) { onGoal(goal); },
+            [this](Goal goal) { onCancel(goal); }, false) {
+    server_.start();
+    start([this] { turn(); });
+  }
+  ~Calibration() {
+    end();
+    runs_.clear();
+  }
+
+ private:
+  struct Run {
+    Goal goal;
+    int turns = 0;
+  };
+
+  void onGoal(Goal goal) {
+    record_.arrive("goal");
+    if (!ids_.insert(goal.getGoalID().id).second) record_.arrive("goal twice");
+    if (!runs_.empty()) record_.arrive("goals at once");
+    goal.setAccepted();
+    runs_.push_back({goal, 0});
+  }
+  void onCancel(Goal goal) {
+    const auto found =
+        std::find_if(runs_.begin(), runs_.end(), [&](const Run& run) { return run.goal == goal; });
+    if (found == runs_.end()) return;
+    goal.setCanceled();
+    runs_.erase(found);
+  }
+  void turn() {
+    for (Run& run : runs_) {
+      RunCalibrationFeedback feedback;
+      feedback.step = static_cast<std::uint32_t>(++run.turns);
+      feedback.steps = static_cast<std::uint32_t>(turns_);
+      feedback.state = "settling";
+      run.goal.publishFeedback(feedback);
+      RunCalibrationResult result;
+      if (arm_.state() != SafetyState::ENABLED) {
+        result.message = "the arm is not enabled";
+        run.goal.setAborted(result);
+        run.turns = -1;
+      } else if (run.turns >= turns_) {
+        result.success = 1;
+        run.goal.setSucceeded(result);
+        run.turns = -1;
+      }
+    }
+    runs_.erase(
+        std::remove_if(runs_.begin(), runs_.end(), [](const Run& run) { return run.turns < 0; }),
+        runs_.end());
+  }
+
+  Arm& arm_;
+  const int turns_;
+  std::vector<Run> runs_;
+  std::set<std::string> ids_;
+  Server_ server_;
+  Server<Save> save_{"calibration/save", [this](Save::Request&, Save::Response& answer) {
+                       record_.arrive("save");
+                       answer.success = 1;
+                     }};
+};
+
+constexpr int kShortRun = 10, kEndlessRun = 1 << 30;  // turns of a calibration
+
+class CockpitStorm : public PanelWindow {
+ protected:
+  void SetUp() override {
+    start();
+    show(kArm);
+    ASSERT_TRUE(until([this] { return says("state", "DISABLED") && isOffered("enable"); }))
+        << text("state") << text("cause") << tip("enable");
+    for (auto* const button : panel_->findChildren<QAbstractButton*>()) {
+      QObject::connect(button, &QAbstractButton::clicked, button,
+                       [this, button] { ++clicked_[button->objectName().toStdString()]; });
+    }
+  }
+  void TearDown() override {
+    record_.goOn();
+    panel_.reset();
+  }
+
+  void start(int turns = kEndlessRun) {
+    arm_ = std::make_unique<Arm>(record_);
+    loop_ = std::make_unique<Loop>(record_, *arm_);
+    eye_ = std::make_unique<Eye>(record_);
+    calibration_ = std::make_unique<Calibration>(record_, *arm_, turns);
+  }
+
+  static bool until(const std::function<bool()>& condition) {
+    return stillness([] {}, condition) < 1000;
+  }
+  bool isOffered(const char* name) { return find<QWidget>(name)->isEnabled(); }
+  std::string tip(const char* name) { return find<QWidget>(name)->toolTip().toStdString(); }
+  void click(const char* name) { QTest::mouseClick(find<QWidget>(name), Qt::LeftButton); }
+  bool holds() { return find<QPushButton>("hold")->isChecked(); }
+  bool calibrates() { return !find<QProgressBar>("calibration_progress")->isHidden(); }
+
+  void enable() {
+    ASSERT_TRUE(until([this] {
+      if (isOffered("enable")) click("enable");
+      return says("state", "ENABLED") && isOffered("slider_0");
+    })) << text("state")
+        << text("answer");
+  }
+  void holdPressure() {
+    enable();
+    const int before = record_.came("pressures");
+    auto* const slider = find<QSlider>("slider_0");
+    const int wanted = slider->value() == 1000 ? 900 : 1000;  // [100 Pa]
+    slider->setValue(wanted);
+    ASSERT_TRUE(until([&] {
+      return record_.came("pressures") > before && arm_->pressure() == 100.0 * wanted;
+    })) << text("goal");
+  }
+  // Nothing held, nothing calibrated, not stopped.
+  bool isClear() {
+    if (isOffered("calibration_cancel")) click("calibration_cancel");
+    if (holds()) click("hold");
+    if (isOffered("release")) click("release");
+    return !calibrates() && !holds() && !arm_->isStopped() && !says("state", "STOPPED");
+  }
+
+  Record record_;
+  std::map<std::string, int> clicked_;  // those that the panel took
+  std::unique_ptr<Arm> arm_;
+  std::unique_ptr<Loop> loop_;
+  std::unique_ptr<Eye> eye_;
+  std::unique_ptr<Calibration> calibration_;
+};
+
+TEST_F(CockpitStorm, HundredsOfClicksSendNothingTwiceAndThePanelGoesOn) {
+  calibration_.reset();
+  calibration_ = std::make_unique<Calibration>(record_, *arm_, kShortRun);
+  // Those that lead somewhere come oftener.
+  const std::vector<const char*> buttons = {"stop",
+                                            "release",
+                                            "release",
+                                            "release",
+                                            "enable",
+                                            "enable",
+                                            "enable",
+                                            "vent",
+                                            "hold",
+                                            "hold",
+                                            "slider_0",
+                                            "slider_1",
+                                            "tip_go",
+                                            "tip_present",
+                                            "connect",
+                                            "enable",
+                                            "calibration_start",
+                                            "calibration_start",
+                                            "calibration_start",
+                                            "calibration_cancel",
+                                            "calibration_use"};
+  constexpr int kClicks = 600, kMostClicks = 6000;
+  const auto hasSeenAll = [this] {
+    for (const char* what :
+         {"enable", "vent", "rest", "stop", "release", "pressures", "tips", "goal"}) {
+      if (record_.came(what) < 3) return false;
+    }
+    return true;
+  };
+  std::mt19937 generator(29);
+  std::uniform_int_distribution<std::size_t> pick(0, buttons.size() - 1);
+  std::uniform_int_distribution<int> pause(0, 20);  // [ms]
+  for (int i = 0; i < kMostClicks && (i < kClicks || !hasSeenAll()); ++i) {
+    const char* const name = buttons[pick(generator)];
+    click(name);
+    ASSERT_FALSE(holds() && calibrates()) << "after click " << i << ", on " << name;
+    if (i % 3 == 0) QTest::qWait(pause(generator));  // some answers come in between
+  }
+  EXPECT_TRUE(hasSeenAll()) << "the storm reached no more";
+  ASSERT_TRUE(until([this] { return isClear(); })) << text("state") << text("goal");
+  enable();
+
+  // One click, one call; what undoes a call that came too late is another click's.
+  EXPECT_EQ(record_.came("goals at once"), 0);
+  EXPECT_EQ(record_.came("goal twice"), 0);
+  EXPECT_LE(record_.came("goal"), clicked_["calibration_start"]);
+  EXPECT_LE(record_.came("enable"), clicked_["enable"]);
+  EXPECT_LE(record_.came("rest"), clicked_["hold"]);
+  EXPECT_LE(record_.came("vent"), clicked_["vent"] + clicked_["enable"]);
+  EXPECT_LE(record_.came("release"), clicked_["release"]);
+  EXPECT_LE(record_.came("stop"), clicked_["stop"] + clicked_["release"]);
+  EXPECT_LE(record_.came("save"), clicked_["calibration_use"]);
+
+  // It works as before, and commands one thing alone.
+  holdPressure();
+  const int tips = record_.came("tips"), pressures = record_.came("pressures");
+  ASSERT_TRUE(until([&] { return record_.came("pressures") >= pressures + 5; }));
+  EXPECT_EQ(record_.came("tips"), tips);
+  EXPECT_FALSE(isOffered("calibration_start"));
+  click("hold");
+  ASSERT_TRUE(until([this] { return says("state", "DISABLED"); })) << text("answer");
+  enable();
+  ASSERT_TRUE(until([this] { return isOffered("calibration_start"); })) << tip("calibration_start");
+  click("calibration_start");
+  ASSERT_TRUE(until([this] {
+    return says("calibration", "tip error") || isOffered("calibration_use");
+  })) << text("calibration");
+}
+
+TEST_F(CockpitStorm, AClickOnEnableOrUseItIsNotRepeatedWhileItsCallWaits) {
+  record_.hang("enable");
+  for (int i = 0; i < 20; ++i) click("enable");
+  ASSERT_TRUE(until([this] { return record_.came("enable") > 0; }));
+  for (int i = 0; i < 20; ++i) click("enable");
+  record_.goOn();
+  ASSERT_TRUE(until([this] { return says("answer", "Enable: ") && says("state", "ENABLED"); }));
+  EXPECT_FALSE(says("answer", "refused")) << text("answer");
+  EXPECT_EQ(record_.came("enable"), 1);
+
+  calibration_.reset();
+  calibration_ = std::make_unique<Calibration>(record_, *arm_, kShortRun);
+  ASSERT_TRUE(until([this] {
+    if (isOffered("calibration_use")) return true;
+    if (isOffered("calibration_start")) click("calibration_start");
+    return false;
+  })) << text("calibration");
+  record_.hang("save");
+  for (int i = 0; i < 20; ++i) click("calibration_use");
+  ASSERT_TRUE(until([this] { return record_.came("save") > 0 && !isOffered("calibration_use"); }));
+  EXPECT_NE(tip("calibration_use").find("being loaded"), std::string::npos);
+  EXPECT_FALSE(says("answer", "Use it"));
+  record_.goOn();
+  ASSERT_TRUE(until([this] { return says("answer", "Use it: ") && isOffered("calibration_use"); }));
+  EXPECT_EQ(record_.came("save"), 1);
+}
+
+// Whatever hangs, and whether it answers never or late.
+TEST_F(CockpitStorm, NoHangingCallHoldsUpTheWindowAStopOrARest) {
+  const auto stops = [this](const char* hanging) {
+    const int before = record_.came("stop");
+    EXPECT_LT(stillness([this] { click("stop"); },
+                        [&] { return record_.came("stop") > before && arm_->isStopped(); }),
+              kMostStill)
+        << hanging;
+    ASSERT_TRUE(arm_->isStopped());
+    if (hanging == std::string("enable")) {
+      EXPECT_LT(stillness([] {}, [&] { return says("answer", "Enable: no answer within 3 s"); }),
+                kMostStill)
+          << text("answer");
+    }
+    record_.goOn();
+    ASSERT_TRUE(until([this] { return isClear(); })) << hanging << ": " << text("state");
+  };
+  record_.hang("enable");
+  click("enable");
+  ASSERT_TRUE(until([this] { return record_.came("enable") == 1; }));
+  stops("enable");
+  if (HasFatalFailure()) return;
+
+  holdPressure();
+  record_.hang("vent");
+  click("vent");
+  ASSERT_TRUE(until([this] { return record_.came("vent") > 0 && isOffered("hold"); }));
+  // The arm is enabled as before: what is held ends by a rest.
+  holdPressure();
+  const int rests = record_.came("rest");
+  EXPECT_LT(stillness([this] { click("hold"); },
+                      [&] { return record_.came("rest") > rests && says("state", "DISABLED"); }),
+            kMostStill);
+  stops("vent");
+  if (HasFatalFailure()) return;
+
+  holdPressure();
+  record_.hang("rest");
+  click("hold");
+  ASSERT_TRUE(until([&] { return record_.came("rest") > rests + 1; }));
+  stops("rest");
+}
+
+TEST_F(CockpitStorm, ALateReleaseOrEnableUndoesNoStopAndNoVent) {
+  click("stop");
+  ASSERT_TRUE(until([this] { return arm_->isStopped() && isOffered("release"); }));
+  record_.hang("release");
+  click("release");
+  ASSERT_TRUE(until([this] { return record_.came("release") == 1; }));
+  click("stop");
+  ASSERT_TRUE(until([this] { return record_.came("stop") == 2; }));
+  record_.goOn();  // the older release happens now
+  ASSERT_TRUE(until([this] { return record_.came("stop") == 3 && arm_->isStopped(); }))
+      << "released for good";
+  ASSERT_TRUE(until([this] { return says("state", "STOPPED"); }));
+  ASSERT_TRUE(until([this] { return isClear(); }));
+
+  record_.hang("enable");
+  ASSERT_TRUE(until([this] { return isOffered("enable"); }));
+  click("enable");
+  ASSERT_TRUE(until([this] { return record_.came("enable") == 1; }));
+  const int vents = record_.came("vent");
+  click("vent");
+  ASSERT_TRUE(until([&] { return record_.came("vent") == vents + 1; }));
+  record_.goOn();
+  ASSERT_TRUE(until([&] {
+    return record_.came("vent") == vents + 2 && arm_->state() == SafetyState::VENTED;
+  })) << arm_->state();
+  enable();  // asked for anew, it stays
+}
+
+TEST_F(CockpitStorm, NodesThatDieAreToldAndWhatNeedsThemIsGrey) {
+  ASSERT_TRUE(until([this] { return says("loop", "closed") && !says("tip", "measured -"); }))
+      << text("loop") << text("tip");
+  enable();
+
+  // The camera's node.
+  eye_.reset();
+  ASSERT_TRUE(until([this] { return says("tip", "measured -"); })) << text("tip");
+  eye_ = std::make_unique<Eye>(record_);
+  ASSERT_TRUE(until([this] { return !says("tip", "measured -"); }));
+
+  // The loop, while a tip is held: nobody follows it, and the cockpit does not claim so.
+  ASSERT_TRUE(until([this] { return isOffered("tip_go"); })) << tip("tip_go");
+  click("tip_go");
+  ASSERT_TRUE(until([this] { return record_.came("tips") > 2 && holds(); }));
+  loop_.reset();
+  ASSERT_TRUE(until([this] { return !isOffered("tip_go"); }));
+  EXPECT_NE(tip("tip_go").find("sight_loop"), std::string::npos) << tip("tip_go");
+  ASSERT_TRUE(until([this] { return says("loop", "no sight_loop is up"); })) << text("loop");
+  ASSERT_TRUE(until([this] { return says("goal", "nothing answers") && !holds(); }))
+      << text("goal");
+  EXPECT_TRUE(isOffered("slider_0")) << "pressures need no loop";
+  loop_ = std::make_unique<Loop>(record_, *arm_);
+  ASSERT_TRUE(until([this] { return isOffered("tip_go"); })) << tip("tip_go");
+
+  // The calibration, in the middle of a run.
+  enable();
+  ASSERT_TRUE(until([this] { return isOffered("calibration_start"); })) << tip("calibration_start");
+  click("calibration_start");
+  ASSERT_TRUE(until([this] { return calibrates() && says("calibration", "step "); }));
+  EXPECT_FALSE(isOffered("slider_0"));
+  calibration_.reset();
+  ASSERT_TRUE(until([this] { return says("calibration", "is gone") && !calibrates(); }))
+      << text("calibration");
+  for (const char* name : {"calibration_start", "calibration_cancel", "calibration_use"}) {
+    EXPECT_FALSE(isOffered(name)) << name;
+  }
+  EXPECT_TRUE(isOffered("slider_0")) << "the arm is the user's again";
+  calibration_ = std::make_unique<Calibration>(record_, *arm_, kEndlessRun);
+  ASSERT_TRUE(until([this] { return isOffered("calibration_start"); })) << tip("calibration_start");
+  click("calibration_start");
+  ASSERT_TRUE(until([this] { return says("calibration", "step "); })) << text("calibration");
+  EXPECT_EQ(record_.came("goals at once"), 0);
+  click("calibration_cancel");
+  ASSERT_TRUE(until([this] { return says("calibration", "cancelled"); })) << text("calibration");
+
+  // The arm itself, while it is held.
+  holdPressure();
+  calibration_.reset();
+  loop_.reset();
+  arm_.reset();
+  ASSERT_TRUE(until([this] { return says("state", "NO CONNECTION"); }));
+  for (const char* name : {"enable", "vent", "release", "slider_0", "value_0", "tip_go"}) {
+    EXPECT_FALSE(isOffered(name)) << name;
+    EXPECT_FALSE(tip(name).empty()) << name;
+  }
+  EXPECT_TRUE(isOffered("stop"));
+  const int pressures = record_.came("pressures");
+  arm_ = std::make_unique<Arm>(record_);
+  ASSERT_TRUE(until([this] { return says("state", "DISABLED") && isOffered("enable"); }));
+  ASSERT_TRUE(until([this] { return !holds(); })) << "what was held of the arm before";
+  enable();
+  EXPECT_EQ(arm_->pressure(), 0) << record_.came("pressures") - pressures << " targets";
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) {
+  using helix_arm::test::Master;
+  const Master master;
+  for (const auto& [name, value] : master.variables()) setenv(name.c_str(), value.c_str(), 1);
+  QApplication application(argc, argv);
+  ::testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "cockpit_storm_test", ros::init_options::NoSigintHandler);
+  const ros::NodeHandle started;
+  return RUN_ALL_TESTS();
+}

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <QApplication>
+#include <QLabel>
+#include <QPushButton>
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include <gtest/gtest.h>
+#include <pluginlib/class_loader.hpp>
+#include <ros/time.h>
+#include <rviz/config.h>
+#include <rviz/panel.h>
+
+namespace helix_arm::test {
+
+/// A panel that is made as rviz makes it, on no screen; the test runs its window.
+class PanelWindow : public ::testing::Test {
+ protected:
+  /// Less than what a master or a service gets to answer [s].
+  static constexpr double kMostStill = 1.5;
+
+  void show(const char* ns) {
+    panel_.reset(loader_.createUnmanagedInstance("helix_arm/Cockpit"));
+    panel_->initialize(nullptr);
+    rviz::Config config;
+    config.mapSetValue("Namespace", ns);
+    panel_->load(config);
+    panel_->show();
+  }
+
+  template <class Widget>
+  Widget* find(const char* name) {
+    auto* const found = panel_->findChild<Widget*>(name);
+    if (found == nullptr) throw std::runtime_error(std::string("no widget ") + name);
+    return found;
+  }
+  std::string text(const char* label) { return find<QLabel>(label)->text().toStdString(); }
+  bool says(const char* label, const char* words) {
+    return text(label).find(words) != std::string::npos;
+  }
+  /// The arm that the stop names.
+  std::string named() { return find<QPushButton>("stop")->text().section('\n', 1).toStdString(); }
+
+  /// Runs an action, then the window until the condition holds. @return the longest time for which
+  /// the window stood still, 1000 if the condition did not come to hold [s].
+  static double stillness(const std::function<void()>& action,
+                          const std::function<bool()>& condition) {
+    const double begin = ros::SteadyTime::now().toSec();
+    double longest = 0, last = begin;
+    action();
+    for (bool holds = false; !holds;) {
+      QApplication::processEvents(QEventLoop::AllEvents, 10);
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));  // not all of a core
+      holds = condition();
+      const double now = ros::SteadyTime::now().toSec();
+      longest = std::max(longest, now - last);
+      last = now;
+      if (now - begin > 40) return 1000;
+    }
+    return longest;
+  }
+
+  pluginlib::ClassLoader<rviz::Panel> loader_{"rviz", "rviz::Panel"};
+  std::unique_ptr<rviz::Panel> panel_;
+};
+
+}  // namespace helix_arm::test

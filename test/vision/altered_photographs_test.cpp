@@ -1,0 +1,244 @@
+// Photographs of real tags one of which is mirrored, copied or exchanged with another: no shape may
+// come of it that is silently wrong.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "support/real_tags.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using estimation::Corners;
+using vision::ArmLocalizer;
+using vision::Sight;
+using vision::SightState;
+using vision::TagDetection;
+
+constexpr double kTagSize = 0.031;  // that of an arm: the rooms shrink to its scale [m]
+constexpr double kWrong = 0.03;     // of the tip; tags are at least 0.1 m apart [m]
+
+// From the plane of a tag, whose black square has its corners at +-1, to the picture.
+cv::Matx33d toPicture(const Corners& corners) {
+  const cv::Point2f square[4] = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
+  cv::Point2f seen[4];
+  for (int k = 0; k < 4; ++k) {
+    seen[k] = {static_cast<float>(corners(0, k)), static_cast<float>(corners(1, k))};
+  }
+  return cv::getPerspectiveTransform(square, seen);
+}
+
+// Pastes the tag that is at `from`, with the cell of white around it, over the place `to`.
+void paste(const cv::Mat& photograph, const Corners& from, const Corners& to, bool mirrored,
+           cv::Mat& out) {
+  constexpr float kOutline = 10.0F / 8;
+  const cv::Matx33d flip(mirrored ? -1 : 1, 0, 0, 0, 1, 0, 0, 0, 1);
+  const cv::Matx33d place = toPicture(to);
+  cv::Mat moved;
+  cv::warpPerspective(photograph, moved, place * flip * toPicture(from).inv(), photograph.size(),
+                      cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  const std::vector<cv::Point2f> outline = {
+      {-kOutline, -kOutline}, {kOutline, -kOutline}, {kOutline, kOutline}, {-kOutline, kOutline}};
+  std::vector<cv::Point2f> seen;
+  cv::perspectiveTransform(outline, seen, place);
+  const std::vector<cv::Point> pixels(seen.begin(), seen.end());
+  cv::Mat mask(photograph.size(), CV_8UC1, cv::Scalar(0));
+  cv::fillConvexPoly(mask, pixels, cv::Scalar(255));
+  moved.copyTo(out, mask);
+}
+
+// A tag seen from the camera, by OpenCV.
+lie::SE3 poseOf(const estimation::ArmView& view, const Corners& corners) {
+  const Corners square = view.layout.corners();
+  const Corners seen = estimation::directionsOf(view.camera, corners).value();
+  std::vector<cv::Point3d> object;
+  std::vector<cv::Point2d> picture;
+  for (int k = 0; k < 4; ++k) {
+    object.emplace_back(square(0, k), square(1, k), 0);
+    picture.emplace_back(seen(0, k), seen(1, k));
+  }
+  cv::Vec3d turn, place;
+  cv::solvePnP(object, picture, cv::Matx33d::eye(), cv::noArray(), turn, place);
+  const Eigen::Vector3d r(turn[0], turn[1], turn[2]);
+  return {Eigen::AngleAxisd(r.norm(), r.stableNormalized()).toRotationMatrix(),
+          Eigen::Vector3d(place[0], place[1], place[2])};
+}
+
+// A straight arm through the room, from left to right, that carries the tags of a photograph where
+// they are.
+struct RoomArm {
+  estimation::ArmView view;
+  model::Twists twists = model::Twists::Zero(6, 1);
+
+  explicit RoomArm(const std::vector<TagDetection>& tags) {
+    constexpr double kMargin = 0.05;  // from the base to the first tag [m]
+    // The photographs' source gives this camera.
+    view.camera = {816, 612, 765.00, 764.18, 393.72, 304.66, {}};
+    view.layout.size = kTagSize;
+    std::vector<lie::SE3> X_CT;
+    for (const TagDetection& tag : tags) X_CT.push_back(poseOf(view, tag.corners));
+    const auto x = [](const lie::SE3& pose) { return pose.translation.x(); };
+    const auto [first, last] = std::minmax_element(
+        X_CT.begin(), X_CT.end(), [&x](const auto& a, const auto& b) { return x(a) < x(b); });
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const lie::SE3& pose : X_CT) middle += pose.translation / X_CT.size();
+    const double length = kMargin + x(*last) - x(*first);
+    twists(0, 0) = length;
+    view.X_CB.rotation.setIdentity();
+    view.X_CB.translation << x(*first) - kMargin, middle.y(), middle.z();
+    for (std::size_t i = 0; i < tags.size(); ++i) {
+      const double s = std::clamp((x(X_CT[i]) - view.X_CB.translation.x()) / length, 0.0, 1.0);
+      lie::SE3 X_CS = view.X_CB;
+      X_CS.translation.x() += s * length;
+      view.layout.tags.push_back({tags[i].id, 0, s, X_CS.inverse() * X_CT[i]});
+    }
+  }
+  Eigen::Vector3d tip() const { return model::tipPose(twists).translation; }
+};
+
+struct Photograph {
+  const char* name;
+  cv::Point bare;    // the middle of a place with nothing on it
+  std::size_t tags;  // fewest that are found
+};
+void PrintTo(const Photograph& photograph, std::ostream* out) { *out << photograph.name; }
+
+class AlteredPhotograph : public ::testing::TestWithParam<Photograph> {
+ protected:
+  void SetUp() override {
+    const std::filesystem::path folder = photographs("swat_mapping");
+    if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is absent";
+    photograph_ = picturesIn(folder).at(GetParam().name);
+    config_.detector.quad_decimate = 1;
+    tags_ = vision::TagDetector(config_.detector).detect(photograph_);
+    ASSERT_GE(tags_.size(), GetParam().tags);
+    arm_.emplace(tags_);
+    // As it was taken it is measured, with all its tags.
+    const Sight sight = ArmLocalizer(arm_->view, config_).locate(photograph_, arm_->twists);
+    ASSERT_EQ(sight.state, SightState::kMeasured);
+    EXPECT_EQ(sight.fit.tags.size(), tags_.size());
+    EXPECT_EQ(sight.fit.outliers(), 0);
+    EXPECT_LT(tipError(sight), kWrong / 3);
+  }
+
+  double tipError(const Sight& sight) const {
+    return (model::tipPose(sight.fit.shape).translation - arm_->tip()).norm();
+  }
+  static std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
+    std::vector<int> ids;
+    for (const TagDetection& tag : tags) ids.push_back(tag.id);
+    return ids;
+  }
+
+  // Looks for the arm in a picture, as the first one and after the photograph: in the latter case
+  // the tags are tracked. Gives what was seen in the first one.
+  Sight expectNotFooled(const cv::Mat& picture, const std::vector<int>& wrong,
+                        const std::string& what) {
+    ArmLocalizer tracking(arm_->view, config_);
+    tracking.locate(photograph_, arm_->twists);
+    expectSound(tracking.locate(picture, arm_->twists), wrong, what + ", tracked");
+    const Sight first = ArmLocalizer(arm_->view, config_).locate(picture, arm_->twists);
+    EXPECT_TRUE(first.whole_picture);
+    expectSound(first, wrong, what);
+    ++(first.state == SightState::kMeasured ? measured_ : refused_);
+    return first;
+  }
+  void expectSound(const Sight& sight, const std::vector<int>& wrong,
+                   const std::string& what) const {
+    if (sight.state != SightState::kMeasured) return;
+    EXPECT_LT(tipError(sight), kWrong) << what;
+    for (const estimation::TagResidual& tag : sight.fit.tags) {
+      const int id = arm_->view.layout.tags[static_cast<std::size_t>(tag.tag)].id;
+      if (std::find(wrong.begin(), wrong.end(), id) == wrong.end()) continue;
+      EXPECT_TRUE(tag.outlier) << what << ": tag " << id << " counts, " << tag.rms << " px off";
+    }
+  }
+  void print(const char* what) const {
+    std::printf("[  FIGURE  ] %s, %zu tags, %s: measured without it %d times, refused %d\n",
+                GetParam().name, tags_.size(), what, measured_, refused_);
+  }
+
+  cv::Mat photograph_;
+  vision::LocalizerConfig config_;
+  std::vector<TagDetection> tags_;
+  std::optional<RoomArm> arm_;
+  int measured_ = 0, refused_ = 0;
+};
+
+TEST_P(AlteredPhotograph, AMirroredTagIsNoTag) {
+  for (const TagDetection& tag : tags_) {
+    cv::Mat picture = photograph_.clone();
+    paste(photograph_, tag.corners, tag.corners, true, picture);
+    const Sight sight =
+        expectNotFooled(picture, {tag.id}, "tag " + std::to_string(tag.id) + " mirrored");
+    std::vector<int> others = idsOf(tags_);
+    others.erase(std::find(others.begin(), others.end(), tag.id));
+    EXPECT_EQ(idsOf(sight.detections), others);
+  }
+  print("one mirrored");
+}
+
+TEST_P(AlteredPhotograph, ATagThatIsThereTwiceIsNamedAndNotUsed) {
+  for (const TagDetection& tag : tags_) {
+    // By whole pixels, so that the copy is as sharp.
+    const Eigen::Vector2d middle = tag.corners.rowwise().mean();
+    const Eigen::Vector2d motion =
+        (Eigen::Vector2d(GetParam().bare.x, GetParam().bare.y) - middle).array().round();
+    cv::Mat picture = photograph_.clone();
+    paste(photograph_, tag.corners, tag.corners.colwise() + motion, false, picture);
+    // While it is tracked, the copy is not looked for, and the tag counts where it is.
+    const Sight sight = expectNotFooled(picture, {}, "tag " + std::to_string(tag.id) + " copied");
+    EXPECT_EQ(sight.repeated_ids, std::vector<int>{tag.id});
+    if (sight.state != SightState::kMeasured) continue;
+    EXPECT_EQ(sight.fit.tags.size(), tags_.size() - 1);
+  }
+  print("one copied");
+}
+
+TEST_P(AlteredPhotograph, TagsThatAreExchangedDoNotCount) {
+  int pairs = 0, found = 0;
+  for (const TagDetection& one : tags_) {
+    for (const TagDetection& other : tags_) {
+      if (one.id >= other.id) continue;
+      cv::Mat picture = photograph_.clone();
+      paste(photograph_, one.corners, other.corners, false, picture);
+      paste(photograph_, other.corners, one.corners, false, picture);
+      const Sight sight = expectNotFooled(
+          picture, {one.id, other.id},
+          "tags " + std::to_string(one.id) + " and " + std::to_string(other.id) + " exchanged");
+      const auto isAt = [&sight](int id, const Corners& place) {
+        return std::any_of(
+            sight.detections.begin(), sight.detections.end(), [&](const TagDetection& tag) {
+              return tag.id == id && (tag.corners - place).colwise().norm().maxCoeff() < 3;
+            });
+      };
+      ++pairs;
+      found += isAt(one.id, other.corners) && isAt(other.id, one.corners) ? 1 : 0;
+    }
+  }
+  print("two exchanged");
+  // Else nothing would have been tried: tags are found where they were pasted.
+  EXPECT_GE(2 * found, pairs);
+}
+
+INSTANTIATE_TEST_SUITE_P(Rooms, AlteredPhotograph,
+                         ::testing::Values(Photograph{"IMG_1384.JPG", {340, 300}, 3},
+                                           Photograph{"IMG_1415.JPG", {640, 240}, 4},
+                                           Photograph{"IMG_1451.JPG", {180, 110}, 7}),
+                         [](const auto& photograph) {
+                           return std::string(photograph.param.name, 8);
+                         });
+
+}  // namespace
+}  // namespace helix_arm::test
