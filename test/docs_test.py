@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Checks README.md, CONTRIBUTING.md and docs/*.md against the package: links and anchors, paths, launch arguments, commands
-and their options, tests, ROS names, the length of the README and a few phrases.
+and their options, tests, ROS names, the example of a scene, the length of the README and a few phrases.
 
 usage: docs_test.py --root PACKAGE --command HELIX_ARM [--self-test]
   --command    the built helix_arm, which is asked for its subcommands and options
@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 
 README_LINES = 200
+EXAMPLE_LINES = 25
 PHRASES = ("way of the tip", "one a channel", "what became of", "as one has it", "nobody ramps")
 FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include", "launch", "msg", "rviz", "scripts", "src",
            "srv", "test")
@@ -198,7 +199,9 @@ class Checker:
                     if phrase in line.text.lower():
                         self.fault(document, line.number, 'says "%s"; see Words in CONTRIBUTING.md' % phrase)
             if document.name == "docs/cli.md":
-                self.check_options_told(document)
+                self.check_sections(document)
+            if document.name == "docs/scene.md":
+                self.check_scene_example(document)
         return sorted(self.faults, key=lambda fault: (fault.split(":")[0], int(fault.split(":")[1])))
 
     def check_links(self, document, line):
@@ -270,19 +273,27 @@ class Checker:
                         self.fault(document, line.number, "helix_arm%s has no option %s" %
                                    (" " + line.section if in_section else "", option))
 
-    def check_options_told(self, document):
-        """Every option stands in the section of its subcommand, or in what all have in common."""
-        told = {}
-        for line in document.lines:
-            told.setdefault(line.section, set()).update(OPTION.findall(line.text))
-        common = set().union(*(told[s] for s in told if s not in self.package.command.options))
-        first = {line.section: line.number for line in reversed(document.lines)}
-        for name, options in sorted(self.package.command.options.items()):
-            if name not in told:
-                self.fault(document, 1, "subcommand %s has no section" % name)
-                continue
-            for option in sorted(options - told[name] - common):
-                self.fault(document, first[name], "option %s of %s is not told of" % (option, name))
+    def check_sections(self, document):
+        """Every subcommand has a section; its options are told by its --help."""
+        sections = {line.section for line in document.lines}
+        for name in sorted(set(self.package.command.options) - sections):
+            self.fault(document, 1, "subcommand %s has no section" % name)
+
+    def check_scene_example(self, document):
+        """The scene that docs/scene.md begins with is short, and gives what the page says."""
+        text = document.path.read_text(encoding="utf-8")
+        scene = re.search(r"^```yaml\n(.*?)^```", text, re.M | re.S)
+        call = re.search(r"^\$ helix_arm (.*?) arm\.yaml (.*?) \| tail -1\n(.*)$", text, re.M)
+        if not scene or not call or scene.group(1).count("\n") > EXAMPLE_LINES:
+            self.fault(document, 1, "no example of a scene of at most %d lines with a call of helix_arm" % EXAMPLE_LINES)
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "arm.yaml").write_text(scene.group(1), encoding="utf-8")
+            run = subprocess.run([str(Path(self.package.command.path).resolve()), call.group(1), "arm.yaml", *call.group(2).split()],
+                                 cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60, universal_newlines=True)
+        printed = (run.stdout.strip().split("\n") or [""])[-1]
+        if printed != call.group(3):
+            self.fault(document, text[:call.start()].count("\n") + 2, "the example prints %s" % printed)
 
     def check_tests(self, document, line):
         known = self.package.tests | self.package.programs
@@ -350,7 +361,9 @@ PLANTS = (
     ("docs/cli.md", "\n```\n$helix_arm gone SCENE\n```", "no subcommand gone"),
     ("docs/cli.md", "\n`helix_arm forward SCENE --gone`", "helix_arm forward has no option --gone"),
     ("docs/loads.md", "\n`--gone`", "helix_arm has no option --gone"),
-    ("docs/cli.md", ("`--threads N`", "threads"), "option --threads of workspace is not told of"),
+    ("docs/scene.md", ("radius_m: 0.0254, contraction", "radius_m: 0.0264, contraction"), "the example prints tip position"),
+    ("docs/scene.md", ("radius_m: 0.0254, contraction", "radius: 0.0254, contraction"), "the example prints "),
+    ("docs/scene.md", ("```yaml", "```yaml" + "\n" * 12), "no example of a scene of at most 25 lines"),
     ("docs/cli.md", ("\n## trade\n", "\n## tradeoff\n"), "subcommand trade has no section"),
     ("docs/speed.md", "\n`gone_test`", "no test or program gone_test"),
     ("docs/speed.md", "\n\n| rule | test |\n|---|---|\n| a | `gone` |", "no test or program gone"),
