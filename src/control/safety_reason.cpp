@@ -216,25 +216,29 @@ std::string SafetyCore::overdueText() const {
   return {};
 }
 
-std::string SafetyCore::reason() const {
-  const std::string state = nameOf(report_.state);
+std::string SafetyText::line(SafetyState state) const {
+  std::string out = nameOf(state);
+  for (const std::string* clause : {&problem, &action}) {
+    if (!clause->empty()) out += ": " + *clause;
+  }
+  return remedy.empty() ? out : out + "; " + remedy;
+}
+
+SafetyText SafetyCore::text() const {
   switch (report_.state) {
     case SafetyState::kEnabled:
-      return state + (report_.resting ? ": ramps down to rest" : ": follows targets");
+      return {report_.resting ? "ramps down to rest" : "follows targets", "", ""};
     case SafetyState::kDisabled:
-      return state + (rested_ ? ": at rest: " : ": ") + ventText() +
-             (link_up_ ? "; call enable" : "");
+      return {rested_ ? "at rest" : "", ventText(), link_up_ ? "call enable" : ""};
     case SafetyState::kFault:
-      return state + ": " + causeText() + ": " + actionText() + overdueText() + "; " +
-             remedyOf(report_.cause, report_.stopped);
+      return {causeText(), actionText() + overdueText(), remedyOf(report_.cause, report_.stopped)};
     case SafetyState::kVented:
       break;
   }
-  return state + ": no pressure remains after " + causeText() + "; " +
-         (report_.stopped && report_.cause != SafetyCause::kEmergencyStop
-              ? std::string("release the emergency stop; ")
-              : std::string()) +
-         remedyOf(report_.cause, report_.stopped);
+  const bool stopped_since = report_.stopped && report_.cause != SafetyCause::kEmergencyStop;
+  return {"no pressure remains after " + causeText(), "",
+          (stopped_since ? "release the emergency stop; " : "") +
+              std::string(remedyOf(report_.cause, report_.stopped))};
 }
 
 }  // namespace helix_arm::control

@@ -66,18 +66,21 @@ bool PressurePath::target(double now, const Eigen::Ref<const Eigen::VectorXd>& p
   return taken;
 }
 
-std::string PressurePath::reason() const {
-  std::string text = core_.reason();
-  if (!io_) return text;
+control::SafetyText PressurePath::text() const {
+  control::SafetyText out = core_.text();
+  if (!io_) return out;
   const IoStatus line = io_->status();
   const control::SafetyReport& report = core_.report();
   const bool of_line = report.cause == control::SafetyCause::kRegulatorLost ||
                        report.cause == control::SafetyCause::kStaleReading;
   const bool just_then = std::abs(line.last_error_time - report.since) < kJustThen;
   if (!line.last_error.empty() && (!line.up || (of_line && just_then))) {
-    text += " (" + line.last_error + ")";
+    std::string& last = !out.remedy.empty()   ? out.remedy
+                        : !out.action.empty() ? out.action
+                                              : out.problem;
+    last += " (" + line.last_error + ")";
   }
-  return text;
+  return out;
 }
 
 std::string PressurePath::enable(double now) {

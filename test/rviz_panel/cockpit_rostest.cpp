@@ -246,7 +246,7 @@ TEST_F(Cockpit, AVentEndsWhatIsHeld) {
   ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
   ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
   EXPECT_NE(text("cause").find("a vent was requested"), std::string::npos) << text("cause");
-  EXPECT_NE(text("remedy").find("click Enable"), std::string::npos) << text("remedy");
+  EXPECT_NE(text("remedy").find("call enable"), std::string::npos) << text("remedy");
   EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
   // Enabled again, it stays where it is: nothing old is repeated.
   enable();

@@ -129,6 +129,15 @@ struct SafetyReport {
   std::uint64_t changes = 0;
 };
 
+/// A state in words; clauses are empty where there is nothing to say.
+struct SafetyText {
+  std::string problem;  ///< what is wrong, with value and rule, or what the arm does
+  std::string action;   ///< what the channels do about it
+  std::string remedy;   ///< what to do next
+  /// "<state>: <problem>: <action>; <remedy>".
+  std::string line(SafetyState state) const;
+};
+
 /// Safety layer between commanders and the regulator. It decides in every turn what each channel
 /// does.
 ///
@@ -143,8 +152,8 @@ struct SafetyReport {
 /// that on the silence of the commander.
 ///
 /// All times are on one steady clock [s] and must not decrease; an earlier time counts as the last
-/// one. Nothing after the constructor allocates, locks or throws, except reason(), refusal(),
-/// enable() and adopt().
+/// one. Nothing after the constructor allocates, locks or throws, except text(), reason(),
+/// refusal(), enable() and adopt().
 class SafetyCore {
  public:
   /// The initial state is kDisabled: all channels vent.
@@ -209,8 +218,9 @@ class SafetyCore {
   const Eigen::VectorXd& reading() const { return reading_; }
   const std::vector<ChannelRules>& channels() const { return channels_; }
   const SafetyRules& rules() const { return rules_; }
+  SafetyText text() const;
   /// One line: the state, its cause with value and rule, and the remedy.
-  std::string reason() const;
+  std::string reason() const { return text().line(report_.state); }
 
  private:
   int count() const { return static_cast<int>(channels_.size()); }

@@ -42,8 +42,9 @@ class PressurePath {
   /// The newest reading if it came with the last turn, otherwise null.
   const Reading* news() const { return fresh_ ? &reading_ : nullptr; }
 
-  /// As SafetyCore::reason(), with the line's last error if the line is the cause. Allocates.
-  std::string reason() const;
+  /// As SafetyCore::text(), with the line's last error if the line is the cause. Allocates.
+  control::SafetyText text() const;
+  std::string reason() const { return text().line(core_.state()); }
   /// As SafetyCore::enable(), with the line's last error if there are no readings. Allocates.
   std::string enable(double now);
 

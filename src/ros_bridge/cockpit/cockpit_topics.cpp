@@ -98,7 +98,11 @@ void CockpitLink::onSafety(const SafetyStateConstPtr& message) {
   CockpitSafety safety;
   safety.state = shownText(message->state);
   safety.cause = shownText(message->cause);
+  safety.problem = shownText(message->problem);
+  safety.action = shownText(message->action);
+  safety.remedy = shownText(message->remedy);
   safety.reason = shownText(message->reason);
+  safety.resting = message->resting != 0;
   safety.stopped = message->stopped != 0;
   safety.vent_overdue = message->vent_overdue != 0;
   const basics::MutexLock lock(mutex_);

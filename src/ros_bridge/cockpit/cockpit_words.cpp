@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
-#include <cstring>
 
 #include "helix_arm/basics/quote.hpp"
 
@@ -17,38 +16,12 @@ constexpr char kFault[] = "fault";
 constexpr char kVented[] = "vented";
 constexpr std::size_t kLongestText = 500;  // of another node
 
-// The parts of `<state>: <cause>; <remedy>`.
-struct Parts {
-  std::string cause, remedy;
-};
-
-Parts partsOf(const CockpitSafety& safety) {
-  Parts out;
-  std::string text = safety.reason;
-  if (text.compare(0, safety.state.size() + 2, safety.state + ": ") == 0) {
-    text.erase(0, safety.state.size() + 2);
-  }
-  const std::size_t cut = text.rfind("; ");
-  out.cause = text.substr(0, cut);
-  if (cut != std::string::npos) out.remedy = text.substr(cut + 2);
-  return out;
-}
-
 bool is(const CockpitView& view, const char* state) {
   return view.safety && view.safety->state == state;
 }
 
 std::string nodeOf(const CockpitView& view, const char* node) {
   return (view.ns == "/" ? "" : view.ns) + "/" + node;
-}
-
-// Services as the buttons that call them.
-std::string asClicks(std::string text) {
-  static const std::string kCall = "call enable", kClick = "click Enable";
-  for (std::size_t at; (at = text.find(kCall)) != std::string::npos;) {
-    text.replace(at, kCall.size(), kClick);
-  }
-  return text;
 }
 
 std::string disconnected(const CockpitView& view) {
@@ -98,13 +71,12 @@ Headline headline(const CockpitView& view) {
   if (!view.connected) return {"NO CONNECTION", disconnected(view), "", Tone::kBad};
   if (!view.safety) return {"NO STATE", "safety_state has not come yet", "", Tone::kCaution};
   const CockpitSafety& safety = *view.safety;
-  const Parts parts = partsOf(safety);
   Headline out;
-  out.cause = parts.cause;
-  out.remedy = asClicks(parts.remedy);
+  out.cause = safety.problem;
+  if (!safety.action.empty()) out.cause += (out.cause.empty() ? "" : ": ") + safety.action;
+  out.remedy = safety.remedy;
   if (safety.state == kEnabled) {
-    const bool resting = safety.reason.find("rest") != std::string::npos;
-    out.state = resting ? "ENABLED, GOES TO REST" : "ENABLED";
+    out.state = safety.resting ? "ENABLED, GOES TO REST" : "ENABLED";
     out.tone = Tone::kGood;
   } else if (safety.state == kDisabled) {
     out.state = "DISABLED";

@@ -50,12 +50,17 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::Pres
   out.header.stamp = stamp;
   out.state = nameOf(report.state);
   out.cause = nameOf(report.cause);
-  out.reason = path.reason();
+  const control::SafetyText text = path.text();
+  out.problem = text.problem;
+  out.action = text.action;
+  out.remedy = text.remedy;
+  out.reason = text.line(report.state);
   if (report.channel >= 0) {
     out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
   }
   out.value = report.value;
   out.limit = report.limit;
+  out.resting = report.resting;
   out.stopped = report.stopped;
   out.vent_overdue = report.vent_overdue;
   return out;

@@ -19,11 +19,13 @@ struct CockpitChannel {
   double upper = kUnknown;
 };
 
-/// safety_state, with its one line cut into its parts.
+/// safety_state.
 struct CockpitSafety {
-  std::string state;   ///< disabled, enabled, fault or vented
-  std::string cause;   ///< none, stale_target, ...
-  std::string reason;  ///< the whole line
+  std::string state;  ///< disabled, enabled, fault or vented
+  std::string cause;  ///< none, stale_target, ...
+  std::string problem, action, remedy;
+  std::string reason;  ///< all of it in a line
+  bool resting = false;
   bool stopped = false;
   bool vent_overdue = false;
 };
