@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The simulated arm draws a circle with its tip, with the model alone and with the loop closed over sight.
+"""The simulated arm draws a circle with its tip, with the model alone and with the loop closed over vision.
 
 usage: follow_circle.py [SCENE] [--radius-m R] [--period-s T] [--out circle.png]
 """
@@ -29,7 +29,7 @@ def main():
     path = circle(middle, arguments.radius_m, arguments.period_s)
     seconds = arguments.period_s + 10  # the tip first moves to the start
     runs = {"model alone": scene.follow(path=path, seconds=seconds, open=True),
-            "closed over sight": scene.follow(path=path, seconds=seconds)}
+            "closed over vision": scene.follow(path=path, seconds=seconds)}
 
     import matplotlib
     matplotlib.use("Agg")

@@ -187,7 +187,7 @@ class Scene(_core.Scene):
     def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: float, open: bool = False,
                sight: str = "corners", force: Optional[Numbers] = None, blind: Optional[Numbers] = None,
                latency_s: float = 0.06, seed: int = 1, rig: Optional["Scene"] = None) -> results.FollowRun:
-        """The simulated arm follows tips or a path, with the loop closed over sight. In one thread, with a simulated time.
+        """The simulated arm follows tips or a path, with the loop closed over vision. In one thread, with a simulated time.
 
         tips: (3,) or (N, 3) [m], which share the seconds evenly. path: (N, 4) times [s] and positions x, y, z [m].
         open: the model alone commands. sight: "corners" (with noise, fast) or "rendered" (pictures). force: (4,) a time [s]

@@ -64,12 +64,13 @@ class BoardFinder {
     detector_.emplace(config);
   }
 
-  vision::BoardSight find(const vision::Frame& frame) {
+  vision::BoardObservation find(const vision::Frame& frame) {
     if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
-      return vision::boardSight(*tags, frame.name, frame.gray.size(),
-                                detector_->detect(frame.gray));
+      return vision::boardObservation(*tags, frame.name, frame.gray.size(),
+                                      detector_->detect(frame.gray));
     }
-    return vision::charucoSight(std::get<vision::CharucoBoard>(board_), frame.name, frame.gray);
+    return vision::charucoObservation(std::get<vision::CharucoBoard>(board_), frame.name,
+                                      frame.gray);
   }
 
  private:
@@ -93,8 +94,8 @@ class Views {
       other_size_ = frame.name;
       return false;
     }
-    const vision::BoardSight sight = finder_.find(frame);
-    if (static_cast<int>(sight.corners.size()) >= parts_.leastCorners()) {
+    const vision::BoardObservation observation = finder_.find(frame);
+    if (static_cast<int>(observation.corners.size()) >= parts_.leastCorners()) {
       seen_ = true;
       without_.clear();
     } else if (!seen_) {
@@ -102,10 +103,10 @@ class Views {
       if (without_.size() > kMostWithout) without_.erase(without_.begin());
     }
     if (!continuous) {
-      single_.push_back(sight);
+      single_.push_back(observation);
       return true;
     }
-    if (picker_->offer(sight)) {
+    if (picker_->offer(observation)) {
       std::cerr << "view " << picker_->chosen().size() << " of " << wanted_ << ": "
                 << std::lround(100 * picker_->coverage().fraction())
                 << " % covered, missing most: " << picker_->coverage().emptiest() << "\n";
@@ -124,10 +125,11 @@ class Views {
     }
     return parts;
   }
-  std::vector<vision::BoardSight> all() const {
-    std::vector<vision::BoardSight> sights = single_;
-    if (picker_) sights.insert(sights.end(), picker_->chosen().begin(), picker_->chosen().end());
-    return sights;
+  std::vector<vision::BoardObservation> all() const {
+    std::vector<vision::BoardObservation> observations = single_;
+    if (picker_)
+      observations.insert(observations.end(), picker_->chosen().begin(), picker_->chosen().end());
+    return observations;
   }
   cv::Size size() const { return size_.value_or(cv::Size()); }
   // A picture whose size is not that of the first; empty if there is none.
@@ -146,7 +148,7 @@ class Views {
   const int wanted_;
   std::optional<cv::Size> size_;
   std::optional<vision::BoardViews> picker_;
-  std::vector<vision::BoardSight> single_;
+  std::vector<vision::BoardObservation> single_;
   std::string other_size_;
   bool seen_ = false;             // a board, in any picture
   std::vector<cv::Mat> without_;  // the last pictures, until one is seen

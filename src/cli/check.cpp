@@ -19,7 +19,7 @@ using nlohmann::json;
 using procedures::Finding;
 using procedures::RigCheck;
 using procedures::Severity;
-using procedures::SightFigures;
+using procedures::VisionFigures;
 
 constexpr int kDecimals = 2;  // of a pressure in kPa
 
@@ -98,16 +98,16 @@ Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
   return answer;
 }
 
-json sightJson(const std::optional<SightFigures>& sight) {
-  if (!sight) return nullptr;
-  const bool measured = sight->measured > 0;
-  return {{"samples", sight->samples},
-          {"least_tags", sight->least_tags},
-          {"median_tags", sight->median_tags},
-          {"measured", sight->measured},
-          {"median_tip_sd_m", measured ? json(sight->median_tip_sd) : json()},
-          {"worst_tip_sd_m", measured ? json(sight->worst_tip_sd) : json()},
-          {"pixels_per_bit", sight->pixels_per_bit > 0 ? json(sight->pixels_per_bit) : json()}};
+json visionJson(const std::optional<VisionFigures>& vision) {
+  if (!vision) return nullptr;
+  const bool measured = vision->measured > 0;
+  return {{"samples", vision->samples},
+          {"least_tags", vision->least_tags},
+          {"median_tags", vision->median_tags},
+          {"measured", vision->measured},
+          {"median_tip_sd_m", measured ? json(vision->median_tip_sd) : json()},
+          {"worst_tip_sd_m", measured ? json(vision->worst_tip_sd) : json()},
+          {"pixels_per_bit", vision->pixels_per_bit > 0 ? json(vision->pixels_per_bit) : json()}};
 }
 
 void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
@@ -122,7 +122,7 @@ void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer
   printJson({{"scene", scene.name},
              {"passed", !check.hasFault()},
              {"findings", findings},
-             {"sight", sightJson(check.sight)},
+             {"sight", visionJson(check.vision)},
              {"probed", answer.asked},
              {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
              {"pressures_pa", answer.readings ? readingsJson(answer.readings->pressure) : json()},
@@ -152,14 +152,14 @@ void printText(const io::Scene& scene, const RigCheck& check, const Answer& answ
     std::cout << nameOf(finding.severity) << ": " << finding.culprit << ": " << finding.value
               << ". " << finding.remedy << " [" << finding.check << "]\n";
   }
-  if (check.sight && check.sight->samples > 0) {
-    const SightFigures& sight = *check.sight;
-    std::cout << "over " << sight.samples << " inputs the camera reads " << sight.median_tags
-              << " tags (median), at least " << sight.least_tags << "; measured in "
-              << std::lround(100 * sight.measured) << " %";
-    if (sight.measured > 0) {
-      std::cout << std::fixed << std::setprecision(1) << ", tip to " << 1e3 * sight.median_tip_sd
-                << " mm (median), at worst " << 1e3 * sight.worst_tip_sd << " mm";
+  if (check.vision && check.vision->samples > 0) {
+    const VisionFigures& vision = *check.vision;
+    std::cout << "over " << vision.samples << " inputs the camera reads " << vision.median_tags
+              << " tags (median), at least " << vision.least_tags << "; measured in "
+              << std::lround(100 * vision.measured) << " %";
+    if (vision.measured > 0) {
+      std::cout << std::fixed << std::setprecision(1) << ", tip to " << 1e3 * vision.median_tip_sd
+                << " mm (median), at worst " << 1e3 * vision.worst_tip_sd << " mm";
     }
     std::cout << "\n";
   }

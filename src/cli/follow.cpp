@@ -28,7 +28,7 @@ constexpr std::size_t kMostTips = 1000;
 constexpr double kMostForce = 100.0;  // [N]
 
 struct FollowArguments {
-  std::string scene, rig, tip, path, sight = "corners", force, blind, out, png;
+  std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
   double seconds = 0.0, latency = 0.06;
   bool open = false;
   std::uint32_t seed = 1;
@@ -87,7 +87,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   FollowPlan plan;
   plan.seconds = arguments.seconds;
   plan.open = arguments.open;
-  if (arguments.sight == "rendered") plan.sight = simulation::SightKind::kRendered;
+  if (arguments.vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
   plan.latency = arguments.latency;
   plan.seed = arguments.seed;
   if (!arguments.force.empty()) plan.force = forceOf(arguments.force);
@@ -152,7 +152,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
 
 Subcommand addFollow(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
-      "follow", "the simulated arm follows tips or a path, with the loop closed over sight");
+      "follow", "the simulated arm follows tips or a path, with the loop closed over vision");
   const auto arguments = std::make_shared<FollowArguments>();
   addScene(*command, "SCENE", arguments->scene, "scene file with camera, tags and pressures")
       ->required();
@@ -171,7 +171,7 @@ Subcommand addFollow(CLI::App& app) {
       ->check(within(kSeconds));
   command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
   command
-      ->add_option("--sight", arguments->sight,
+      ->add_option("--sight", arguments->vision,
                    "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
                    "(pictures, in which the tags are detected)")
       ->check(CLI::IsMember({"corners", "rendered"}))

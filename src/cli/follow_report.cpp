@@ -17,8 +17,8 @@ using procedures::FollowRow;
 
 constexpr std::size_t kMostDrawn = 5000;  // rows of a run in a picture
 
-const char* sightName(const procedures::FollowPlan& plan) {
-  return plan.sight == simulation::SightKind::kRendered ? "rendered" : "corners";
+const char* visionName(const procedures::FollowPlan& plan) {
+  return plan.vision == simulation::VisionKind::kRendered ? "rendered" : "corners";
 }
 
 json statesJson(const FollowResult& result) {
@@ -175,7 +175,7 @@ json toJson(const FollowReport& report) {
   return {{"scene", report.scene.name},
           {"rig", nullable(report.rig)},
           {"seed", report.plan.seed},
-          {"sight", sightName(report.plan)},
+          {"sight", visionName(report.plan)},
           {"open", report.plan.open},
           {"seconds", report.plan.seconds},
           {"pictures", report.result.pictures},
@@ -195,8 +195,8 @@ json toJson(const FollowReport& report) {
 std::string csvOf(const FollowReport& report) {
   std::ostringstream out;
   out << "# Simulated run of scene " << report.scene.name << ", loop "
-      << (report.plan.open ? "open" : "closed") << ", sight " << sightName(report.plan) << ", seed "
-      << report.plan.seed
+      << (report.plan.open ? "open" : "closed") << ", sight " << visionName(report.plan)
+      << ", seed " << report.plan.seed
       << ". Tips seen from the arm's base. A measured tip is in the\n# row in which it became "
          "known; measured_time_s is the time of its picture.\n";
   bool named = false;
@@ -212,7 +212,7 @@ std::string csvOf(const FollowReport& report) {
 void printText(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
   std::cout << report.scene.name << ", " << (report.plan.open ? "open" : "closed") << " loop, "
-            << sightName(report.plan) << ", " << report.plan.seconds << " s, "
+            << visionName(report.plan) << ", " << report.plan.seconds << " s, "
             << report.result.pictures << " pictures\n";
   if (figures.path_rms) {
     std::cout << "path: RMS " << millimetres(*figures.path_rms) << ", largest error "

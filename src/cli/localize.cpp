@@ -18,7 +18,7 @@ namespace helix_arm::cli {
 namespace {
 
 using nlohmann::json;
-using vision::SightState;
+using vision::ObservationState;
 using vision::TagDetection;
 
 struct LocalizeOptions {
@@ -36,7 +36,7 @@ struct Suspicion {
 // Result of one picture.
 struct LocatedFrame {
   std::string file;
-  std::string state;   // that of the sight, or "tags_only", "wrong_size" or "unreadable"
+  std::string state;   // that of the observation, or "tags_only", "wrong_size" or "unreadable"
   std::string reason;  // why there is no twist; empty if there is one
   std::vector<TagDetection> tags;
   std::vector<int> unknown_tags, repeated_tags, unusable_tags, outlier_tags;
@@ -95,7 +95,7 @@ class Locator {
     }
     if (located.tags.empty()) {
       located.failed = true;
-      located.state = nameOf(SightState::kNoTags);
+      located.state = nameOf(ObservationState::kNoTags);
       located.reason = "no tag of family " + scene_.vision.detector.family + " is in sight";
     }
     return located;
@@ -132,38 +132,40 @@ class Locator {
 
   void localize(const cv::Mat& gray, LocatedFrame& located) {
     if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
-    const vision::Sight& sight = localizer_->locate(gray, model_);
-    located.state = nameOf(sight.state);
-    located.tags = sight.detections;
-    located.unknown_tags = sight.unknown_ids;
-    located.repeated_tags = sight.repeated_ids;
-    located.unusable_tags = sight.unusable_ids;
-    if (sight.state == SightState::kMeasured) {
-      located.fit = sight.fit;
-      located.suspicious = suspicionsOf(sight.fit, scene_.vision.fit);
-      for (const estimation::TagResidual& tag : sight.fit.tags) {
+    const vision::Observation& observation = localizer_->locate(gray, model_);
+    located.state = nameOf(observation.state);
+    located.tags = observation.detections;
+    located.unknown_tags = observation.unknown_ids;
+    located.repeated_tags = observation.repeated_ids;
+    located.unusable_tags = observation.unusable_ids;
+    if (observation.state == ObservationState::kMeasured) {
+      located.fit = observation.fit;
+      located.suspicious = suspicionsOf(observation.fit, scene_.vision.fit);
+      for (const estimation::TagResidual& tag : observation.fit.tags) {
         if (tag.outlier) located.outlier_tags.push_back(scene_.tags->tags[tag.tag].id);
       }
       return;
     }
-    located.reason = reasonOf(sight);
-    located.failed = sight.unknown_ids.size() < sight.detections.size();
+    located.reason = reasonOf(observation);
+    located.failed = observation.unknown_ids.size() < observation.detections.size();
   }
 
-  std::string reasonOf(const vision::Sight& sight) const {
-    if (sight.state == SightState::kNoFit) return "no shape of the arm fits the tags in sight";
+  std::string reasonOf(const vision::Observation& observation) const {
+    if (observation.state == ObservationState::kNoFit)
+      return "no shape of the arm fits the tags in sight";
     std::vector<int> used;
-    for (const TagDetection& tag : sight.detections) {
+    for (const TagDetection& tag : observation.detections) {
       const int index = scene_.tags->find(tag.id);
-      if (index < 0 || isOneOf(tag.id, sight.repeated_ids) || isOneOf(tag.id, sight.unusable_ids)) {
+      if (index < 0 || isOneOf(tag.id, observation.repeated_ids) ||
+          isOneOf(tag.id, observation.unusable_ids)) {
         continue;
       }
       used.push_back(index);
     }
-    if (sight.state == SightState::kNoTags) {
-      if (!sight.repeated_ids.empty())
+    if (observation.state == ObservationState::kNoTags) {
+      if (!observation.repeated_ids.empty())
         return "each visible tag of the scene appears more than once";
-      if (!sight.unusable_ids.empty())
+      if (!observation.unusable_ids.empty())
         return "the visible tags of the scene are where the lens distortion cannot be inverted";
       return "no tag of the scene is in sight";
     }

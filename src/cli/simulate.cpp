@@ -15,7 +15,7 @@
 #include "arguments.hpp"
 #include "board_arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -236,7 +236,7 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
           return simulation::boardCamera(scene.camera->model, one, pose, config);
         },
         board);
-    const auto jpeg = encoder.encode(camera.render(simulation::kArmOutOfSight));
+    const auto jpeg = encoder.encode(camera.render(simulation::kArmOutOfView));
     OutputFile(directory / pictureName(++number)).write(std::string(jpeg.begin(), jpeg.end()));
   }
   const int tags = std::visit([](const auto& one) { return one.count(); }, board);

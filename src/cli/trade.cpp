@@ -55,13 +55,13 @@ Trade measure(const io::Scene& scene, const TradeOptions& options) {
   } else if (!scene.camera || !scene.tags) {
     trade.notes.push_back("the scene has no camera or no tags: sight and fit are not measured");
   } else {
-    std::vector<TradeRow> sight = sightRows(scene, options.pictures);
-    if (sight.empty()) {
+    std::vector<TradeRow> vision = visionRows(scene, options.pictures);
+    if (vision.empty()) {
       trade.notes.push_back(
           "the scene's tier finds no shape to start from at any picture: sight and fit are not "
           "measured");
     }
-    append(std::move(sight));
+    append(std::move(vision));
   }
   markFrontier(trade.rows);
   return trade;

@@ -32,6 +32,6 @@ std::vector<TradeRow> drawingRows(const io::Scene& scene);
 /// over rendered pictures of the moving arm, against the true one. No rows where the scene's tier
 /// finds no shape at any picture.
 /// @param pictures  > 0; of a scene with camera and tags.
-std::vector<TradeRow> sightRows(const io::Scene& scene, int pictures);
+std::vector<TradeRow> visionRows(const io::Scene& scene, int pictures);
 
 }  // namespace helix_arm::cli

@@ -69,8 +69,8 @@ void ArmFilterOptions::validate() const {
       "diagonal");
 }
 
-const char* nameOf(SightingFault fault) {
-  static constexpr std::array<const char*, kSightingFaultCount> kNames = {
+const char* nameOf(ObservationFault fault) {
+  static constexpr std::array<const char*, kObservationFaultCount> kNames = {
       "none",       "future",       "not_newer",   "too_old",    "wrong_size",
       "not_finite", "not_positive", "implausible", "unbalanced", "outlier"};
   return kNames[static_cast<std::size_t>(fault)];
@@ -123,7 +123,7 @@ struct ArmFilter::Workspace {
     return arm.lengths(arm.clamped(pressure));
   }
   std::optional<Linearisation> linearise(const Eigen::VectorXd& pressure);
-  SightingFault check(const Input& input) const;
+  ObservationFault check(const Input& input) const;
   Eigen::MatrixXd pickedCovariance(const Eigen::MatrixXd& covariance) const;
   Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const;
   Eigen::MatrixXd jacobian() const;
@@ -244,24 +244,24 @@ Eigen::MatrixXd ArmFilter::Workspace::pickedCovariance(const Eigen::MatrixXd& co
   return covariance(rows, rows);
 }
 
-SightingFault ArmFilter::Workspace::check(const Input& input) const {
+ObservationFault ArmFilter::Workspace::check(const Input& input) const {
   const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
   if (input.pressure.size() != n || input.variance.size() != n ||
       input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
       input.covariance.cols() != size) {
-    return SightingFault::kWrongSize;
+    return ObservationFault::kWrongSize;
   }
   if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
       !input.twists.allFinite() || !input.covariance.allFinite()) {
-    return SightingFault::kNotFinite;
+    return ObservationFault::kNotFinite;
   }
-  if (last_time && input.time <= *last_time) return SightingFault::kNotNewer;
+  if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
   const Eigen::MatrixXd covariance = pickedCovariance(input.covariance);
-  if (!isPositiveDefinite(covariance)) return SightingFault::kNotPositive;
+  if (!isPositiveDefinite(covariance)) return ObservationFault::kNotPositive;
   const bool plausible = covariance.diagonal().minCoeff() >= kLeastDeviation * kLeastDeviation &&
                          covariance.diagonal().maxCoeff() <= kMostDeviation * kMostDeviation;
-  if (!plausible) return SightingFault::kImplausible;
-  return SightingFault::kNone;
+  if (!plausible) return ObservationFault::kImplausible;
+  return ObservationFault::kNone;
 }
 
 Eigen::MatrixXd ArmFilter::Workspace::biasGrowth(const Eigen::VectorXd& motion, double dt) const {
@@ -287,15 +287,15 @@ ArmFilter::~ArmFilter() = default;
 ArmFilter::ArmFilter(ArmFilter&&) noexcept = default;
 ArmFilter& ArmFilter::operator=(ArmFilter&&) noexcept = default;
 
-SightingFault ArmFilter::check(const Input& input) const { return work_->check(input); }
+ObservationFault ArmFilter::check(const Input& input) const { return work_->check(input); }
 
-Sighting ArmFilter::see(const Input& input) {
+Observation ArmFilter::see(const Input& input) {
   Workspace& w = *work_;
-  Sighting out{check(input), 0.0};
+  Observation out{check(input), 0.0};
   if (!out.accepted()) return out;
   auto model = w.linearise(input.pressure);
   const auto before = w.last_time ? w.twistsAt(w.model, w.last_lengths) : std::nullopt;
-  if (!model) return {SightingFault::kUnbalanced, 0.0};
+  if (!model) return {ObservationFault::kUnbalanced, 0.0};
 
   Step step;
   step.dt = w.last_time ? input.time - *w.last_time : 0.0;
@@ -325,7 +325,7 @@ Sighting ArmFilter::see(const Input& input) {
   out.distance2 = w.state.distance2(measurement);
   if (out.distance2 > outlierLimit(static_cast<int>(d)) && w.outliers < kMostOutliers) {
     ++w.outliers;
-    out.fault = SightingFault::kOutlier;
+    out.fault = ObservationFault::kOutlier;
     return out;
   }
   w.outliers = 0;

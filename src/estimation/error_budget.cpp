@@ -83,9 +83,9 @@ double TipSpread::deviation() const {
 }
 
 ErrorBudget::ErrorBudget(const statics::ArmModel& model, const ArmFilterOptions& options,
-                         std::optional<PlacedSight> sight)
-    : arm_(model.arm()), start_(model, options), sight_(std::move(sight)) {
-  if (sight_) sight_->validate();
+                         std::optional<PlacedView> placed)
+    : arm_(model.arm()), start_(model, options), placed_(std::move(placed)) {
+  if (placed_) placed_->validate();
 }
 
 bool ErrorBudget::update(const ArmFilter& filter, const ArmFilter::Input& picture,
@@ -123,8 +123,8 @@ bool ErrorBudget::renew(const Eigen::VectorXd& pressure, const model::Shape& sha
   std::vector<int> seen;
   if (tags) {
     seen = *tags;
-  } else if (sight_) {
-    for (const TagSight& sight : visibleTags(sight_->view, shape)) seen.push_back(sight.tag);
+  } else if (placed_) {
+    for (const TagImage& placed : visibleTags(placed_->view, shape)) seen.push_back(placed.tag);
   }
   if (slow_ && seen == slow_->tags &&
       (pressure - slow_->pressure).cwiseAbs().maxCoeff() < kSlowMotion) {
@@ -134,7 +134,7 @@ bool ErrorBudget::renew(const Eigen::VectorXd& pressure, const model::Shape& sha
   if (!scene) return false;
   const int size = 6 * arm_.sectionCount();
   std::optional<Eigen::MatrixXd> placement;
-  if (sight_ && !seen.empty()) placement = placementCovariance(*sight_, arm_, shape, seen);
+  if (placed_ && !seen.empty()) placement = placementCovariance(*placed_, arm_, shape, seen);
   if (!placement) placement = slow_ ? slow_->placement : Eigen::MatrixXd::Zero(size, size);
   slow_ = {pressure, std::move(seen), std::move(*scene), std::move(*placement)};
   return true;

@@ -59,7 +59,7 @@ class LinearFit {
   bool lineariseAt(const model::Shape& shape, const std::optional<std::vector<int>>& tags) {
     tags_ = tags.value_or(std::vector<int>());
     if (!tags) {
-      for (const TagSight& sight : visibleTags(view_, shape)) tags_.push_back(sight.tag);
+      for (const TagImage& placed : visibleTags(view_, shape)) tags_.push_back(placed.tag);
     }
     equations_->expect(shape);
     equations_->start(shape.twists(), point_);

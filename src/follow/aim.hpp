@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/statics/correction.hpp"
 #include "helix_arm/statics/inverse.hpp"
 

@@ -12,9 +12,9 @@ namespace {
 constexpr int kUsual = 15;
 
 estimation::TipCompliance complianceOf(const statics::ArmModel& model,
-                                       const SightLoopConfig& config) {
-  if (!config.sight) return estimation::TipCompliance(model);
-  return {model, config.sight->view, config.sight->fit};
+                                       const VisualServoConfig& config) {
+  if (!config.placed) return estimation::TipCompliance(model);
+  return {model, config.placed->view, config.placed->fit};
 }
 
 double largestDeviation(const Eigen::Matrix3d& covariance) {
@@ -24,9 +24,9 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
 
 }  // namespace
 
-ContactWatch::ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config)
+ContactWatch::ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config)
     : arm_(model.arm()),
-      sight_(config.sight),
+      placed_(config.placed),
       compliance_(complianceOf(model, config)),
       forks_(config.contact) {}
 
@@ -34,10 +34,11 @@ void ContactWatch::see(estimation::ArmFilter::Input picture,
                        const std::optional<std::vector<int>>& tags, bool settled,
                        estimation::ArmFilter& watch) {
   // A picture that is not used, such as a repeated one, says nothing of the tags either.
-  if (watch.check(picture) != estimation::SightingFault::kNone) return;
+  if (watch.check(picture) != estimation::ObservationFault::kNone) return;
   if (tags) takeTags(*tags, picture, watch);
-  const estimation::Sighting sighting = watch.see(picture);
-  if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;
+  const estimation::Observation observation = watch.see(picture);
+  if (!observation.accepted() && observation.fault != estimation::ObservationFault::kOutlier)
+    return;
   compliance_.moveTo(picture.pressure, watch.correction(), tags);
   const model::Shape measured = model::shapeOf(arm_, picture.twists);
   const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
@@ -51,11 +52,11 @@ void ContactWatch::takeTags(const std::vector<int>& tags, estimation::ArmFilter:
                             estimation::ArmFilter& watch) {
   if (!usual_tags_) usual_tags_ = tags;
   unusual_ = tags == *usual_tags_ ? 0 : unusual_ + 1;
-  if (unusual_ == 0 || !sight_) return;
+  if (unusual_ == 0 || !placed_) return;
   const auto shape = watch.shape(picture.pressure);
   if (!shape) return;
   const auto difference =
-      estimation::placementDifference(*sight_, arm_, *shape, *usual_tags_, tags);
+      estimation::placementDifference(*placed_, arm_, *shape, *usual_tags_, tags);
   if (!difference) return;
   if (unusual_ < kUsual) {
     picture.covariance += kUsual * *difference;

@@ -7,14 +7,14 @@
 #include "helix_arm/estimation/arm_filter.hpp"
 #include "helix_arm/estimation/load_forks.hpp"
 #include "helix_arm/estimation/tip_compliance.hpp"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 
 namespace helix_arm::follow {
 
 /// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
 class ContactWatch {
  public:
-  ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config);
+  ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config);
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
   /// @param settled  as for LoadForks::see().
@@ -31,7 +31,7 @@ class ContactWatch {
                 estimation::ArmFilter& watch);
 
   const model::Arm arm_;
-  const std::optional<estimation::PlacedSight> sight_;
+  const std::optional<estimation::PlacedView> placed_;
   estimation::TipCompliance compliance_;
   estimation::LoadForks forks_;
   // The tags whose error by placements is part of the watch's bias.

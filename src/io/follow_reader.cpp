@@ -34,7 +34,7 @@ double usualNoise(const std::optional<regulator::Config>& regulator) {
 }
 
 // Times derived from the arm's vibration; a given smoothing time must be long enough.
-void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
+void readVibration(const MapReader& keys, follow::VisualServoConfig& loop) {
   const auto given = keys.optionalNumber("smoothing_s", kTime);
   loop.smoothing = given.value_or(loop.smoothing);
   const double damping = keys.number("mode_damping", kDamping, kUsualDamping);
@@ -56,7 +56,7 @@ void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
   loop.smoothing = std::max(loop.smoothing, least);
 }
 
-void readFilter(const MapReader& keys, follow::SightLoopConfig& loop) {
+void readFilter(const MapReader& keys, follow::VisualServoConfig& loop) {
   estimation::ArmFilterOptions& filter = loop.filter;
   filter.hysteresis = keys.number("hysteresis", kPart, filter.hysteresis);
   if (const auto creep = keys.optionalNumber("creep", kCreep)) {
@@ -73,7 +73,7 @@ void readFilter(const MapReader& keys, follow::SightLoopConfig& loop) {
   }
 }
 
-void readContact(const MapReader& keys, follow::SightLoopConfig& loop) {
+void readContact(const MapReader& keys, follow::VisualServoConfig& loop) {
   loop.contact.limit = keys.number("contact_limit", kContactLimit, loop.contact.limit);
   if (!keys.has("on_contact")) return;
   std::vector<std::string> words;
@@ -88,11 +88,11 @@ void readContact(const MapReader& keys, follow::SightLoopConfig& loop) {
 
 }  // namespace
 
-follow::SightLoopConfig readFollow(const MapReader& scene, const Value& document,
-                                   const SafetyConfig& safety,
-                                   const std::optional<regulator::Config>& regulator,
-                                   FaultList& faults) {
-  follow::SightLoopConfig loop{};
+follow::VisualServoConfig readFollow(const MapReader& scene, const Value& document,
+                                     const SafetyConfig& safety,
+                                     const std::optional<regulator::Config>& regulator,
+                                     FaultList& faults) {
+  follow::VisualServoConfig loop{};
   loop.time_constant = safety.rules.time_constant;
   loop.reading_noise = usualNoise(regulator);
   const bool hardware = regulator && regulator::isHardware(*regulator);

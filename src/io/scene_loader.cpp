@@ -80,7 +80,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   const SimulationConfig simulation = readSimulation(scene, document, known_arm, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, document, known_arm, regulator, faults);
-  const follow::SightLoopConfig follow = readFollow(scene, document, safety, regulator, faults);
+  const follow::VisualServoConfig follow = readFollow(scene, document, safety, regulator, faults);
   std::optional<Provenance> calibration = readProvenance(scene, document, faults);
   faults.throwIfAny();
   const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();

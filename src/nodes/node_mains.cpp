@@ -3,7 +3,7 @@
 #include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
-#include "helix_arm/ros_bridge/follow/sight_loop_node.hpp"
+#include "helix_arm/ros_bridge/follow/visual_servo_node.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
 #include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
 #include "helix_arm/ros_bridge/tools/monitor_node.hpp"
@@ -34,8 +34,8 @@ int runPressureSeries(int argc, char** argv) {
   return runNode<PressureSeriesNode>(argc, argv, names::kPressureSeriesNode);
 }
 
-int runSightLoop(int argc, char** argv) {
-  return runNode<SightLoopNode>(argc, argv, names::kSightLoopNode);
+int runVisualServo(int argc, char** argv) {
+  return runNode<VisualServoNode>(argc, argv, names::kVisualServoNode);
 }
 
 int runSimulatedRig(int argc, char** argv) {

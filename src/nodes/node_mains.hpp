@@ -8,7 +8,7 @@ int runFollowPath(int argc, char** argv);
 int runMonitor(int argc, char** argv);
 int runPressureCommand(int argc, char** argv);
 int runPressureSeries(int argc, char** argv);
-int runSightLoop(int argc, char** argv);
+int runVisualServo(int argc, char** argv);
 int runSimulatedRig(int argc, char** argv);
 int runVision(int argc, char** argv);
 int runWorkspaceCloud(int argc, char** argv);

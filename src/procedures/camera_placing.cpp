@@ -30,16 +30,16 @@ std::string number(double value, int digits) {
   return text.str();
 }
 
-using Sightings = std::map<int, std::vector<Corners>>;  // by index in the layout
+using Observations = std::map<int, std::vector<Corners>>;  // by index in the layout
 
 bool isUnique(const std::vector<TagDetection>& tags, const TagDetection& tag) {
   return std::count_if(tags.begin(), tags.end(),
                        [&tag](const TagDetection& one) { return one.id == tag.id; }) == 1;
 }
 
-Sightings sightingsOf(const io::Scene& scene,
-                      const std::vector<std::vector<TagDetection>>& pictures) {
-  Sightings out;
+Observations observationsOf(const io::Scene& scene,
+                            const std::vector<std::vector<TagDetection>>& pictures) {
+  Observations out;
   for (const std::vector<TagDetection>& tags : pictures) {
     for (const TagDetection& tag : tags) {
       const int index = scene.tags->find(tag.id);
@@ -56,10 +56,10 @@ Corners meanOf(const std::vector<Corners>& seen) {
 }
 
 // Why the pictures do not show one pose; empty if they do.
-std::string whyMoved(const io::Scene& scene, const Sightings& seen) {
-  for (const auto& [tag, sightings] : seen) {
-    const Corners mean = meanOf(sightings);
-    for (const Corners& one : sightings) {
+std::string whyMoved(const io::Scene& scene, const Observations& seen) {
+  for (const auto& [tag, observations] : seen) {
+    const Corners mean = meanOf(observations);
+    for (const Corners& one : observations) {
       const double off = (one - mean).norm() / std::sqrt(8.0);
       if (off <= kMostCornerMotion) continue;
       return "tag " + std::to_string(scene.tags->tags[static_cast<std::size_t>(tag)].id) + " is " +
@@ -142,9 +142,9 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
                   "; expected a scene with the sections camera and tags");
   CameraPlacing out;
   const estimation::Camera& camera = scene.camera->model;
-  const Sightings sightings = sightingsOf(scene, pictures);
+  const Observations observations = observationsOf(scene, pictures);
   std::vector<estimation::CornerObservation> seen;
-  for (const auto& [tag, corners] : sightings) {
+  for (const auto& [tag, corners] : observations) {
     const auto direction = estimation::directionsOf(camera, meanOf(corners));
     if (!direction) continue;
     seen.push_back({tag, *direction});
@@ -156,7 +156,7 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
                  ": bring more of them into sight, in focus and in even light";
     return out;
   }
-  out.reason = whyMoved(scene, sightings);
+  out.reason = whyMoved(scene, observations);
   if (!out.reason.empty()) return out;
 
   estimation::CameraPlacementOptions options;

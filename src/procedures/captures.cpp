@@ -160,7 +160,7 @@ void requirePressures(const std::string& file, const model::Arm& arm) {
 
 std::vector<int> LoadedCaptures::unknownIds() const {
   std::vector<int> ids;
-  for (const auto& [id, sights] : unknown_tags) ids.push_back(id);
+  for (const auto& [id, observations] : unknown_tags) ids.push_back(id);
   return ids;
 }
 

@@ -33,7 +33,7 @@ regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, st
   return out;
 }
 
-void requireSight(const io::Scene& scene) {
+void requireVision(const io::Scene& scene) {
   basics::require(scene.camera && scene.tags, "scene ", scene.name,
                   " has no `camera` or no `tags`; the closed loop needs both");
 }
@@ -56,12 +56,12 @@ void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
 
 simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
                                 const FollowPlan& plan) {
-  requireSight(scene);
-  requireSight(rig);
+  requireVision(scene);
+  requireVision(rig);
   requireRigOf(scene, rig);
   auto camera = rig.cameraSetup();
   camera->config.seed = plan.seed;
-  const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
+  const simulation::SimulatedVisionConfig vision{plan.vision, 0.3, plan.seed};
   simulation::LockstepConfig config;
   config.step = kTurn;
   config.latency = plan.latency;
@@ -69,9 +69,9 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
   return simulation::Lockstep(
       {scene.model,
        simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
-       simulation::SimulatedSight(*camera, scene.view(), localizerConfigOf(scene), sight),
+       simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
-       follow::SightLoop(scene.model, loopConfigOf(scene))},
+       follow::VisualServo(scene.model, loopConfigOf(scene))},
       config);
 }
 
@@ -138,7 +138,7 @@ FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const Follo
                          plan.force->time, "a finite value");
   }
   simulation::Lockstep lockstep = lockstepOf(scene, rig, plan);
-  follow::SightLoop& loop = lockstep.loop();
+  follow::VisualServo& loop = lockstep.loop();
   if (plan.open) loop.close(false);
   if (plan.path) loop.follow(*plan.path);
 
@@ -156,9 +156,9 @@ FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const Follo
     }
     if (plan.drift) {
       const double part = (lockstep.time() - plan.drift->begin) / plan.drift->seconds;
-      lockstep.sight().shift(std::clamp(part, 0.0, 1.0) * plan.drift->pixels);
+      lockstep.vision().shift(std::clamp(part, 0.0, 1.0) * plan.drift->pixels);
     }
-    if (plan.frozen) lockstep.sight().freeze(plan.frozen->contains(lockstep.time()));
+    if (plan.frozen) lockstep.vision().freeze(plan.frozen->contains(lockstep.time()));
     lockstep.advance();
     addAlarm(lockstep.time(), loop.load(), touched, out.alarms);
     touched = loop.load().contact;

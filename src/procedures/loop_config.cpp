@@ -6,7 +6,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/number.hpp"
-#include "scene_sight.hpp"
+#include "scene_view.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -73,18 +73,18 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
 
 }  // namespace
 
-follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
+follow::VisualServoConfig loopConfigOf(const io::Scene& scene) {
   basics::require(
       !scene.safety.channels.empty(), "scene ", scene.name,
       " has actuators that are not driven by pressure; the closed loop needs pressures");
-  follow::SightLoopConfig out = scene.follow;
+  follow::VisualServoConfig out = scene.follow;
   out.filter.planar = scene.vision.fit.planar;
-  out.sight = placedSightOf(scene);
+  out.placed = placedViewOf(scene);
   if (scene.calibration) startFrom(*scene.calibration, out.filter);
   return out;
 }
 
-std::string loopWarning(const follow::SightLoopConfig& config) {
+std::string loopWarning(const follow::VisualServoConfig& config) {
   if (config.smoothing <= kSlowSmoothing) return {};
   return "follow: the loop smooths over " +
          io::formatNumber(std::round(100 * config.smoothing) / 100) +

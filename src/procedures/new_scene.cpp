@@ -139,7 +139,7 @@ void writeArm(const NewScene& scene, std::ostream& out) {
   }
 }
 
-void writeSight(const NewScene& scene, std::ostream& out) {
+void writeVision(const NewScene& scene, std::ostream& out) {
   const int count = scene.tagsPerMuscle();
   out << "\n# " << scene.sections * scene.muscles * count
       << " printed tags: helix_arm tags prints them and a sheet that shows where each is mounted.\n"
@@ -339,7 +339,7 @@ std::string newSceneText(const NewScene& scene) {
          "# Next: helix_arm check THIS, helix_arm tags THIS --out tags.pdf; docs/first_arm.md\n"
       << "name: " << scene.name << "\n";
   writeArm(scene, out);
-  if (scene.tag_size > 0) writeSight(scene, out);
+  if (scene.tag_size > 0) writeVision(scene, out);
   out << "\n# How the simulated rig differs from this file: a calibration has something to find.\n"
          "simulation:\n"
          "  arm: {K_kappa_scale: 1.2, length_scale: 1.01}\n"

@@ -184,7 +184,7 @@ RigCheck checkRig(const io::Scene& scene, int samples) {
   RigCheck check;
   checkTags(scene, check.findings);
   checkCamera(scene, check.findings);
-  check.sight = checkSight(scene, samples, check.findings);
+  check.vision = checkVision(scene, samples, check.findings);
   checkCurves(scene, check.findings);
   checkRegulator(scene, check.findings);
   sortBySeverity(check.findings);

@@ -26,7 +26,7 @@ void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings);
 void checkCamera(const io::Scene& scene, std::vector<Finding>& findings);
 
 /// What is seen over the workspace; nothing without camera or tags.
-std::optional<SightFigures> checkSight(const io::Scene& scene, int samples,
-                                       std::vector<Finding>& findings);
+std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
+                                         std::vector<Finding>& findings);
 
 }  // namespace helix_arm::procedures

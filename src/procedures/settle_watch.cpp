@@ -16,7 +16,7 @@ constexpr double kStillShare = 0.75;
 
 // Limits of the histories: more than two minutes at 1000 and at 60 Hz.
 constexpr std::size_t kMostReadings = 1 << 17;
-constexpr std::size_t kMostSights = 1 << 13;
+constexpr std::size_t kMostObservations = 1 << 13;
 
 template <class... Arguments>
 std::string format(const char* pattern, Arguments... arguments) {
@@ -31,8 +31,8 @@ void requirePositive(const char* what, double value) {
 
 // Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
 // below [px]; absent without common tags.
-std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
-                                      const std::vector<TagSighting>& b) {
+std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
+                                      const std::vector<TagObservation>& b) {
   std::vector<double> moved;
   for (auto i = a.begin(), j = b.begin(); i != a.end() && j != b.end();) {
     if (i->id < j->id) {
@@ -112,9 +112,10 @@ void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
 
-void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
-  add(sights_, Sight{time, std::move(tags)}, kMostSights);
-  while (sights_.size() > 1 && sights_[1].time <= windowBegin()) sights_.pop_front();
+void SettleWatch::seen(double time, std::vector<TagObservation> tags) {
+  add(observations_, Observation{time, std::move(tags)}, kMostObservations);
+  while (observations_.size() > 1 && observations_[1].time <= windowBegin())
+    observations_.pop_front();
 }
 
 std::string SettleWatch::pressureStaleness(double now) const {
@@ -129,12 +130,12 @@ std::string SettleWatch::pressureStaleness(double now) const {
 }
 
 std::string SettleWatch::pictureStaleness(double now) const {
-  return staleness(sights_.empty() ? std::nullopt : std::optional(sights_.back().time), now,
-                   rules_.max_age, "tag detections", "are camera and vision running?");
+  return staleness(observations_.empty() ? std::nullopt : std::optional(observations_.back().time),
+                   now, rules_.max_age, "tag detections", "are camera and vision running?");
 }
 
 std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
-  const double end = sights_.back().time;
+  const double end = observations_.back().time;
   if (set_point_ && set_since_ > begin) {
     return format("the set point has held for %.2f s of the tags' time; expected %g s",
                   std::max(0.0, end - set_since_), rules_.window);
@@ -171,16 +172,16 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
 }
 
 std::string SettleWatch::motion(double begin) const {
-  if (sights_.front().time > begin) {
+  if (observations_.front().time > begin) {
     return format("the tags were watched for %.2f s; expected %g s",
-                  sights_.back().time - sights_.front().time, rules_.window);
+                  observations_.back().time - observations_.front().time, rules_.window);
   }
-  for (std::size_t k = 0; k + 1 < sights_.size(); ++k) {
-    const auto moved = distanceBetween(sights_[k].tags, sights_.back().tags);
+  for (std::size_t k = 0; k + 1 < observations_.size(); ++k) {
+    const auto moved = distanceBetween(observations_[k].tags, observations_.back().tags);
     if (!moved) return "the set of visible tags changed";
     if (*moved <= rules_.corner_tolerance) continue;
     return format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
-                  sights_.back().time - sights_[k].time, rules_.corner_tolerance);
+                  observations_.back().time - observations_[k].time, rules_.corner_tolerance);
   }
   return "";
 }
@@ -202,7 +203,7 @@ Settling SettleWatch::at(double now) const {
     out.state = SettleState::kPressure;
     return out;
   }
-  if (sights_.back().tags.empty()) {
+  if (observations_.back().tags.empty()) {
     out.state = SettleState::kNoTags;
     out.reason = "no tag of the arm is in sight; check the camera's picture";
     return out;
@@ -213,7 +214,7 @@ Settling SettleWatch::at(double now) const {
     return out;
   }
   out.state = SettleState::kSettled;
-  out.last = Sample{sights_.back().time, std::move(mean), sights_.back().tags};
+  out.last = Sample{observations_.back().time, std::move(mean), observations_.back().tags};
   return out;
 }
 
@@ -221,7 +222,8 @@ std::vector<Sample> SettleWatch::samples() const {
   std::vector<Sample> out;
   Eigen::VectorXd mean;
   pressureFault(windowBegin(), mean);
-  for (const Sight& sight : sights_) out.push_back({sight.time, mean, sight.tags});
+  for (const Observation& observation : observations_)
+    out.push_back({observation.time, mean, observation.tags});
   return out;
 }
 

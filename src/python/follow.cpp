@@ -64,19 +64,19 @@ Eigen::VectorXd numbersOf(const py::object& given, const char* name, py::ssize_t
 }
 
 FollowPlan planOf(const io::Scene& scene, const py::object& tips, const py::object& path,
-                  double seconds, bool open, const std::string& sight, const py::object& force,
+                  double seconds, bool open, const std::string& vision, const py::object& force,
                   const py::object& blind, double latency, std::uint32_t seed) {
   basics::require(tips.is_none() != path.is_none(),
                   "follow() needs either tips or path; expected exactly one");
   basics::require(kSeconds.contains(seconds), "seconds is ", seconds, "; expected ", kSeconds.lower,
                   " to ", kSeconds.upper);
   basics::require(kLatency.contains(latency), "latency_s is ", latency, "; expected 0 to 1");
-  basics::require(sight == "corners" || sight == "rendered", "sight is \"", sight.substr(0, 40),
+  basics::require(vision == "corners" || vision == "rendered", "sight is \"", vision.substr(0, 40),
                   "\"; expected corners or rendered");
   FollowPlan plan;
   plan.seconds = seconds;
   plan.open = open;
-  if (sight == "rendered") plan.sight = simulation::SightKind::kRendered;
+  if (vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
   plan.latency = latency;
   plan.seed = seed;
   if (!tips.is_none()) plan.tips = tipsOf(tips, seconds);
@@ -165,12 +165,12 @@ py::dict resultOf(const FollowResult& result, int actuators) {
 }
 
 py::dict follow(const Scene& self, const py::object& tips, const py::object& path,
-                const py::object& seconds, const py::object& open, const py::object& sight,
+                const py::object& seconds, const py::object& open, const py::object& vision,
                 const py::object& force, const py::object& blind, const py::object& latency_s,
                 const py::object& seed, const py::object& rig) {
   const FollowPlan plan =
       planOf(self.scene(), tips, path, numberOf(seconds, "seconds"), flagOf(open, "open"),
-             textOf(sight, "sight"), force, blind, numberOf(latency_s, "latency_s"),
+             textOf(vision, "sight"), force, blind, numberOf(latency_s, "latency_s"),
              static_cast<std::uint32_t>(
                  integerOf(seed, "seed", 0, std::numeric_limits<std::uint32_t>::max())));
   if (!rig.is_none() && !py::isinstance<Scene>(rig)) refuseType(rig, "rig", "a Scene or None");

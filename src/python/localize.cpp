@@ -82,20 +82,20 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
     const cv::Mat picture = pictures.at(i);
     self.copyRow(inputs, inputs.single() ? 0 : i, &q);
-    const vision::Sight* sight = nullptr;
+    const vision::Observation* observation = nullptr;
     {
       const OthersRun others_run;
-      sight =
+      observation =
           &localizer.locate(picture, statics::startingShape(scene.model, scene.model.solve(q), q));
     }
-    const bool measured = sight->state == vision::SightState::kMeasured;
+    const bool measured = observation->state == vision::ObservationState::kMeasured;
     FitArrays arrays(scene.arm.sectionCount(), 1);
-    if (measured) arrays.set(0, sight->fit);
+    if (measured) arrays.set(0, observation->fit);
     std::vector<int> ids;
-    for (const vision::TagDetection& tag : sight->detections) ids.push_back(tag.id);
+    for (const vision::TagDetection& tag : observation->detections) ids.push_back(tag.id);
     const py::int_ first(0);
     py::dict one;
-    one["state"] = vision::nameOf(sight->state);
+    one["state"] = vision::nameOf(observation->state);
     one["twists"] = arrays.twists[first];
     one["covariance"] = arrays.covariances[first];
     one["tip"] = arrays.tips[first];
@@ -103,10 +103,10 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
     one["tip_covariance"] = arrays.tip_covariances[first];
     one["rms_px"] = arrays.rms.at(0);
     one["tags"] = copyOf(ids.data(), {static_cast<py::ssize_t>(ids.size())});
-    one["corners_px"] = cornersOf(sight->detections);
-    one["outlier_tags"] = measured ? outliersOf(sight->fit, *scene.tags) : py::list();
-    one["unknown_tags"] = sight->unknown_ids;
-    one["repeated_tags"] = sight->repeated_ids;
+    one["corners_px"] = cornersOf(observation->detections);
+    one["outlier_tags"] = measured ? outliersOf(observation->fit, *scene.tags) : py::list();
+    one["unknown_tags"] = observation->unknown_ids;
+    one["repeated_tags"] = observation->repeated_ids;
     out.append(one);
   }
   return out;

@@ -12,7 +12,7 @@ class QPushButton;
 
 namespace helix_arm::rviz_panel {
 
-/// The tip target as numbers, the tip itself, and the loop over sight.
+/// The tip target as numbers, the tip itself, and the loop over vision.
 class TipBox : public QGroupBox {
  public:
   /// Aims the tip at a position, base frame [m].

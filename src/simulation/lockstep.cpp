@@ -67,7 +67,7 @@ void Lockstep::takePicture() {
   const Eigen::VectorXd pressure = parts_.model.arm().clamped(reading_);
   const model::Shape expected =
       statics::startingShape(parts_.model, parts_.model.solve(pressure), pressure);
-  if (auto seen = parts_.sight.look(parts_.rig.shape(), expected)) {
+  if (auto seen = parts_.vision.look(parts_.rig.shape(), expected)) {
     waiting_.push_back({now, now + config_.latency, std::move(*seen)});
   }
 }
@@ -76,9 +76,9 @@ void Lockstep::deliver() {
   const double now = time();
   while (!waiting_.empty() && waiting_.front().due <= now + kRounding) {
     const Waiting& next = waiting_.front();
-    const auto sighting = parts_.loop.picture(next.stamp, now, next.shape.twists,
-                                              next.shape.covariance, next.shape.tags);
-    ++(sighting.accepted() ? accepted_ : refused_);
+    const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
+                                                 next.shape.covariance, next.shape.tags);
+    ++(observation.accepted() ? accepted_ : refused_);
     measured_ = MeasuredTip{next.stamp, next.shape.tip};
     waiting_.pop_front();
   }

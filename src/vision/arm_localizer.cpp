@@ -25,7 +25,7 @@ struct ArmLocalizer::Workspace {
   TagTracker tracker;
   estimation::TwistFitter fitter;
   std::optional<estimation::RigMemory> memory;
-  Sight sight;
+  Observation observation;
 
   bool warm = false;                      // the last picture was measured
   model::Twists last_twists, last_model;  // mean
@@ -34,7 +34,7 @@ struct ArmLocalizer::Workspace {
   std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
 
   estimation::ArmView expected_view;  // with the last fitted base
-  std::vector<estimation::TagSight> sights;
+  std::vector<estimation::TagImage> observations;
   std::vector<ExpectedTag> expected;
   std::vector<estimation::CornerObservation> seen;
 
@@ -54,8 +54,8 @@ struct ArmLocalizer::Workspace {
         warm ? model.about(last_twists + (model.twists() - last_model)) : model;
     if (!warm) return shape;
     expected_view.X_CB = view.X_CB * last_X_B0B;
-    estimation::visibleTags(expected_view, shape, kLeastCosine, sights);
-    for (const estimation::TagSight& tag : sights) {
+    estimation::visibleTags(expected_view, shape, kLeastCosine, observations);
+    for (const estimation::TagImage& tag : observations) {
       const int id = view.layout.tags[tag.tag].id;
       expected.push_back({id, tag.corners, contains(last_ids, id)});
     }
@@ -63,15 +63,15 @@ struct ArmLocalizer::Workspace {
   }
 
   void take(const TrackResult& found) {
-    sight.detections = found.tags;
-    sight.by_edges = found.by_edges;
-    sight.by_regions = found.by_regions;
-    sight.whole_picture = found.whole_picture;
-    sight.unknown_ids.clear();
-    sight.repeated_ids.clear();
-    sight.unusable_ids.clear();
+    observation.detections = found.tags;
+    observation.by_edges = found.by_edges;
+    observation.by_regions = found.by_regions;
+    observation.whole_picture = found.whole_picture;
+    observation.unknown_ids.clear();
+    observation.repeated_ids.clear();
+    observation.unusable_ids.clear();
     seen.clear();
-    const std::vector<TagDetection>& tags = sight.detections;
+    const std::vector<TagDetection>& tags = observation.detections;
     for (std::size_t i = 0; i < tags.size(); ++i) {
       const int id = tags[i].id;
       if (i > 0 && tags[i - 1].id == id) continue;
@@ -80,28 +80,28 @@ struct ArmLocalizer::Workspace {
       const bool repeated = (i + 1 < tags.size() && tags[i + 1].id == id) ||
                             (!found.whole_picture && contains(copied_ids, id));
       if (tag < 0) {
-        sight.unknown_ids.push_back(id);
+        observation.unknown_ids.push_back(id);
       } else if (repeated) {
-        sight.repeated_ids.push_back(id);
+        observation.repeated_ids.push_back(id);
       } else {
         observe(tag, tags[i].corners);
       }
     }
-    if (found.whole_picture) copied_ids = sight.repeated_ids;
+    if (found.whole_picture) copied_ids = observation.repeated_ids;
   }
 
   void observe(int tag, const estimation::Corners& corners) {
     if (const auto directions = estimation::directionsOf(view.camera, corners)) {
       seen.push_back({tag, *directions});
     } else {
-      sight.unusable_ids.push_back(view.layout.tags[tag].id);
+      observation.unusable_ids.push_back(view.layout.tags[tag].id);
     }
   }
 
   // Fits from the last shape and, if that does not explain the tags, from other starts.
   void fit(const model::Shape& start, const model::Shape& model) {
-    sight.fit.status = estimation::FitStatus::kUnderdetermined;
-    sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
+    observation.fit.status = estimation::FitStatus::kUnderdetermined;
+    observation.state = seen.empty() ? ObservationState::kNoTags : ObservationState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
     if (memory) fitter.know(memory->estimate());
@@ -109,19 +109,19 @@ struct ArmLocalizer::Workspace {
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
     }
-    sight.fit = *fit;
+    observation.fit = *fit;
     switch (fit->status) {
       case estimation::FitStatus::kConverged:
-        sight.state = static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags
-                          ? SightState::kMeasured
-                          : SightState::kNoFit;
+        observation.state = static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags
+                                ? ObservationState::kMeasured
+                                : ObservationState::kNoFit;
         break;
       case estimation::FitStatus::kUnderdetermined:
-        sight.state = SightState::kTooFewTags;
+        observation.state = ObservationState::kTooFewTags;
         break;
       case estimation::FitStatus::kUnexplained:
       case estimation::FitStatus::kNotConverged:
-        sight.state = SightState::kNoFit;
+        observation.state = ObservationState::kNoFit;
         break;
     }
   }
@@ -134,21 +134,21 @@ struct ArmLocalizer::Workspace {
   }
 
   void remember(const model::Shape& model) {
-    warm = sight.state == SightState::kMeasured;
-    if (memory && static_cast<int>(seen.size()) >= config.min_tags) memory->learn(sight.fit);
+    warm = observation.state == ObservationState::kMeasured;
+    if (memory && static_cast<int>(seen.size()) >= config.min_tags) memory->learn(observation.fit);
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
-    last_twists = sight.fit.twists;
-    last_X_B0B = sight.fit.X_B0B;
+    last_twists = observation.fit.twists;
+    last_X_B0B = observation.fit.X_B0B;
     last_model = model.twists();
-    for (const TagDetection& tag : sight.detections) last_ids.push_back(tag.id);
-    for (const estimation::TagResidual& tag : sight.fit.tags) {
+    for (const TagDetection& tag : observation.detections) last_ids.push_back(tag.id);
+    for (const estimation::TagResidual& tag : observation.fit.tags) {
       if (tag.outlier) last_outliers.push_back(view.layout.tags[tag.tag].id);
     }
   }
 
-  const Sight& locate(const cv::Mat& gray, const model::Shape& model) {
+  const Observation& locate(const cv::Mat& gray, const model::Shape& model) {
     const estimation::Camera& camera = view.camera;
     if (gray.cols != camera.width || gray.rows != camera.height) {
       throw std::invalid_argument("a picture of " + std::to_string(gray.cols) + " x " +
@@ -159,13 +159,14 @@ struct ArmLocalizer::Workspace {
     const model::Shape start = expectTags(model);
     take(tracker.track(gray, expected));
     fit(start, model);
-    const bool doubtful = sight.state != SightState::kMeasured || unexpectedOutliers(sight.fit);
-    if (doubtful && !sight.whole_picture) {
+    const bool doubtful =
+        observation.state != ObservationState::kMeasured || unexpectedOutliers(observation.fit);
+    if (doubtful && !observation.whole_picture) {
       take(tracker.search(gray));
       fit(start, model);
     }
     remember(model);
-    return sight;
+    return observation;
   }
 };
 
@@ -178,7 +179,7 @@ ArmLocalizer::~ArmLocalizer() = default;
 ArmLocalizer::ArmLocalizer(ArmLocalizer&&) noexcept = default;
 ArmLocalizer& ArmLocalizer::operator=(ArmLocalizer&&) noexcept = default;
 
-const Sight& ArmLocalizer::locate(const cv::Mat& gray, const model::Shape& model) {
+const Observation& ArmLocalizer::locate(const cv::Mat& gray, const model::Shape& model) {
   return work_->locate(gray, model);
 }
 
@@ -205,15 +206,15 @@ void LocalizerConfig::validate() const {
   }
 }
 
-const char* nameOf(SightState state) {
+const char* nameOf(ObservationState state) {
   switch (state) {
-    case SightState::kMeasured:
+    case ObservationState::kMeasured:
       return "measured";
-    case SightState::kNoTags:
+    case ObservationState::kNoTags:
       return "no_tags";
-    case SightState::kTooFewTags:
+    case ObservationState::kTooFewTags:
       return "too_few_tags";
-    case SightState::kNoFit:
+    case ObservationState::kNoFit:
       return "no_fit";
   }
   return "";

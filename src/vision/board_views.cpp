@@ -7,7 +7,7 @@ namespace helix_arm::vision {
 namespace {
 
 // RMS distance of the corners that both show [px]; nothing if they share too few.
-std::optional<double> distanceOf(const BoardSight& a, const BoardSight& b, int least) {
+std::optional<double> distanceOf(const BoardObservation& a, const BoardObservation& b, int least) {
   double sum = 0;
   int shared = 0;
   auto other = b.corners.begin();
@@ -32,9 +32,10 @@ bool isAtBorder(const estimation::Corners& corners, const cv::Size& size) {
 
 }  // namespace
 
-BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
-                      const std::vector<TagDetection>& detections) {
-  BoardSight sight{name, {}};
+BoardObservation boardObservation(const TagBoard& board, const std::string& name,
+                                  const cv::Size& size,
+                                  const std::vector<TagDetection>& detections) {
+  BoardObservation observation{name, {}};
   for (std::size_t i = 0; i < detections.size(); ++i) {
     const TagDetection& tag = detections[i];
     const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
@@ -43,15 +44,15 @@ BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::
     if (isAtBorder(tag.corners, size)) continue;
     const estimation::Corners on_board = board.corners(tag.id);
     for (int c = 0; c < 4; ++c) {
-      sight.corners.push_back(
+      observation.corners.push_back(
           {4 * (tag.id - board.first_id) + c, on_board.col(c), tag.corners.col(c)});
     }
   }
-  return sight;
+  return observation;
 }
 
-void Coverage::add(const BoardSight& sight) {
-  for (const BoardCorner& corner : sight.corners) {
+void Coverage::add(const BoardObservation& observation) {
+  for (const BoardCorner& corner : observation.corners) {
     // A pixel's centre is at whole numbers.
     const double x = (corner.pixel.x() + 0.5) / size_.width;
     const double y = (corner.pixel.y() + 0.5) / size_.height;
@@ -92,20 +93,21 @@ std::string Coverage::emptiest() const {
   return name;
 }
 
-bool BoardViews::offer(const BoardSight& sight) {
-  if (static_cast<int>(sight.corners.size()) < least_) {
+bool BoardViews::offer(const BoardObservation& observation) {
+  if (static_cast<int>(observation.corners.size()) < least_) {
     last_.reset();
     return false;
   }
-  const std::optional<double> motion = last_ ? distanceOf(sight, *last_, least_) : std::nullopt;
-  last_ = sight;
+  const std::optional<double> motion =
+      last_ ? distanceOf(observation, *last_, least_) : std::nullopt;
+  last_ = observation;
   if (!motion || *motion > kMostMotion) return false;
-  for (const BoardSight& one : chosen_) {
-    const std::optional<double> change = distanceOf(sight, one, least_);
+  for (const BoardObservation& one : chosen_) {
+    const std::optional<double> change = distanceOf(observation, one, least_);
     if (change && *change < kLeastChange * size_.width) return false;
   }
-  chosen_.push_back(sight);
-  coverage_.add(sight);
+  chosen_.push_back(observation);
+  coverage_.add(observation);
   return true;
 }
 

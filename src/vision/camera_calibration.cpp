@@ -35,7 +35,7 @@ constexpr double kWantedRms = 0.6;  // [px]
 
 // What OpenCV takes and gives of one view.
 struct View {
-  std::size_t index;  // in the sights
+  std::size_t index;  // in the observations
   std::vector<cv::Point3f> board;
   std::vector<cv::Point2f> picture;
   cv::Mat rotation, translation;
@@ -60,9 +60,9 @@ int flagsOf(int coefficients) {
   return flags;
 }
 
-View viewOf(const BoardSight& sight, std::size_t index) {
+View viewOf(const BoardObservation& observation, std::size_t index) {
   View view{index, {}, {}, {}, {}};
-  for (const BoardCorner& corner : sight.corners) {
+  for (const BoardCorner& corner : observation.corners) {
     view.board.emplace_back(static_cast<float>(corner.board.x()),
                             static_cast<float>(corner.board.y()), 0.0F);
     view.picture.emplace_back(static_cast<float>(corner.pixel.x()),
@@ -72,24 +72,24 @@ View viewOf(const BoardSight& sight, std::size_t index) {
 }
 
 // A row of chessboard corners gives no pose.
-bool areOnOneLine(const BoardSight& sight) {
-  if (sight.corners.empty()) return true;
+bool areOnOneLine(const BoardObservation& observation) {
+  if (observation.corners.empty()) return true;
   Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
-  for (const BoardCorner& corner : sight.corners) {
-    const Eigen::Vector2d from_first = corner.board - sight.corners[0].board;
+  for (const BoardCorner& corner : observation.corners) {
+    const Eigen::Vector2d from_first = corner.board - observation.corners[0].board;
     moments += from_first * from_first.transpose();
   }
   return moments.determinant() <= 1e-6 * moments.trace() * moments.trace();
 }
 
 // Why a view cannot be used; empty if it can.
-std::string faultOf(const BoardSight& sight, const BoardParts& parts) {
-  const int count = static_cast<int>(sight.corners.size());
+std::string faultOf(const BoardObservation& observation, const BoardParts& parts) {
+  const int count = static_cast<int>(observation.corners.size());
   if (count < parts.leastCorners()) {
     return "it shows " + std::to_string(count / parts.corners) + " " + parts.name +
            " of the board; expected " + std::to_string(parts.least);
   }
-  return areOnOneLine(sight) ? "all " + parts.name + " that it shows are on one line" : "";
+  return areOnOneLine(observation) ? "all " + parts.name + " that it shows are on one line" : "";
 }
 
 // @throws cv::Exception where the views determine no start.
@@ -271,7 +271,8 @@ bool isDetermined(const CameraParameter& one) {
                        one.standard_error <= CameraCalibrationOptions::kMostFocalError * one.value);
 }
 
-void describe(const cv::Size& size, const Fit& fit, const std::vector<BoardSight>& sights,
+void describe(const cv::Size& size, const Fit& fit,
+              const std::vector<BoardObservation>& observations,
               const std::vector<Linearised>& residuals, int coefficients, CameraCalibration& out) {
   out.camera = {size.width,
                 size.height,
@@ -294,7 +295,7 @@ void describe(const cv::Size& size, const Fit& fit, const std::vector<BoardSight
     place(fit.views[i], told);
     told.rms = residuals[i].rms();
     out.tilted_views += told.tilt >= kTilted ? 1 : 0;
-    coverage.add(sights[fit.views[i].index]);
+    coverage.add(observations[fit.views[i].index]);
     square += residuals[i].residual.squaredNorm();
     count += static_cast<double>(residuals[i].residual.size());
   }
@@ -349,19 +350,20 @@ void CameraCalibrationOptions::validate() const {
 }
 
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
-                                  const std::vector<BoardSight>& sights,
+                                  const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options) {
   options.validate();
   CameraCalibration out;
   Fit best;
-  for (std::size_t i = 0; i < sights.size(); ++i) {
-    const int corners = static_cast<int>(sights[i].corners.size());
-    const std::string fault = faultOf(sights[i], parts);
-    out.views.push_back({sights[i].name, corners / parts.corners, corners, fault.empty(), fault});
-    if (fault.empty()) best.views.push_back(viewOf(sights[i], i));
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    const int corners = static_cast<int>(observations[i].corners.size());
+    const std::string fault = faultOf(observations[i], parts);
+    out.views.push_back(
+        {observations[i].name, corners / parts.corners, corners, fault.empty(), fault});
+    if (fault.empty()) best.views.push_back(viewOf(observations[i], i));
   }
   if (best.views.size() < static_cast<std::size_t>(options.kLeastViews)) {
-    return refused(std::move(out), viewsNeeded(parts, best.views.size(), sights.size()));
+    return refused(std::move(out), viewsNeeded(parts, best.views.size(), observations.size()));
   }
   std::vector<Linearised> residuals;
   do {
@@ -381,7 +383,7 @@ CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
     for (const View& view : best.views) residuals.push_back(linearise(best, view));
   } while (leaveOutBadViews(best.views, residuals, out.views));
 
-  describe(size, best, sights, residuals, options.coefficients, out);
+  describe(size, best, observations, residuals, options.coefficients, out);
   for (const CameraParameter& one : out.parameters) {
     if (isDetermined(one)) continue;
     return refused(std::move(out),

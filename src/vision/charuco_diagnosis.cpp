@@ -8,7 +8,7 @@
 namespace helix_arm::vision {
 namespace {
 
-using Markers = std::vector<MarkerSight>;
+using Markers = std::vector<MarkerObservation>;
 
 // Fewer markers of another dictionary may be misread.
 constexpr std::size_t kLeastMarkers = 4;
@@ -69,8 +69,9 @@ bool showTagBoard(const std::vector<cv::Mat>& pictures) {
   config.family = board.family;
   TagDetector detector(config);
   return std::any_of(pictures.begin(), pictures.end(), [&](const cv::Mat& picture) {
-    const BoardSight sight = boardSight(board, "", picture.size(), detector.detect(picture));
-    return static_cast<int>(sight.corners.size()) >= board.parts().leastCorners();
+    const BoardObservation observation =
+        boardObservation(board, "", picture.size(), detector.detect(picture));
+    return static_cast<int>(observation.corners.size()) >= board.parts().leastCorners();
   });
 }
 

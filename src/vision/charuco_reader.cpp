@@ -46,7 +46,7 @@ double roomAround(const Eigen::Vector2d& pixel, const Outlook& outlook) {
 }
 
 std::map<int, Outlook> outlooksOf(const CharucoBoard& board,
-                                  const std::vector<MarkerSight>& markers) {
+                                  const std::vector<MarkerObservation>& markers) {
   std::map<int, Outlook> outlooks;
   auto seen = markers.begin();
   int id = 0;
@@ -104,15 +104,15 @@ bool refine(const cv::Mat& gray, MarkedCorner& corner) {
 
 }  // namespace
 
-std::vector<MarkerSight> findMarkers(const std::string& dictionary, const cv::Mat& gray) {
+std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray) {
   const auto known = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
   std::vector<std::vector<cv::Point2f>> corners;
   std::vector<int> ids;
   if (!gray.empty()) cv::aruco::detectMarkers(gray, known, corners, ids);
-  std::vector<MarkerSight> markers;
+  std::vector<MarkerObservation> markers;
   for (std::size_t i = 0; i < ids.size(); ++i) {
     if (std::count(ids.begin(), ids.end(), ids[i]) > 1) continue;
-    MarkerSight marker{ids[i], {}};
+    MarkerObservation marker{ids[i], {}};
     // OpenCV begins at the top left and goes to the right.
     for (std::size_t c = 0; c < 4; ++c) {
       marker.corners.col(static_cast<Eigen::Index>(3 - c)) << corners[i][c].x, corners[i][c].y;
@@ -120,12 +120,12 @@ std::vector<MarkerSight> findMarkers(const std::string& dictionary, const cv::Ma
     markers.push_back(marker);
   }
   std::sort(markers.begin(), markers.end(),
-            [](const MarkerSight& a, const MarkerSight& b) { return a.id < b.id; });
+            [](const MarkerObservation& a, const MarkerObservation& b) { return a.id < b.id; });
   return markers;
 }
 
 std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
-                                        const std::vector<MarkerSight>& markers) {
+                                        const std::vector<MarkerObservation>& markers) {
   const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
   std::vector<MarkedCorner> corners;
   std::vector<int> marker_of;  // one of a corner's markers
@@ -160,13 +160,14 @@ std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
   return connected;
 }
 
-BoardSight charucoSight(const CharucoBoard& board, const std::string& name, const cv::Mat& gray) {
-  BoardSight sight{name, {}};
+BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
+                                    const cv::Mat& gray) {
+  BoardObservation observation{name, {}};
   for (MarkedCorner& corner : markedCorners(board, findMarkers(board.dictionary, gray))) {
     if (!refine(gray, corner)) continue;
-    sight.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
+    observation.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
   }
-  return sight;
+  return observation;
 }
 
 }  // namespace helix_arm::vision

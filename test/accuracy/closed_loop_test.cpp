@@ -1,5 +1,5 @@
-// The loop over sight on the simulated rig of `demo`, in lockstep: errors of the true tip, the open
-// loop beside the closed one.
+// The loop over vision on the simulated rig of `demo`, in lockstep: errors of the true tip, the
+// open loop beside the closed one.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -240,9 +240,9 @@ TEST(ClosedLoop, NothingWindsUpOutOfReach) {
 TEST(ClosedLoop, TipsFromRenderedPictures) {
   const io::Scene scene = demo();
   FollowPlan plan = steps(scene, 4, 3);
-  plan.sight = simulation::SightKind::kRendered;
+  plan.vision = simulation::VisionKind::kRendered;
   const FollowResult closed = run(scene, plan);
-  plan.sight = simulation::SightKind::kCorners;
+  plan.vision = simulation::VisionKind::kCorners;
   const StepFigures figures =
       printSteps("4 tips, rendered pictures", closed, run(scene, plan, true));
   EXPECT_EQ(figures.reached, 4);
@@ -260,7 +260,7 @@ TEST(ClosedLoop, ACameraThatHangsIsNotFollowed) {
   plan.tips = {tip(0.2, 0.5, 0.5), tip(0.7, 0.3, 0.3), tip(0.7, 0.3, 0.3)};
   ASSERT_GT((plan.tips[1] - plan.tips[0]).norm(), 0.03);
   plan.seconds = 12;
-  plan.sight = simulation::SightKind::kRendered;
+  plan.vision = simulation::VisionKind::kRendered;
   plan.frozen = model::Range{3.5, 8.0};
   const FollowResult result = run(scene, plan);
   constexpr double kStart = 4.0;  // to the second tip
@@ -313,7 +313,7 @@ TEST(ClosedLoop, TipsFromRenderedPicturesAfterACalibrationOfThePlacements) {
                               {"simulation.mounts.tag_rotation_deg", "1"}});
   const io::Scene scene = calibratedOn(rig);
   FollowPlan plan = steps(rig, 4, 3);
-  plan.sight = simulation::SightKind::kRendered;
+  plan.vision = simulation::VisionKind::kRendered;
   const FollowResult closed = procedures::runFollow(scene, rig, plan);
   const StepFigures before = figuresOf(run(rig, plan));
   plan.open = true;

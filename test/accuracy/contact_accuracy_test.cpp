@@ -1,4 +1,4 @@
-// Contacts that the loop over sight finds, in lockstep on the simulated rig: the arm of `loaded`
+// Contacts that the loop over vision finds, in lockstep on the simulated rig: the arm of `loaded`
 // without its weight, which is that of `demo` with a softer true K_eps.
 #include <Eigen/Cholesky>
 #include <algorithm>

@@ -19,7 +19,7 @@
 #include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/procedures/series_record.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "helix_arm/simulation/simulated_sight.hpp"
+#include "helix_arm/simulation/simulated_vision.hpp"
 #include "support/random.hpp"
 #include "support/temporary_file.hpp"
 
@@ -61,8 +61,8 @@ Recorded record(const io::Scene& scene, bool loop) {
   Recorded out;
   out.plan = std::get<Eigen::MatrixXd>(procedures::checkPlan(scene.arm, {}, loop));
   simulation::SimulatedRig rig = makeRig(scene, 4);
-  simulation::SimulatedSight sight(*scene.cameraSetup(), scene.view(), scene.vision,
-                                   {simulation::SightKind::kCorners, kCornerNoise, 5});
+  simulation::SimulatedVision vision(*scene.cameraSetup(), scene.view(), scene.vision,
+                                     {simulation::VisionKind::kCorners, kCornerNoise, 5});
   test::Random random(6);
   std::vector<std::string> names;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) names.push_back(scene.arm.actuator(i).name);
@@ -73,7 +73,7 @@ Recorded record(const io::Scene& scene, bool loop) {
 
   struct Picture {
     double time;
-    std::vector<procedures::TagSighting> tags;
+    std::vector<procedures::TagObservation> tags;
     std::optional<simulation::MeasuredShape> shape;
   };
   std::deque<Picture> pictures;
@@ -92,15 +92,15 @@ Recorded record(const io::Scene& scene, bool loop) {
     if (step % kPicture == 0) {
       const model::Shape shape = rig.shape();
       Picture picture{now, {}, {}};
-      for (const estimation::TagSight& tag : estimation::visibleTags(scene.view(), shape)) {
-        procedures::TagSighting& seen = picture.tags.emplace_back();
+      for (const estimation::TagImage& tag : estimation::visibleTags(scene.view(), shape)) {
+        procedures::TagObservation& seen = picture.tags.emplace_back();
         seen.id = scene.tags->tags[static_cast<std::size_t>(tag.tag)].id;
         seen.corners = tag.corners;
         for (double& value : seen.corners.reshaped()) value += kCornerNoise * random.normal();
       }
       std::sort(picture.tags.begin(), picture.tags.end(),
                 [](const auto& a, const auto& b) { return a.id < b.id; });
-      picture.shape = sight.look(shape, shape);
+      picture.shape = vision.look(shape, shape);
       if (picture.shape) {
         out.noise +=
             (picture.shape->tip.translation - model::tipPose(shape).translation).squaredNorm();

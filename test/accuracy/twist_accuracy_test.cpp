@@ -17,7 +17,7 @@ namespace {
 using estimation::ArmView;
 using estimation::CornerObservation;
 using estimation::FitStatus;
-using estimation::TagSight;
+using estimation::TagImage;
 using estimation::TwistFit;
 using estimation::TwistFitter;
 using test::Random;
@@ -25,7 +25,7 @@ using test::Random;
 constexpr double kNoise = 0.5;  // [px]
 constexpr int kScenes = 300;
 
-Eigen::VectorXd pixelsOf(const ArmView& view, const std::vector<TagSight>& tags,
+Eigen::VectorXd pixelsOf(const ArmView& view, const std::vector<TagImage>& tags,
                          const model::Twists& twists) {
   const std::vector<lie::SE3> poses = estimation::tagPoses(view.layout, twists);
   const estimation::Corners plane = view.layout.corners();
@@ -42,7 +42,7 @@ Eigen::VectorXd pixelsOf(const ArmView& view, const std::vector<TagSight>& tags,
 
 // Least variance that an unbiased estimate of the tip's position can have, from central
 // differences of the camera's definition [m^2].
-double cramerRaoBound(const ArmView& view, const std::vector<TagSight>& tags,
+double cramerRaoBound(const ArmView& view, const std::vector<TagImage>& tags,
                       const model::Twists& twists) {
   constexpr double kStep = 1e-5;
   Eigen::MatrixXd J(8 * tags.size(), 6), J_tip(3, 6);
@@ -66,7 +66,7 @@ double tipError2(const TwistFit& fit, const model::Twists& twists) {
 // A scene: an arm's shape, some of its visible tags, and what is seen of them.
 struct Scene {
   model::Twists twists;
-  std::vector<TagSight> tags;
+  std::vector<TagImage> tags;
   std::vector<CornerObservation> seen;
 };
 

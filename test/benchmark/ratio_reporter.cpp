@@ -119,9 +119,9 @@ int main(int argc, char** argv) {
   reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");
   for (const std::string size : {"720p", "1080p"}) {
     reporter.printRatio("JPEG " + size + " to twist, against the colour chain",
-                        "sight/" + size + "_edges", "sightOfPeer/" + size + "_colour");
+                        "search/" + size + "_edges", "searchOfPeer/" + size + "_colour");
     reporter.printRatio("JPEG " + size + " to twist, against the gray chain",
-                        "sight/" + size + "_edges", "sightOfPeer/" + size + "_gray");
+                        "search/" + size + "_edges", "searchOfPeer/" + size + "_gray");
   }
   reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit/twist", "fitOfPeer");
   for (const std::string until : {"parameters", "errors", "held_out", "suggestions"}) {

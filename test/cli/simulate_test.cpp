@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -113,18 +113,18 @@ std::pair<double, int> cornerError(const std::string& folder, const estimation::
     model::Twists twists(6, 1);
     for (int k = 0; k < 6; ++k) twists(k, 0) = moment.at("section_1_" + entries[k]);
     const int id = static_cast<int>(row.at("tag"));
-    const auto sights = estimation::visibleTags(view, twists, 0.0);
-    const auto sight = std::find_if(sights.begin(), sights.end(), [&](const auto& other) {
-      return view.layout.tags[other.tag].id == id;
-    });
-    if (sight == sights.end()) {
+    const auto observations = estimation::visibleTags(view, twists, 0.0);
+    const auto observation =
+        std::find_if(observations.begin(), observations.end(),
+                     [&](const auto& other) { return view.layout.tags[other.tag].id == id; });
+    if (observation == observations.end()) {
       ADD_FAILURE() << "tag " << id << " is out of sight";
       continue;
     }
     for (int c = 0; c < 4; ++c) {
       const Eigen::Vector2d seen(row.at("x" + std::to_string(c + 1) + "_px"),
                                  row.at("y" + std::to_string(c + 1) + "_px"));
-      squares += (seen - sight->corners.col(c)).squaredNorm() / 4;
+      squares += (seen - observation->corners.col(c)).squaredNorm() / 4;
     }
     ++tags;
   }

@@ -176,9 +176,9 @@ TEST(ArmFilter, SkipsTwoOutliersAndBelievesAThird) {
   for (int k = 30; k < 33; ++k) {
     ArmFilter::Input input = bench.at(0.03 * k, pressure);
     input.twists(0, 0) += 0.05;
-    const Sighting sighting = filter.see(input);
-    EXPECT_GT(sighting.distance2, outlierLimit(6));
-    EXPECT_EQ(sighting.fault, k < 32 ? SightingFault::kOutlier : SightingFault::kNone);
+    const Observation observation = filter.see(input);
+    EXPECT_GT(observation.distance2, outlierLimit(6));
+    EXPECT_EQ(observation.fault, k < 32 ? ObservationFault::kOutlier : ObservationFault::kNone);
     EXPECT_EQ(filter.state().mean == before, k < 32);
   }
 }
@@ -227,30 +227,33 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
   const struct {
     const char* name;
     void (*spoil)(ArmFilter::Input&);
-    SightingFault fault;
+    ObservationFault fault;
   } cases[] = {
-      {"repeated", [](ArmFilter::Input& i) { i.time = 1.0; }, SightingFault::kNotNewer},
-      {"older", [](ArmFilter::Input& i) { i.time = 0.5; }, SightingFault::kNotNewer},
-      {"sections", [](ArmFilter::Input& i) { i.twists.setZero(6, 2); }, SightingFault::kWrongSize},
-      {"actuators", [](ArmFilter::Input& i) { i.pressure.setZero(4); }, SightingFault::kWrongSize},
+      {"repeated", [](ArmFilter::Input& i) { i.time = 1.0; }, ObservationFault::kNotNewer},
+      {"older", [](ArmFilter::Input& i) { i.time = 0.5; }, ObservationFault::kNotNewer},
+      {"sections", [](ArmFilter::Input& i) { i.twists.setZero(6, 2); },
+       ObservationFault::kWrongSize},
+      {"actuators", [](ArmFilter::Input& i) { i.pressure.setZero(4); },
+       ObservationFault::kWrongSize},
       {"covariance", [](ArmFilter::Input& i) { i.covariance.setIdentity(3, 3); },
-       SightingFault::kWrongSize},
+       ObservationFault::kWrongSize},
       {"not definite", [](ArmFilter::Input& i) { i.covariance(2, 2) = -1; },
-       SightingFault::kNotPositive},
+       ObservationFault::kNotPositive},
       // One half of the matrix alone says nothing of the other.
       {"not symmetric", [](ArmFilter::Input& i) { i.covariance(0, 5) = 1.0; },
-       SightingFault::kNotPositive},
-      {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; }, SightingFault::kNotPositive},
+       ObservationFault::kNotPositive},
+      {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; },
+       ObservationFault::kNotPositive},
       {"all but certain", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e-300); },
-       SightingFault::kImplausible},
+       ObservationFault::kImplausible},
       {"unbounded", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e300); },
-       SightingFault::kImplausible},
+       ObservationFault::kImplausible},
       {"one below a fiftieth of the wavelength of light",
        [](ArmFilter::Input& i) { i.covariance *= 0.99e-16 / i.covariance.diagonal().minCoeff(); },
-       SightingFault::kImplausible},
+       ObservationFault::kImplausible},
       {"one above the longest arm",
        [](ArmFilter::Input& i) { i.covariance *= 100.1 / i.covariance.diagonal().maxCoeff(); },
-       SightingFault::kImplausible},
+       ObservationFault::kImplausible},
   };
   for (const auto& test : cases) {
     ArmFilter::Input input = bench.at(2.0, pressure);
@@ -265,12 +268,12 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
     if (what == 2) input.variance[0] = nan;
     if (what == 3) input.twists(3, 0) = nan;
     if (what == 4) input.covariance(1, 2) = nan;
-    EXPECT_EQ(filter.see(input).fault, SightingFault::kNotFinite) << what;
+    EXPECT_EQ(filter.see(input).fault, ObservationFault::kNotFinite) << what;
   }
   EXPECT_EQ(filter.state().mean, before.mean);
   EXPECT_EQ(filter.state().covariance, before.covariance);
-  for (int i = 0; i < kSightingFaultCount; ++i) {
-    EXPECT_STRNE(nameOf(static_cast<SightingFault>(i)), "");
+  for (int i = 0; i < kObservationFaultCount; ++i) {
+    EXPECT_STRNE(nameOf(static_cast<ObservationFault>(i)), "");
   }
 }
 

@@ -46,7 +46,7 @@ ArmFilterOptions smallDeviations() {
   return out;
 }
 
-PlacedSight sightOf(int sections = 1) {
+PlacedView viewOf(int sections = 1) {
   TwistFitOptions fit;
   fit.free_base = true;
   fit.base_prior = {0.0005, 0.2 * kDegree};
@@ -81,7 +81,7 @@ struct Watched {
   explicit Watched(const ArmModel& given, unsigned seed = 1, int pictures = 20)
       : model(given),
         filter(model, smallDeviations()),
-        budget(model, smallDeviations(), sightOf(model.arm().sectionCount())) {
+        budget(model, smallDeviations(), viewOf(model.arm().sectionCount())) {
     Random random(seed);
     CorrectedModel truth(model);
     truth.set(correctionOf(model, test::drawNormal(thetaPrior(), random),
@@ -194,11 +194,11 @@ TEST_P(ErrorBudgetOf, ThePartsAreTheSpreadsOfTipsForTheErrorsThatTheyStandFor) {
 
 TEST_P(ErrorBudgetOf, PlacementsCountForTheTagsThatFaceTheCamera) {
   const Watched watched(GetParam().model());
-  const PlacedSight sight = sightOf(watched.model.arm().sectionCount());
+  const PlacedView placed = viewOf(watched.model.arm().sectionCount());
   const model::Shape shape = *watched.filter.shape(watched.picture.pressure);
   std::vector<int> tags;
-  for (const TagSight& one : visibleTags(sight.view, shape)) tags.push_back(one.tag);
-  const auto expected = placementCovariance(sight, watched.model.arm(), shape, tags);
+  for (const TagImage& one : visibleTags(placed.view, shape)) tags.push_back(one.tag);
+  const auto expected = placementCovariance(placed, watched.model.arm(), shape, tags);
   EXPECT_EQ(watched.part(BudgetPart::kPlacement), tipCovariance(shape, *expected));
 }
 
@@ -228,7 +228,7 @@ TEST(ErrorBudget, WithoutAViewPlacementsCountAsExact) {
 TEST(ErrorBudget, BeforeAnythingIsLearntThePredictionIsOpenLoop) {
   const ArmModel model = helicalModel();
   const ArmFilter fresh(model, {});
-  ErrorBudget budget(model, {}, sightOf());
+  ErrorBudget budget(model, {}, viewOf());
   const Eigen::VectorXd pressure = model.arm().inputAt(0.4);
   const model::Shape shape = model.solve(pressure).shape;
   model::Twists measured = shape.twists();

@@ -36,20 +36,20 @@ ArmFilterOptions calibrated() {
 class Rig {
  public:
   Rig(const Correction& truth, unsigned seed)
-      : truth_(model_), random_(seed), sight_(sightOf()), true_view_(sight_.view) {
+      : truth_(model_), random_(seed), placed_(viewOf()), true_view_(placed_.view) {
     truth_.set(truth);
-    true_view_.X_CB = true_view_.X_CB * lie::SE3::exp(draw(sight_.deviations.base));
+    true_view_.X_CB = true_view_.X_CB * lie::SE3::exp(draw(placed_.deviations.base));
     for (std::size_t i = 0; i < true_view_.layout.tags.size(); ++i) {
       TagPlacement& tag = true_view_.layout.tags[i];
-      tag = movedBy(tag, draw(sight_.deviations.tags[i]), model_.arm().restLength(tag.section));
+      tag = movedBy(tag, draw(placed_.deviations.tags[i]), model_.arm().restLength(tag.section));
     }
   }
 
   TipErrorBudget run(const ArmFilterOptions& options) {
     const model::Arm& arm = model_.arm();
     ArmFilter filter(model_, options);
-    ErrorBudget budget(model_, options, sight_);
-    TwistFitter fitter(sight_.view.layout, 1, sight_.fit);
+    ErrorBudget budget(model_, options, placed_);
+    TwistFitter fitter(placed_.view.layout, 1, placed_.fit);
     const Eigen::VectorXd pressure = test::randomInput(arm, random_);
     Eigen::VectorXd reading = pressure;
     for (double& p : reading) p += kPressureNoise * random_.normal();
@@ -57,7 +57,7 @@ class Rig {
     for (int k = 0; k < kPictures; ++k) {
       const auto seen =
           test::observe(true_view_, visibleTags(true_view_, shape, 0.3), 0.3, random_);
-      const TwistFit& fit = fitter.fit(seen, sight_.view.X_CB, sight_.view.camera.focal(), shape);
+      const TwistFit& fit = fitter.fit(seen, placed_.view.X_CB, placed_.view.camera.focal(), shape);
       EXPECT_EQ(fit.status, FitStatus::kConverged);
       std::vector<int> tags;
       for (const CornerObservation& one : seen) tags.push_back(one.tag);
@@ -76,7 +76,7 @@ class Rig {
  private:
   // Residuals of misplaced tags and the prior of a free base also raise the covariance of a fit.
   // Tags that are placed to 0.05 mm and a fixed base keep it that of the corners alone.
-  static PlacedSight sightOf() {
+  static PlacedView viewOf() {
     const ArmView view = test::sampleView();
     return {view, {}, {view.layout, {0.00005, 0.05 * kDegree}, {0.0005, 0.1 * kDegree}}};
   }
@@ -89,7 +89,7 @@ class Rig {
   const ArmModel model_ = nominal();
   CorrectedModel truth_;
   Random random_;
-  const PlacedSight sight_;
+  const PlacedView placed_;
   ArmView true_view_;
 };
 

@@ -163,8 +163,8 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   ArmView shrunk = truth.view;
   shrunk.layout.size -= 2 * truth.bleed;
   for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
-    const auto sights = visibleTags(shrunk, rig.shape(pressure), 0.3);
-    test::addCapture(data, pressure, test::observe(truth.view, sights, 0.0, random));
+    const auto observations = visibleTags(shrunk, rig.shape(pressure), 0.3);
+    test::addCapture(data, pressure, test::observe(truth.view, observations, 0.0, random));
   }
   CalibrationOptions options = test::everythingFromExactReadings(1e-4);
   options.next_pressures = 0;

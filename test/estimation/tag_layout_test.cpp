@@ -133,14 +133,14 @@ TEST(TagLayout, FaultsAreNamed) {
   EXPECT_NE(refusal(layout).find("expected at most 64"), std::string::npos);
 }
 
-TEST(TagSight, VisibleTagsFaceTheCameraAndLieInThePicture) {
+TEST(TagImage, VisibleTagsFaceTheCameraAndLieInThePicture) {
   const ArmView view = test::sampleView();
   const model::Arm arm = test::ringArm(test::helicalRing());
   const model::Twists twists = arm.twists(arm.inputAt(0.3));
   const std::vector<lie::SE3> poses = tagPoses(view.layout, twists);
-  const std::vector<TagSight> sights = visibleTags(view, twists, 0.2);
+  const std::vector<TagImage> observations = visibleTags(view, twists, 0.2);
   std::vector<bool> visible(poses.size(), false);
-  for (const TagSight& sight : sights) visible[sight.tag] = true;
+  for (const TagImage& observation : observations) visible[observation.tag] = true;
   int hidden = 0;
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const lie::SE3 X_CT = view.X_CB * poses[i];
@@ -148,48 +148,48 @@ TEST(TagSight, VisibleTagsFaceTheCameraAndLieInThePicture) {
     EXPECT_EQ(visible[i], cosine >= 0.2) << "tag " << i;  // all of this arm is in the picture
     hidden += visible[i] ? 0 : 1;
   }
-  EXPECT_GT(sights.size(), 8u);
+  EXPECT_GT(observations.size(), 8u);
   EXPECT_GT(hidden, 8);
   // As it is read: the corners go around against the clock where y points up, with it where it
   // points down.
-  for (const TagSight& sight : sights) {
-    const Eigen::Vector2d a = sight.corners.col(1) - sight.corners.col(0);
-    const Eigen::Vector2d b = sight.corners.col(2) - sight.corners.col(1);
+  for (const TagImage& observation : observations) {
+    const Eigen::Vector2d a = observation.corners.col(1) - observation.corners.col(0);
+    const Eigen::Vector2d b = observation.corners.col(2) - observation.corners.col(1);
     EXPECT_LT(a.x() * b.y() - a.y() * b.x(), 0);
   }
 }
 
-TEST(TagSight, TagsOfALoadedArmAreSeenWhereTheyRide) {
+TEST(TagImage, TagsOfALoadedArmAreSeenWhereTheyRide) {
   const ArmView view = test::sampleView();
   model::Shape::Pieces pieces = model::Shape::Pieces::Zero(6, 4);
   pieces.row(0).setConstant(0.1);
   pieces.row(5) << 0.1, 0.2, 0.3, 0.4;
   const model::Shape shape(pieces, 4);
   const std::vector<lie::SE3> poses = tagPoses(view.layout, shape);
-  const std::vector<TagSight> sights = visibleTags(view, shape, 0.2);
-  ASSERT_GT(sights.size(), 5u);
+  const std::vector<TagImage> observations = visibleTags(view, shape, 0.2);
+  ASSERT_GT(observations.size(), 5u);
   const Corners plane = view.layout.corners();
-  for (const TagSight& sight : sights) {
+  for (const TagImage& observation : observations) {
     for (int c = 0; c < 4; ++c) {
       const Eigen::Vector3d corner(plane(0, c), plane(1, c), 0);
-      const auto pixel = view.camera.project(view.X_CB * (poses[sight.tag] * corner));
+      const auto pixel = view.camera.project(view.X_CB * (poses[observation.tag] * corner));
       ASSERT_TRUE(pixel.has_value());
-      EXPECT_LT((*pixel - sight.corners.col(c)).norm(), 1e-9);
+      EXPECT_LT((*pixel - observation.corners.col(c)).norm(), 1e-9);
     }
   }
 }
 
-TEST(TagSight, TagsAtTheEdgeOfThePictureAreNotWhollyVisible) {
+TEST(TagImage, TagsAtTheEdgeOfThePictureAreNotWhollyVisible) {
   ArmView view = test::sampleView();
   const model::Arm arm = test::ringArm(test::helicalRing());
   const model::Twists twists = arm.twists(arm.inputAt(0.3));
   const std::size_t all = visibleTags(view, twists).size();
   view.X_CB.translation.y() -= 0.2;
-  const std::vector<TagSight> sights = visibleTags(view, twists);
-  EXPECT_LT(sights.size(), all);
-  EXPECT_GT(sights.size(), 0u);
-  for (const TagSight& sight : sights) {
-    EXPECT_TRUE((sight.corners.array() >= 0).all());
+  const std::vector<TagImage> observations = visibleTags(view, twists);
+  EXPECT_LT(observations.size(), all);
+  EXPECT_GT(observations.size(), 0u);
+  for (const TagImage& observation : observations) {
+    EXPECT_TRUE((observation.corners.array() >= 0).all());
   }
 }
 

@@ -127,7 +127,7 @@ TwistFitOptions freeBase() {
 
 std::vector<int> seenTags(const ArmView& view, const model::Shape& shape) {
   std::vector<int> out;
-  for (const TagSight& sight : visibleTags(view, shape)) out.push_back(sight.tag);
+  for (const TagImage& placed : visibleTags(view, shape)) out.push_back(placed.tag);
   return out;
 }
 

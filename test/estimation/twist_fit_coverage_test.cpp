@@ -113,7 +113,7 @@ TEST_P(TwistFitCoverage, EllipsoidsOf95PercentOfCornersHoldTheTruthIn95Percent) 
     draw();
     ArmView moved = view;
     moved.X_CB = view.X_CB * X_B0B_;
-    const std::vector<TagSight> visible = visibleTags(moved, truth_, 0.3);
+    const std::vector<TagImage> visible = visibleTags(moved, truth_, 0.3);
     // As many as there are where the arm turns others away.
     const int some = std::min(tags / 2, static_cast<int>(visible.size()));
     const auto seen =

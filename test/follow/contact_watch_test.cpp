@@ -18,8 +18,8 @@ const std::vector<int> kMore = {0, 4, 8, 12, 16, 20, 24, 28, 29};
 class FlickeringTags : public test::LoopTest {
  protected:
   FlickeringTags() {
-    SightLoopConfig config = LoopBench::config();
-    config.sight = sight_;
+    VisualServoConfig config = LoopBench::config();
+    config.placed = placed_;
     LoopBench::Options options;
     options.twist_noise_v = 3e-5;
     options.twist_noise_w = 3e-4;
@@ -27,7 +27,7 @@ class FlickeringTags : public test::LoopTest {
     // One standard deviation of what other tags err, along its largest direction.
     const auto error = [&](const std::vector<int>& tags) -> lie::Vector6 {
       const Eigen::MatrixXd covariance =
-          estimation::placementDifference(sight_, model_.arm(), shape, kUsual, tags).value();
+          estimation::placementDifference(placed_, model_.arm(), shape, kUsual, tags).value();
       const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(covariance);
       return std::sqrt(axes.eigenvalues()[5]) * axes.eigenvectors().col(5);
     };
@@ -39,7 +39,7 @@ class FlickeringTags : public test::LoopTest {
   }
 
   const estimation::ArmView view_ = test::sampleView(0.8, 1, 32);
-  const estimation::PlacedSight sight_{view_, {}, {view_.layout, {0.0005, 0.01}, {0.0, 0.0}}};
+  const estimation::PlacedView placed_{view_, {}, {view_.layout, {0.0005, 0.01}, {0.0, 0.0}}};
   std::optional<LoopBench> flickering_;
 };
 

@@ -1,4 +1,4 @@
-// What a scene says of the loop that is closed over sight; every rule broken once.
+// What a scene says of the loop that is closed over vision; every rule broken once.
 
 #include <gtest/gtest.h>
 
@@ -85,8 +85,8 @@ const BrokenRule kRules[] = {
 INSTANTIATE_TEST_SUITE_P(Follow, FollowRules, testing::ValuesIn(kRules));
 
 TEST(FollowScene, IsInSi) {
-  const follow::SightLoopConfig config = load(kFollowScene).follow;
-  const follow::SightLoopConfig& loop = config;
+  const follow::VisualServoConfig config = load(kFollowScene).follow;
+  const follow::VisualServoConfig& loop = config;
   EXPECT_EQ(loop.smoothing, 0.4);
   EXPECT_EQ(loop.stale_after, 0.5);
   EXPECT_EQ(loop.coast_time, 5);
@@ -104,8 +104,8 @@ TEST(FollowScene, IsInSi) {
 }
 
 TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
-  const follow::SightLoopConfig usual{};
-  const follow::SightLoopConfig config = load(kPlanarScene).follow;
+  const follow::VisualServoConfig usual{};
+  const follow::VisualServoConfig config = load(kPlanarScene).follow;
   EXPECT_EQ(config.smoothing, usual.smoothing);
   EXPECT_EQ(config.stale_after, usual.stale_after);
   EXPECT_EQ(config.coast_time, usual.coast_time);

@@ -10,7 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/pressure_tour.hpp"
@@ -250,9 +250,10 @@ TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
     for (int j = 0; j < 3; ++j) pressure[j] = i == 0 ? 0.0 : random.uniform(0, kMaxPressure);
     const auto seen = estimation::visibleTags(scene.view(), truth.shape(pressure), 0.35);
     EXPECT_GE(seen.size(), 6u) << pressure.transpose();
-    EXPECT_TRUE(std::any_of(
-        seen.begin(), seen.end(),
-        [&](const estimation::TagSight& sight) { return scene.tags->tags[sight.tag].s >= 0.8; }))
+    EXPECT_TRUE(std::any_of(seen.begin(), seen.end(),
+                            [&](const estimation::TagImage& observation) {
+                              return scene.tags->tags[observation.tag].s >= 0.8;
+                            }))
         << "none near the tip at " << pressure.transpose();
   }
 }
@@ -305,9 +306,9 @@ TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
-  const follow::SightLoopConfig shown = loadScene(scenePath("annotated")).follow,
-                                defaults =
-                                    loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
+  const follow::VisualServoConfig shown = loadScene(scenePath("annotated")).follow,
+                                  defaults =
+                                      loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
   EXPECT_EQ(shown.smoothing, defaults.smoothing);
   EXPECT_EQ(shown.stale_after, defaults.stale_after);
   EXPECT_EQ(shown.coast_time, defaults.coast_time);

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/vision/camera_start.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
@@ -60,9 +60,10 @@ Truth draw(const io::Scene& scene, Random& random, double errors) {
 
 std::vector<TagDetection> look(const Truth& truth, double noise, Random& random) {
   std::vector<TagDetection> tags;
-  for (const estimation::TagSight& sight : estimation::visibleTags(truth.view, truth.shape, 0.3)) {
-    TagDetection tag{truth.view.layout.tags[static_cast<std::size_t>(sight.tag)].id, 0, 50,
-                     sight.corners};
+  for (const estimation::TagImage& observation :
+       estimation::visibleTags(truth.view, truth.shape, 0.3)) {
+    TagDetection tag{truth.view.layout.tags[static_cast<std::size_t>(observation.tag)].id, 0, 50,
+                     observation.corners};
     for (int c = 0; c < 4; ++c) {
       tag.corners.col(c) += noise * Eigen::Vector2d(random.normal(), random.normal());
     }

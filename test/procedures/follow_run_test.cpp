@@ -214,7 +214,7 @@ TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {
 // Another set of tags makes the watch less certain; not if it comes with a picture that is refused.
 TEST(FollowRun, ARefusedPictureDoesNotChangeTheWatch) {
   const io::Scene scene = demo();
-  follow::SightLoop loop(scene.model, loopConfigOf(scene));
+  follow::VisualServo loop(scene.model, loopConfigOf(scene));
   const Eigen::VectorXd empty = scene.arm.inputAt(0.0);
   for (int k = 0; k < 10; ++k) loop.reading(0.01 * k, empty, empty);
   const model::Twists twists = scene.model.solve(empty).shape.twists();
@@ -225,7 +225,7 @@ TEST(FollowRun, ARefusedPictureDoesNotChangeTheWatch) {
   const double before = spread();
   for (int k = 0; k < 10; ++k) {
     EXPECT_EQ(loop.picture(0.05, 0.09, twists, covariance, k % 2 == 0 ? fewer : tags).fault,
-              estimation::SightingFault::kNotNewer);
+              estimation::ObservationFault::kNotNewer);
   }
   EXPECT_EQ(spread(), before);
 }

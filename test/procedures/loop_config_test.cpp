@@ -38,7 +38,7 @@ Eigen::Matrix2d stiffnessCovariance(const ArmFilterOptions& filter) {
 }
 
 TEST(LoopConfig, IsTheSectionOfTheScene) {
-  const follow::SightLoopConfig config =
+  const follow::VisualServoConfig config =
       loopConfigOf(sceneOf("follow: {smoothing_s: 0.4, hysteresis: 0.1}\n"));
   EXPECT_EQ(config.smoothing, 0.4);
   EXPECT_EQ(config.filter.hysteresis, 0.1);

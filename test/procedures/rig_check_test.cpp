@@ -53,13 +53,13 @@ TEST(RigCheck, TheDemoRigHasNoFaultAndIsMeasuredEverywhere) {
     EXPECT_EQ(finding.severity, Severity::kNote) << finding.check << ": " << finding.value;
   }
   EXPECT_FALSE(check.hasFault());
-  ASSERT_TRUE(check.sight);
-  EXPECT_GT(check.sight->samples, 150);
-  EXPECT_EQ(check.sight->measured, 1);
-  EXPECT_GE(check.sight->least_tags, 7);
-  EXPECT_GT(check.sight->median_tip_sd, 0.0005);
-  EXPECT_LT(check.sight->median_tip_sd, 0.0126);
-  EXPECT_GE(check.sight->worst_tip_sd, check.sight->median_tip_sd);
+  ASSERT_TRUE(check.vision);
+  EXPECT_GT(check.vision->samples, 150);
+  EXPECT_EQ(check.vision->measured, 1);
+  EXPECT_GE(check.vision->least_tags, 7);
+  EXPECT_GT(check.vision->median_tip_sd, 0.0005);
+  EXPECT_LT(check.vision->median_tip_sd, 0.0126);
+  EXPECT_GE(check.vision->worst_tip_sd, check.vision->median_tip_sd);
 }
 
 TEST(RigCheck, TagsThatAreMountedWrongAreNamed) {
@@ -144,11 +144,11 @@ TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
 TEST(RigCheck, TagsThatCannotBeReadAreNotSeen) {
   const io::Scene far = sceneOf("demo", {{"tags.size_m", "0.0015"}});
   const RigCheck check = checkRig(far, 20);
-  ASSERT_TRUE(check.sight);
-  EXPECT_LT(check.sight->pixels_per_bit, kLeastPixelsPerBit);
-  EXPECT_EQ(check.sight->median_tags, 0);
-  EXPECT_EQ(check.sight->least_tags, 0);
-  EXPECT_EQ(check.sight->measured, 0);
+  ASSERT_TRUE(check.vision);
+  EXPECT_LT(check.vision->pixels_per_bit, kLeastPixelsPerBit);
+  EXPECT_EQ(check.vision->median_tags, 0);
+  EXPECT_EQ(check.vision->least_tags, 0);
+  EXPECT_EQ(check.vision->measured, 0);
   const auto blind = found(far, "few_tags");
   ASSERT_EQ(blind.size(), 1u);
   EXPECT_EQ(blind[0].severity, Severity::kFault);
@@ -251,7 +251,7 @@ TEST(RigCheck, ALoadThatBucklesTheArmIsNamed) {
 
 TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   const RigCheck check = checkRig(sceneOf("demo_serial"), 10);
-  EXPECT_FALSE(check.sight);
+  EXPECT_FALSE(check.vision);
   EXPECT_FALSE(check.hasFault());
   for (const char* const name : {"no_tags", "no_camera"}) {
     EXPECT_EQ(found(sceneOf("demo_serial"), name).size(), 1u) << name;

@@ -7,9 +7,9 @@
 namespace helix_arm::procedures {
 namespace {
 
-TagSighting tagAt(int id, double x) { return {id, Eigen::Matrix<double, 2, 4>::Constant(x)}; }
+TagObservation tagAt(int id, double x) { return {id, Eigen::Matrix<double, 2, 4>::Constant(x)}; }
 
-Sample sampleOf(double time, double pressure, std::vector<TagSighting> tags) {
+Sample sampleOf(double time, double pressure, std::vector<TagObservation> tags) {
   return {time, Eigen::Vector2d(pressure, -pressure), std::move(tags)};
 }
 

@@ -14,8 +14,8 @@ namespace {
 const SettleRules kRules{3e3, 1.0, 1.0, 0.5};
 const Eigen::Vector2d kSetPoint(1e5, 2e5);
 
-std::vector<TagSighting> tagsAt(double x, int count = 8) {
-  std::vector<TagSighting> out;
+std::vector<TagObservation> tagsAt(double x, int count = 8) {
+  std::vector<TagObservation> out;
   for (int id = 0; id < count; ++id) {
     out.push_back({id, Eigen::Matrix<double, 2, 4>::Constant(x)});
   }

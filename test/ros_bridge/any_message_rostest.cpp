@@ -1,6 +1,6 @@
 // No message, whatever it holds, ends a node: every topic that any node subscribes to gets messages
 // whose fields are extreme, one by one and all at once, and the nodes go on; so do the services of
-// sight_loop. follow_path alone may end, in order, where a message says that its goal has ended.
+// visual_servo. follow_path alone may end, in order, where a message says that its goal has ended.
 #include <atomic>
 #include <cstring>
 #include <map>
@@ -107,7 +107,7 @@ class AnyMessage : public ::testing::Test {
     start("monitor", HELIX_ARM_MONITOR, {});
     start("pressure_series", HELIX_ARM_SERIES, {"_loop:=true", "_ramp_s:=0.5"});
     start("workspace_cloud", HELIX_ARM_WORKSPACE_CLOUD, {"_count:=1000"});
-    start("sight_loop", HELIX_ARM_SIGHT_LOOP, {});
+    start("visual_servo", HELIX_ARM_VISUAL_SERVO, {});
     walk_ = std::make_unique<SilentPathServer>(kWalk);
     startPathClient();
   }
@@ -180,7 +180,7 @@ class AnyMessage : public ::testing::Test {
     Reload reload;
     if (!ros::service::call("workspace_cloud/reload", reload)) return missing("no workspace_cloud");
     std_srvs::Trigger reset;
-    if (!ros::service::call("sight_loop/reset", reset)) return missing("no sight_loop");
+    if (!ros::service::call("visual_servo/reset", reset)) return missing("no visual_servo");
     if (!loop_.more()) return missing("no loop_status");
     const std::size_t printed = nodes_["monitor"]->outputNow().size();
     const bool prints = waitFor([&] { return nodes_["monitor"]->outputNow().size() > printed; });
@@ -293,9 +293,9 @@ class AnyMessage : public ::testing::Test {
     return topics;
   }
 
-  // The services of sight_loop, without those of roscpp.
+  // The services of visual_servo, without those of roscpp.
   static std::set<std::string> services() {
-    const std::string prefix = "/sight_loop/";
+    const std::string prefix = "/visual_servo/";
     XmlRpc::XmlRpcValue request, response, state;
     request[0] = ros::this_node::getName();
     EXPECT_TRUE(ros::master::execute("getSystemState", request, response, state, true));
@@ -320,7 +320,7 @@ class AnyMessage : public ::testing::Test {
   ros::NodeHandle node_;
   Heard measured_{node_, names::kPressureMeasured}, target_{node_, names::kPressureTarget};
   Heard detections_{node_, names::kTagDetections}, status_{node_, names::kTargetStatus};
-  Heard loop_{node_, names::kSightLoopStatus};
+  Heard loop_{node_, names::kVisualServoStatus};
 };
 
 TEST_F(AnyMessage, EveryFieldOfEveryTopicMayBeExtreme) {
@@ -329,7 +329,7 @@ TEST_F(AnyMessage, EveryFieldOfEveryTopicMayBeExtreme) {
 
 TEST_F(AnyMessage, EveryFieldOfEveryAnswerMayBeExtreme) { EXPECT_EQ(sendToAll(isAnswer), 3); }
 
-TEST_F(AnyMessage, EveryRequestToSightLoopMayBeExtreme) {
+TEST_F(AnyMessage, EveryRequestToVisualServoMayBeExtreme) {
   std::size_t services = 0;
   for (const std::string& service : AnyMessage::services()) {
     const auto type = knownRequests().find(service);
@@ -340,13 +340,14 @@ TEST_F(AnyMessage, EveryRequestToSightLoopMayBeExtreme) {
     }
     auto requests = extremesOf(sound);
     requests.emplace_back("a long tail", type->second.bytes + std::string(1000000, 'x'));
-    ros::ServiceClientOptions options("/sight_loop/" + service, "*", false, {});
+    ros::ServiceClientOptions options("/visual_servo/" + service, "*", false, {});
     ros::ServiceClient client = node_.serviceClient(options);
     for (const auto& [what, bytes] : requests) {
       RawMessage response;
       client.call(RawMessage{bytes}, response, "*");
-      ASSERT_EQ(nodes_["sight_loop"]->exitCode(0.0), -1) << service << ": " << what << "\n"
-                                                         << lastOf(nodes_["sight_loop"]->output());
+      ASSERT_EQ(nodes_["visual_servo"]->exitCode(0.0), -1)
+          << service << ": " << what << "\n"
+          << lastOf(nodes_["visual_servo"]->output());
     }
     ASSERT_TRUE(works(service));
     ++services;

@@ -105,7 +105,7 @@ TEST(Possibility, AnEnabledArmTakesCommandsButNoSecondEnable) {
 TEST(Possibility, ATipIsAimedAtOnlyWhereSomebodyListens) {
   CockpitView view = enabled();
   view.tip_heard = false;
-  EXPECT_NE(mayAimTip(view).why_not.find("sight_loop"), std::string::npos);
+  EXPECT_NE(mayAimTip(view).why_not.find("visual_servo"), std::string::npos);
   EXPECT_TRUE(mayHold(view).possible());
 }
 

@@ -170,7 +170,7 @@ TEST_F(Contact, ADeadCameraIsToldDuringContactAndEndsTheGoal) {
   push(0.8);
   ASSERT_TRUE(comesTo(LoopStatus::YIELDING, {}, kDeadline));
   vision_.reset();
-  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
   EXPECT_NE(client_->getResult()->error_string.find("camera"), std::string::npos)
       << client_->getResult()->error_string;
   ASSERT_TRUE(comesTo(LoopStatus::OPEN, {}, kDeadline));

@@ -37,11 +37,11 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
   const io::Scene scene = io::loadScene(file.path());
   const model::Shape shape = scene.model.solve(Eigen::Vector3d(2e5, 0, 1e5)).shape;
   ASSERT_TRUE(shape.links());
-  vision::Sight sight;
-  sight.fit.shape = shape;
+  vision::Observation observation;
+  observation.fit.shape = shape;
   const estimation::ArmView view = scene.view();
   const vision::LocalizerConfig config;
-  Measurement measurement{ros::Time(5), {}, sight, view, config, {}, {}};
+  Measurement measurement{ros::Time(5), {}, observation, view, config, {}, {}};
   measurement.model = ModelHistory::Entry{ros::Time(5), shape};
   const auto drawn = VisionMarkers("arm_base", 1.0).draw(measurement, "");
   const Eigen::Vector3d tip = model::tipPose(shape).translation;

@@ -224,9 +224,9 @@ TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
 
 TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   const vision::TagFamily family(eye_.scene.vision.detector.family);
-  const auto sights = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
-  ASSERT_FALSE(sights.empty());
-  const int repeated = eye_.scene.tags->tags[sights.front().tag].id;
+  const auto observations = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
+  ASSERT_FALSE(observations.empty());
+  const int repeated = eye_.scene.tags->tags[observations.front().tag].id;
   const int foreign = 400;
   cv::Mat picture = eye_.picture(bent_);
   for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {

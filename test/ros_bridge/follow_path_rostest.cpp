@@ -95,7 +95,7 @@ TEST_F(FollowTipPath, ABadGoalIsRefusedWithTheFault) {
 TEST_F(FollowTipPath, ABadGoalLeavesTheRunningOneAlone) {
   send(goalAlong({kMiddle, kBeside, kMiddle}, 3.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("sight_loop/follow_tip_path", false);
+  Client other("visual_servo/follow_tip_path", false);
   ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
   other.sendGoal(goalAlong({kMiddle}, 1.0));
   EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }));
@@ -107,7 +107,7 @@ TEST_F(FollowTipPath, ABadGoalLeavesTheRunningOneAlone) {
 TEST_F(FollowTipPath, ANewGoalReplacesTheRunningOne) {
   send(goalAlong({kMiddle, kBeside}, 20.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("sight_loop/follow_tip_path", false);
+  Client other("visual_servo/follow_tip_path", false);
   ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
   other.sendGoal(goalAlong({kBeside, kMiddle}, 1.0));
   EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
@@ -137,7 +137,7 @@ std::ptrdiff_t threadsOf(const std::string& node) {
 }
 
 TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
-  const std::ptrdiff_t usual = threadsOf("/sight_loop");
+  const std::ptrdiff_t usual = threadsOf("/visual_servo");
   ASSERT_GT(usual, 0);
   // Refused at its last point, after 100,000 places.
   const FollowTipPathGoal goal = goalAlong({kMiddle, kBeside, {1, 0, 0}}, 1000.0);
@@ -145,7 +145,7 @@ TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
   for (int k = 0; k < 50; ++k) {
     send(goal);
     waitFor([] { return false; }, 0.01);  // the client's queue is short
-    most = std::max(most, threadsOf("/sight_loop"));
+    most = std::max(most, threadsOf("/visual_servo"));
   }
   EXPECT_EQ(endOfGoal(), Result::INVALID_GOAL);
   EXPECT_NE(client_->getResult()->error_string.find("leaves the arm's reach"), std::string::npos)
@@ -158,7 +158,7 @@ TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
 TEST_F(FollowTipPath, AGoalOfAnySizeDoesNotStopTheOneThatRuns) {
   send(goalAlong({kMiddle, kBeside}, 60.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("sight_loop/follow_tip_path", false);
+  Client other("visual_servo/follow_tip_path", false);
   ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
   for (const auto& [points, words] :
        {std::pair(1'000'000, "the path has 1000000 points; expected at most 100000"),
@@ -249,12 +249,12 @@ TEST_F(FollowTipPath, AnotherSceneIsTakenWhileTheLastPlaceIsHeldButNotWhileAGoal
   send(goal);
   ASSERT_TRUE(isUnderWay());
   Reload reload;
-  ASSERT_TRUE(ros::service::call("sight_loop/reload", reload));
+  ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_FALSE(reload.response.success);
   EXPECT_NE(reload.response.message.find("cancel its goal"), std::string::npos)
       << reload.response.message;
   ASSERT_EQ(endOfGoal(), Result::SUCCESSFUL);
-  ASSERT_TRUE(ros::service::call("sight_loop/reload", reload));
+  ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_TRUE(reload.response.success) << reload.response.message;
   EXPECT_TRUE(waitFor([this] { return safety_.last().state == SafetyState::DISABLED; }))
       << safety_.last().reason;
@@ -289,27 +289,27 @@ TEST_F(FollowTipPath, APathThatTheArmDoesNotKeepIsGivenUp) {
   goal.path_tolerance = 1e-3;
   // The loop stays open, and the true arm of the demo is more than 1 mm off.
   ASSERT_TRUE(closeLoop(false));
-  ASSERT_TRUE(call("sight_loop/reset"));
+  ASSERT_TRUE(call("visual_servo/reset"));
   send(goal);
   EXPECT_EQ(endOfGoal(), Result::PATH_TOLERANCE_VIOLATED);
   goal.path_tolerance = 0;
   goal.goal_tolerance = 1e-3;
   send(goal);
   EXPECT_EQ(endOfGoal(), Result::GOAL_TOLERANCE_VIOLATED);
-  goal.require_sight = true;
+  goal.require_vision = true;
   send(goal);
-  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
   ASSERT_TRUE(closeLoop(true));
 }
 
-TEST_F(FollowTipPath, SightThatIsLostAbortsAGoalThatRequiresIt) {
+TEST_F(FollowTipPath, VisionThatIsLostAbortsAGoalThatRequiresIt) {
   FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 20.0);
-  goal.require_sight = true;
+  goal.require_vision = true;
   send(goal);
   ASSERT_TRUE(isUnderWay());
   ASSERT_TRUE(comesTo(LoopStatus::CLOSED));
   vision_->signal(SIGKILL);
-  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
   startVision();
 }
 

@@ -49,7 +49,7 @@ class GoalWatchTest : public ::testing::Test {
   static GoalRules rules() {
     GoalRules out;
     out.path_tolerance = 0.005;
-    out.require_sight = true;
+    out.require_vision = true;
     return out;
   }
   GoalWatch watch_{rules(), kEnd};
@@ -120,20 +120,20 @@ TEST_F(GoalWatchTest, AnEndThatIsNotSeenIsJudgedByThePrediction) {
   }
 }
 
-TEST_F(GoalWatchTest, SightThatIsRequiredMayComeLateAndNotGo) {
-  EXPECT_FALSE(runTo(1.95, LoopState::kOpen)) << "the first sight is waited for";
+TEST_F(GoalWatchTest, VisionThatIsRequiredMayComeLateAndNotGo) {
+  EXPECT_FALSE(runTo(1.95, LoopState::kOpen)) << "the first picture is waited for";
   EXPECT_FALSE(runTo(2.5, LoopState::kClosed));
   EXPECT_FALSE(runTo(3.0, LoopState::kCoasting));
   const auto ending = runTo(3.1, LoopState::kOpen);
   ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
 }
 
-TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
+TEST_F(GoalWatchTest, VisionThatNeverComesIsLostAfterATimeout) {
   EXPECT_FALSE(runTo(1.98, LoopState::kOpen));
   const auto ending = runTo(2.05, LoopState::kOpen);
   ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
   GoalWatch any({}, kEnd);
   for (const double path_time : {-1.0, 3.9}) {
     EXPECT_FALSE(any.turn(100 + path_time, turnAt(path_time, LoopState::kOpen)));
@@ -141,7 +141,7 @@ TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
 }
 
 // The state of a loop that diverges does not tell whether the arm is seen.
-TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
+TEST_F(GoalWatchTest, VisionThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
   const auto divergeTo = [this](double end, bool sees) {
     for (; path_time_ < end; path_time_ += 0.01) {
       const double time = 100 + path_time_;
@@ -155,14 +155,14 @@ TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
   EXPECT_FALSE(divergeTo(12.9, false));
   const auto ending = divergeTo(13.1, false);
   ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
 }
 
 // Nobody would see that the arm is free: the path would stand still without end.
 TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
   for (const bool required : {false, true}) {
     GoalRules rules;
-    rules.require_sight = required;
+    rules.require_vision = required;
     GoalWatch watch(rules, kEnd);
     const auto turn = [&](double time, LoopState state, bool held) {
       follow::Turn next = turnAt(1.0, state);
@@ -175,20 +175,20 @@ TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
     ASSERT_FALSE(turn(501, LoopState::kCoasting, true));
     const auto ending = turn(504, LoopState::kOpen, true);
     ASSERT_TRUE(ending);
-    EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+    EXPECT_EQ(ending->code, Result::VISION_LOST);
     for (const char* words : {"contact", "camera", "vision_status"}) {
       EXPECT_NE(ending->message.find(words), std::string::npos) << ending->message;
     }
   }
 }
 
-TEST_F(GoalWatchTest, SightThatIsRequiredIsLostWhereItIsDoubtful) {
+TEST_F(GoalWatchTest, VisionThatIsRequiredIsLostWhereItIsDoubtful) {
   ASSERT_FALSE(runTo(1.0));
   GoalWatch any({}, kEnd);
   EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
   const auto ending = watch_.turn(101, turnAt(1.0, LoopState::kDoubtful));
   ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
   EXPECT_NE(ending->message.find("~reset"), std::string::npos) << ending->message;
 }
 

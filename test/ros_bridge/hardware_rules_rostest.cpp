@@ -174,7 +174,7 @@ TEST_P(GoneClient, LeavesAnArmThatVents) {
 // The check of so long a path takes seconds.
 TEST_F(ClientOfTheLoop, ThatDiesWhileItsGoalIsCheckedMovesNothing) {
   ros::NodeHandle node("/client");
-  Inbox<FollowTipPathActionGoal> goals(node, "sight_loop/follow_tip_path/goal");
+  Inbox<FollowTipPathActionGoal> goals(node, "visual_servo/follow_tip_path/goal");
   follow(9000);
   ASSERT_TRUE(waitFor([&] { return !goals.all().empty(); })) << client_->outputNow();
   client_->signal(SIGKILL);

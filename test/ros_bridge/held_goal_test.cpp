@@ -71,7 +71,7 @@ TEST_F(HeldGoalTest, WaitsForAnotherCommanderButNotForever) {
   EXPECT_NE(goal_.answer().find("/pressure_series"), std::string::npos);
 }
 
-// As of a sight_loop that died between the cockpit and pressure_command.
+// As of a visual_servo that died between the cockpit and pressure_command.
 TEST_F(HeldGoalTest, EndsWhereNothingAnswers) {
   goal_.noteAnswer(11.0, false, "", "reached");
   const auto turnAt = [this](double now) {

@@ -7,10 +7,10 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using estimation::SightingFault;
+using estimation::ObservationFault;
 
 struct Stamped {
-  SightingFault fault;
+  ObservationFault fault;
   double lead;        // over the last reading [s]
   const char* words;  // what is told; empty if the stamp is not to blame
 };
@@ -20,13 +20,13 @@ TEST(LoopDiagnostics, AWrongStampIsNamedUntilTheNextPicture) {
   LoopDiagnostics pictures;
   EXPECT_EQ(pictures.wrongStamp(), "");
   const Stamped stamps[] = {
-      {SightingFault::kFuture, 1.004, "stamped 1.00 s after the last reading"},
-      {SightingFault::kNone, -0.05, ""},
-      {SightingFault::kTooOld, -1.06, "stamped 1.06 s before the last reading"},
-      {SightingFault::kOutlier, -0.05, ""},
+      {ObservationFault::kFuture, 1.004, "stamped 1.00 s after the last reading"},
+      {ObservationFault::kNone, -0.05, ""},
+      {ObservationFault::kTooOld, -1.06, "stamped 1.06 s before the last reading"},
+      {ObservationFault::kOutlier, -0.05, ""},
       // The clock of the pressures is the one that is behind.
-      {SightingFault::kTooOld, 0.94, "stamped 0.94 s after the last reading"},
-      {SightingFault::kNotNewer, -0.5, ""},
+      {ObservationFault::kTooOld, 0.94, "stamped 0.94 s after the last reading"},
+      {ObservationFault::kNotNewer, -0.5, ""},
   };
   for (const Stamped& stamp : stamps) {
     pictures.saw(100.0, stamp.lead, {stamp.fault, 0.0}, filter, true);

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
-#include "helix_arm/ros_bridge/follow/sight_loop_node.hpp"
+#include "helix_arm/ros_bridge/follow/visual_servo_node.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
 #include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
 #include "helix_arm/ros_bridge/tools/monitor_node.hpp"
@@ -72,7 +72,7 @@ const Kind kKinds[] = {
     {"pressure_command", run<PressureCommandNode>, {kScene}},
     {"pressure_command_on_a_topic", run<PressureCommandNode>, {kScene, "_regulator:=topic"}},
     {"pressure_series", run<PressureSeriesNode>, {kScene}},
-    {"sight_loop", run<SightLoopNode>, {kScene}},
+    {"visual_servo", run<VisualServoNode>, {kScene}},
     {"simulated_rig", run<SimulatedRigNode>, {kScene}},
     {"vision", run<VisionNode>, {kScene}},
     {"workspace_cloud", run<WorkspaceCloudNode>, {kScene, "_count:=100"}},

@@ -22,7 +22,7 @@ struct Arm {
   explicit Arm(const std::string& ns)
       : node(ns),
         tip_target(node.advertise<TipTarget>(names::kTipTarget, 10)),
-        loop(node, names::kSightLoopStatus),
+        loop(node, names::kVisualServoStatus),
         measured(node, names::kMeasured),
         safety(node, names::kSafetyState) {}
 

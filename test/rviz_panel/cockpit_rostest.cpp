@@ -474,7 +474,7 @@ class CockpitCalibration : public Cockpit {
                       {"_regulator:=topic", "_auto_enable:=false", "_frame_prefix:=left_",
                        "_handle:=false", folder, "tip_target:=pressure_command/tip_target",
                        "shape_target:=pressure_command/shape_target"});
-    loop_ = start(HELIX_ARM_SIGHT_LOOP, {"_frame_prefix:=left_", folder});
+    loop_ = start(HELIX_ARM_VISUAL_SERVO, {"_frame_prefix:=left_", folder});
     vision_ = start(HELIX_ARM_VISION, {"_frame_prefix:=left_", "_stale_after_s:=5", folder});
     calibration_ =
         start(HELIX_ARM_CALIBRATION,
@@ -591,7 +591,7 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   ASSERT_TRUE(until([this] { return text("answer").find("Use it: ") == 0; })) << text("answer");
   const std::string answer = text("answer");
   const std::size_t cut =
-      answer.find(" is used by pressure_command, vision, sight_loop, calibration");
+      answer.find(" is used by pressure_command, vision, visual_servo, calibration");
   ASSERT_NE(cut, std::string::npos) << answer;
   const std::string path = answer.substr(std::string("Use it: ").size(), cut - 8);
   EXPECT_EQ(path.find(folder_.path() + "/calibrated_"), 0U) << path;

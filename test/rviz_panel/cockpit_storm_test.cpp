@@ -274,13 +274,13 @@ class Arm : public Node {
       }};
 };
 
-// sight_loop: takes the tip targets for the arm.
+// visual_servo: takes the tip targets for the arm.
 class Loop : public Node {
  public:
   Loop(Record& record, Arm& arm)
       : Node(record),
         arm_(arm),
-        status_(node_.advertise<LoopStatus>(names::kSightLoopStatus, 10)),
+        status_(node_.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
         targets_(node_.subscribe(names::kTipTarget, 10, &Loop::onTarget, this)) {
     start([this] {
       LoopStatus status;
@@ -650,8 +650,8 @@ TEST_F(CockpitStorm, NodesThatDieAreToldAndWhatNeedsThemIsGrey) {
   ASSERT_TRUE(until([this] { return record_.came("tips") > 2 && holds(); }));
   loop_.reset();
   ASSERT_TRUE(until([this] { return !isOffered("tip_go"); }));
-  EXPECT_NE(tip("tip_go").find("sight_loop"), std::string::npos) << tip("tip_go");
-  ASSERT_TRUE(until([this] { return says("loop", "no sight_loop is up"); })) << text("loop");
+  EXPECT_NE(tip("tip_go").find("visual_servo"), std::string::npos) << tip("tip_go");
+  ASSERT_TRUE(until([this] { return says("loop", "no visual_servo is up"); })) << text("loop");
   ASSERT_TRUE(until([this] { return says("goal", "nothing answers") && !holds(); }))
       << text("goal");
   EXPECT_TRUE(isOffered("slider_0")) << "pressures need no loop";

@@ -175,15 +175,15 @@ TEST(SimulatedCamera, TheBodyDoesNotCoverTagsThatFaceTheCamera) {
     const model::Twists twists = arm.twists(randomInput(arm, random));
     const cv::Mat &with = thick.render(twists), &without = thin.render(twists);
     EXPECT_GT(cv::norm(with, without, cv::NORM_L1), 1e5);
-    for (const estimation::TagSight& sight : estimation::visibleTags(view, twists, 0.35)) {
+    for (const estimation::TagImage& observation : estimation::visibleTags(view, twists, 0.35)) {
       cv::Mat mask = cv::Mat::zeros(with.size(), CV_8UC1);
       cv::Point corners[4];
       for (int c = 0; c < 4; ++c) {
-        corners[c] = {static_cast<int>(std::lround(sight.corners(0, c))),
-                      static_cast<int>(std::lround(sight.corners(1, c)))};
+        corners[c] = {static_cast<int>(std::lround(observation.corners(0, c))),
+                      static_cast<int>(std::lround(observation.corners(1, c)))};
       }
       cv::fillConvexPoly(mask, corners, 4, 255);
-      EXPECT_EQ(cv::norm(with, without, cv::NORM_INF, mask), 0) << "tag " << sight.tag;
+      EXPECT_EQ(cv::norm(with, without, cv::NORM_INF, mask), 0) << "tag " << observation.tag;
       ++tags;
     }
   }
@@ -266,14 +266,14 @@ TEST(SimulatedCamera, CornersAreFoundWhereTheyAre) {
       config.seed = 100 + i;
       const estimation::ArmView view = studio(camera, poses);
       const auto found = detector.detect(photograph(view, config));
-      for (const auto& sight : estimation::visibleTags(view, studioTwists(), 0.5)) {
-        const Eigen::Vector2d middle = sight.corners.rowwise().mean();
+      for (const auto& observation : estimation::visibleTags(view, studioTwists(), 0.5)) {
+        const Eigen::Vector2d middle = observation.corners.rowwise().mean();
         for (const vision::TagDetection& tag : found) {
-          if (tag.id != sight.tag) continue;
+          if (tag.id != observation.tag) continue;
           for (int c = 0; c < 4; ++c) {
-            const Eigen::Vector2d error = tag.corners.col(c) - sight.corners.col(c);
+            const Eigen::Vector2d error = tag.corners.col(c) - observation.corners.col(c);
             mean += error;
-            outward += error.dot((sight.corners.col(c) - middle).normalized());
+            outward += error.dot((observation.corners.col(c) - middle).normalized());
             ++corners;
           }
         }

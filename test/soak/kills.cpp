@@ -205,7 +205,7 @@ class InTheDemo {
         rig_("/demo"),
         tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
         safety_(node_, names::kSafetyState),
-        loop_(node_, names::kSightLoopStatus) {
+        loop_(node_, names::kVisualServoStatus) {
     for (const auto& [name, command] : commands()) start(name);
   }
 
@@ -237,8 +237,8 @@ class InTheDemo {
   Kill commandNode(Random& random) {
     return node("pressure_command", random, [this] { return highest() < 3e4; });
   }
-  Kill sightLoop(Random& random) {
-    return node("sight_loop", random, [this] {
+  Kill visualServo(Random& random) {
+    return node("visual_servo", random, [this] {
       return isIn(safety_, "vented") && safety_.last().cause == "stale_target";
     });
   }
@@ -315,7 +315,7 @@ class InTheDemo {
               "shape_target:=pressure_command/shape_target"}},
             {"simulated_rig", {HELIX_ARM_SIMULATED_RIG, "_camera_rate:=12"}},
             {"vision", {HELIX_ARM_VISION, "_source:=image/compressed"}},
-            {"sight_loop", {HELIX_ARM_SIGHT_LOOP}},
+            {"visual_servo", {HELIX_ARM_VISUAL_SERVO}},
             {"monitor", {HELIX_ARM_MONITOR}},
             {"workspace_cloud", {HELIX_ARM_WORKSPACE_CLOUD}},
             {"calibration",
@@ -414,7 +414,7 @@ int killsOnALine(Line line, const std::string& name, const Options& options) {
   const std::pair<const char*, Method> rows[] = {
       {"pressure_command", &OnALine::commandNode},
       {"pressure_command in a reload", &OnALine::commandNodeInReload},
-      {"sight_loop with a goal", &OnALine::loopOfAGoal},
+      {"visual_servo with a goal", &OnALine::loopOfAGoal},
       {"client of a goal (follow_path)", &OnALine::clientOfAGoal},
       {"guard", &OnALine::guard},
       {"pressure_series", &OnALine::series}};
@@ -438,7 +438,7 @@ int killsInTheDemo(const Options& options) {
   add("vision", [&](Random& random) { return demo->vision(random); });
   add("simulated_rig", [&](Random& random) { return demo->simulatedRig(random); });
   add("pressure_command", [&](Random& random) { return demo->commandNode(random); });
-  add("sight_loop", [&](Random& random) { return demo->sightLoop(random); });
+  add("visual_servo", [&](Random& random) { return demo->visualServo(random); });
   for (const char* watcher : {"monitor", "workspace_cloud"}) {
     add(watcher, [&, watcher](Random& random) { return demo->watcher(watcher, random); });
   }

@@ -46,15 +46,15 @@ template <class Board>
 cv::Mat boardPicture(const estimation::Camera& camera, const Board& board, const lie::SE3& X_CP,
                      const simulation::SimulatedCameraConfig& config = {}) {
   return simulation::boardCamera(camera, board, X_CP, config)
-      .render(simulation::kArmOutOfSight)
+      .render(simulation::kArmOutOfView)
       .clone();
 }
 
 /// What a detector would find, each coordinate off by normal noise [px].
-inline vision::BoardSight boardCorners(const estimation::Camera& camera,
-                                       const vision::TagBoard& board, const lie::SE3& X_CP,
-                                       double noise, Random& random) {
-  vision::BoardSight sight{"", {}};
+inline vision::BoardObservation boardCorners(const estimation::Camera& camera,
+                                             const vision::TagBoard& board, const lie::SE3& X_CP,
+                                             double noise, Random& random) {
+  vision::BoardObservation observation{"", {}};
   for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
     const estimation::Corners plane = board.corners(id);
     std::vector<vision::BoardCorner> tag;
@@ -64,9 +64,10 @@ inline vision::BoardSight boardCorners(const estimation::Camera& camera,
       tag.push_back({4 * (id - board.first_id) + c, plane.col(c),
                      *pixel + noise * Eigen::Vector2d(random.normal(), random.normal())});
     }
-    if (tag.size() == 4) sight.corners.insert(sight.corners.end(), tag.begin(), tag.end());
+    if (tag.size() == 4)
+      observation.corners.insert(observation.corners.end(), tag.begin(), tag.end());
   }
-  return sight;
+  return observation;
 }
 
 }  // namespace helix_arm::test

@@ -11,13 +11,13 @@
 
 namespace helix_arm::test {
 
-/// A board as the arm of sight_loop, which has no camera and therefore stays open, and follow_path
-/// as the client of a goal.
+/// A board as the arm of visual_servo, which has no camera and therefore stays open, and
+/// follow_path as the client of a goal.
 class HardwareLoop {
  public:
   HardwareLoop(EmulatedRegulator& device, const std::string& ns)
       : rig(device, ns),
-        loop({HELIX_ARM_SIGHT_LOOP, "__ns:=/" + ns, "_scene:=" + device.scene(),
+        loop({HELIX_ARM_VISUAL_SERVO, "__ns:=/" + ns, "_scene:=" + device.scene(),
               "_frame_prefix:=" + ns + "_"}),
         ns_("/" + ns) {}
 

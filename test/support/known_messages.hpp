@@ -147,7 +147,7 @@ inline const std::map<std::string, Type>& knownTypes() {
   return kTypes;
 }
 
-/// Requests of the services of sight_loop, by the names of these below the node's.
+/// Requests of the services of visual_servo, by the names of these below the node's.
 inline const std::map<std::string, Type>& knownRequests() {
   static const auto kTypes = [] {
     const auto types = typesOf<ReloadRequest, std_srvs::SetBoolRequest, std_srvs::TriggerRequest>();

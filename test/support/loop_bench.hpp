@@ -7,14 +7,14 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/correction.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::test {
 
-/// A sight loop, a regulator with a lag and an arm that differs from its model, step by step. The
+/// A visual servo, a regulator with a lag and an arm that differs from its model, step by step. The
 /// arm's twists are those of a corrected model, its motion away from rest multiplied by a gain.
 class LoopBench {
  public:
@@ -40,7 +40,7 @@ class LoopBench {
   };
 
   LoopBench(const statics::ArmModel& model, const statics::Correction& truth,
-            const follow::SightLoopConfig& config, const Options& given)
+            const follow::VisualServoConfig& config, const Options& given)
       : loop(model, config),
         options(given),
         model_(model),
@@ -52,8 +52,8 @@ class LoopBench {
     loop.enable(true);
     turn();
   }
-  static follow::SightLoopConfig config() {
-    follow::SightLoopConfig out;
+  static follow::VisualServoConfig config() {
+    follow::VisualServoConfig out;
     out.time_constant = 0.15;
     out.reading_noise = 2e3;
     return out;
@@ -99,10 +99,10 @@ class LoopBench {
   }
   double error() const { return (trueTip() - loop.turn().wanted.translation).norm(); }
 
-  follow::SightLoop loop;
+  follow::VisualServo loop;
   Options options;
-  estimation::Sighting last;
-  std::map<estimation::SightingFault, int> faults;  // of all pictures
+  estimation::Observation last;
+  std::map<estimation::ObservationFault, int> faults;  // of all pictures
 
  private:
   struct Picture {

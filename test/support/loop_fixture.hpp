@@ -7,7 +7,7 @@
 
 namespace helix_arm::test {
 
-/// A sight loop on an arm that is softer in shear, stiffer in bending and longer than its model.
+/// A visual servo on an arm that is softer in shear, stiffer in bending and longer than its model.
 class LoopTest : public ::testing::Test {
  protected:
   static statics::Correction truthOf(const model::Arm& arm) {

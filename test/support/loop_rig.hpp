@@ -26,7 +26,7 @@ inline Eigen::Vector3d tipOf(const geometry_msgs::Pose& pose) {
   return ros_bridge::fromMsg(pose).translation;
 }
 
-/// A user of sight_loop on the demo's simulated rig: repeats targets, sends goals, and reads what
+/// A user of visual_servo on the demo's simulated rig: repeats targets, sends goals, and reads what
 /// the loop says. vision is its own.
 class LoopRig : public ::testing::Test {
  protected:
@@ -45,7 +45,7 @@ class LoopRig : public ::testing::Test {
         tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
         tip_pose_(node_.advertise<geometry_msgs::PoseStamped>(names::kTipPose, 10)),
         pressure_target_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
-        loop_(node_, names::kSightLoopStatus),
+        loop_(node_, names::kVisualServoStatus),
         estimate_(node_, names::kEstimate),
         sent_(node_, names::kPressureTarget),
         status_(node_, names::kTargetStatus),
@@ -58,7 +58,7 @@ class LoopRig : public ::testing::Test {
              pressure_target_.getNumSubscribers() > 0 && !loop_.all().empty() &&
              !safety_.all().empty() && !eye_.measured.all().empty() && !ros::Time::now().isZero();
     })) << vision_->output();
-    client_ = std::make_unique<Client>("sight_loop/follow_tip_path", false);
+    client_ = std::make_unique<Client>("visual_servo/follow_tip_path", false);
     ASSERT_TRUE(waitFor([this] { return client_->isServerConnected(); }));
     ASSERT_TRUE(comesTo(LoopStatus::IDLE));
     enableAnew();
@@ -162,7 +162,7 @@ class LoopRig : public ::testing::Test {
   bool closeLoop(bool closed) {
     std_srvs::SetBool call;
     call.request.data = closed;
-    return ros::service::call("sight_loop/close_loop", call) && call.response.success;
+    return ros::service::call("visual_servo/close_loop", call) && call.response.success;
   }
 
   /// Places around the middle of what the arm reaches, base frame [m].

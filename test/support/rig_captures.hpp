@@ -40,7 +40,7 @@ inline std::vector<io::TagCornerCapture> photograph(const io::Scene& scene,
     }
     const procedures::Sample median = procedures::medianOf(samples);
     io::TagCornerCapture capture{step + 1, scene.arm.clamped(median.pressure), {}};
-    for (const procedures::TagSighting& tag : median.tags) {
+    for (const procedures::TagObservation& tag : median.tags) {
       capture.tags.push_back({tag.id, tag.corners, 0});
     }
     captures.push_back(std::move(capture));

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
@@ -48,14 +48,14 @@ inline estimation::ArmView sampleView(double distance = 0.8, int sections = 1, i
 
 /// What a camera sees of some tags, each coordinate of a corner off by normal noise.
 inline std::vector<estimation::CornerObservation> observe(
-    const estimation::ArmView& view, const std::vector<estimation::TagSight>& sights, double noise,
-    Random& random) {
+    const estimation::ArmView& view, const std::vector<estimation::TagImage>& observations,
+    double noise, Random& random) {
   std::vector<estimation::CornerObservation> seen;
-  for (const estimation::TagSight& sight : sights) {
-    estimation::CornerObservation observation{sight.tag, {}};
+  for (const estimation::TagImage& observation : observations) {
+    estimation::CornerObservation observation{observation.tag, {}};
     for (int c = 0; c < 4; ++c) {
       const Eigen::Vector2d pixel =
-          sight.corners.col(c) + noise * Eigen::Vector2d(random.normal(), random.normal());
+          observation.corners.col(c) + noise * Eigen::Vector2d(random.normal(), random.normal());
       observation.direction.col(c) = view.camera.directionOf(pixel).value();
     }
     seen.push_back(observation);

@@ -24,8 +24,8 @@ namespace {
 
 using estimation::Corners;
 using vision::ArmLocalizer;
-using vision::Sight;
-using vision::SightState;
+using vision::Observation;
+using vision::ObservationState;
 using vision::TagDetection;
 
 constexpr double kTagSize = 0.031;  // that of an arm: the rooms shrink to its scale [m]
@@ -128,15 +128,16 @@ class AlteredPhotograph : public ::testing::TestWithParam<Photograph> {
     ASSERT_GE(tags_.size(), GetParam().tags);
     arm_.emplace(tags_);
     // As it was taken it is measured, with all its tags.
-    const Sight sight = ArmLocalizer(arm_->view, config_).locate(photograph_, arm_->twists);
-    ASSERT_EQ(sight.state, SightState::kMeasured);
-    EXPECT_EQ(sight.fit.tags.size(), tags_.size());
-    EXPECT_EQ(sight.fit.outliers(), 0);
-    EXPECT_LT(tipError(sight), kWrong / 3);
+    const Observation observation =
+        ArmLocalizer(arm_->view, config_).locate(photograph_, arm_->twists);
+    ASSERT_EQ(observation.state, ObservationState::kMeasured);
+    EXPECT_EQ(observation.fit.tags.size(), tags_.size());
+    EXPECT_EQ(observation.fit.outliers(), 0);
+    EXPECT_LT(tipError(observation), kWrong / 3);
   }
 
-  double tipError(const Sight& sight) const {
-    return (model::tipPose(sight.fit.shape).translation - arm_->tip()).norm();
+  double tipError(const Observation& observation) const {
+    return (model::tipPose(observation.fit.shape).translation - arm_->tip()).norm();
   }
   static std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
     std::vector<int> ids;
@@ -146,31 +147,33 @@ class AlteredPhotograph : public ::testing::TestWithParam<Photograph> {
 
   // Looks for the arm in a picture, as the first one and after the photograph: in the latter case
   // the tags are tracked. Gives what was seen in the first one.
-  Sight expectNotFooled(const cv::Mat& picture, const std::vector<int>& wrong,
-                        const std::string& what) {
+  Observation expectNotFooled(const cv::Mat& picture, const std::vector<int>& wrong,
+                              const std::string& what) {
     ArmLocalizer tracking(arm_->view, config_);
     tracking.locate(photograph_, arm_->twists);
     expectSound(tracking.locate(picture, arm_->twists), wrong, what + ", tracked");
-    const Sight first = ArmLocalizer(arm_->view, config_).locate(picture, arm_->twists);
+    const Observation first = ArmLocalizer(arm_->view, config_).locate(picture, arm_->twists);
     EXPECT_TRUE(first.whole_picture);
     expectSound(first, wrong, what);
-    ++(first.state == SightState::kMeasured ? measured_ : refused_);
+    ++(first.state == ObservationState::kMeasured ? measured_ : refused_);
     return first;
   }
-  void expectSound(const Sight& sight, const std::vector<int>& wrong, const std::string& what) {
-    if (sight.state != SightState::kMeasured) return;
+  void expectSound(const Observation& observation, const std::vector<int>& wrong,
+                   const std::string& what) {
+    if (observation.state != ObservationState::kMeasured) return;
     const auto isWrong = [&](const estimation::TagResidual& tag) {
       const int id = arm_->view.layout.tags[static_cast<std::size_t>(tag.tag)].id;
       return std::find(wrong.begin(), wrong.end(), id) != wrong.end() && !tag.outlier;
     };
-    const bool counts = std::any_of(sight.fit.tags.begin(), sight.fit.tags.end(), isWrong);
-    if (!counts && tipError(sight) < kWrong) {
-      EXPECT_LT(sight.fit.rms, kTelling) << what;
+    const bool counts =
+        std::any_of(observation.fit.tags.begin(), observation.fit.tags.end(), isWrong);
+    if (!counts && tipError(observation) < kWrong) {
+      EXPECT_LT(observation.fit.rms, kTelling) << what;
       return;
     }
     std::printf("[  FIGURE  ] %s: the tip is %.0f mm off, residuals %.2f px\n", what.c_str(),
-                1e3 * tipError(sight), sight.fit.rms);
-    EXPECT_GT(sight.fit.rms, kTelling) << what;
+                1e3 * tipError(observation), observation.fit.rms);
+    EXPECT_GT(observation.fit.rms, kTelling) << what;
     fooled_.insert(what.substr(0, what.find(',')));
   }
   void print(const char* what) const {
@@ -190,11 +193,11 @@ TEST_P(AlteredPhotograph, AMirroredTagIsNoTag) {
   for (const TagDetection& tag : tags_) {
     cv::Mat picture = photograph_.clone();
     paste(photograph_, tag.corners, tag.corners, true, picture);
-    const Sight sight =
+    const Observation observation =
         expectNotFooled(picture, {tag.id}, "tag " + std::to_string(tag.id) + " mirrored");
     std::vector<int> others = idsOf(tags_);
     others.erase(std::find(others.begin(), others.end(), tag.id));
-    EXPECT_EQ(idsOf(sight.detections), others);
+    EXPECT_EQ(idsOf(observation.detections), others);
   }
   print("one mirrored");
   EXPECT_TRUE(fooled_.empty());
@@ -209,10 +212,11 @@ TEST_P(AlteredPhotograph, ATagThatIsThereTwiceIsNamedAndNotUsed) {
     cv::Mat picture = photograph_.clone();
     paste(photograph_, tag.corners, tag.corners.colwise() + motion, false, picture);
     // While it is tracked, the copy is not looked for, and the tag counts where it is.
-    const Sight sight = expectNotFooled(picture, {}, "tag " + std::to_string(tag.id) + " copied");
-    EXPECT_EQ(sight.repeated_ids, std::vector<int>{tag.id});
-    if (sight.state != SightState::kMeasured) continue;
-    EXPECT_EQ(sight.fit.tags.size(), tags_.size() - 1);
+    const Observation observation =
+        expectNotFooled(picture, {}, "tag " + std::to_string(tag.id) + " copied");
+    EXPECT_EQ(observation.repeated_ids, std::vector<int>{tag.id});
+    if (observation.state != ObservationState::kMeasured) continue;
+    EXPECT_EQ(observation.fit.tags.size(), tags_.size() - 1);
   }
   print("one copied");
   EXPECT_TRUE(fooled_.empty());
@@ -226,14 +230,15 @@ TEST_P(AlteredPhotograph, TagsThatAreExchangedDoNotCount) {
       cv::Mat picture = photograph_.clone();
       paste(photograph_, one.corners, other.corners, false, picture);
       paste(photograph_, other.corners, one.corners, false, picture);
-      const Sight sight = expectNotFooled(
+      const Observation observation = expectNotFooled(
           picture, {one.id, other.id},
           "tags " + std::to_string(one.id) + " and " + std::to_string(other.id) + " exchanged");
-      const auto isAt = [&sight](int id, const Corners& place) {
-        return std::any_of(
-            sight.detections.begin(), sight.detections.end(), [&](const TagDetection& tag) {
-              return tag.id == id && (tag.corners - place).colwise().norm().maxCoeff() < 3;
-            });
+      const auto isAt = [&observation](int id, const Corners& place) {
+        return std::any_of(observation.detections.begin(), observation.detections.end(),
+                           [&](const TagDetection& tag) {
+                             return tag.id == id &&
+                                    (tag.corners - place).colwise().norm().maxCoeff() < 3;
+                           });
       };
       ++pairs;
       found += isAt(one.id, other.corners) && isAt(other.id, one.corners) ? 1 : 0;

@@ -17,8 +17,9 @@ using test::PictureSeries;
 
 estimation::ArmView smallLayoutView() { return test::sampleView(0.8, 1, 20); }
 
-double tipError(const Sight& sight, const model::Twists& truth) {
-  return (model::tipPose(sight.fit.twists).translation - model::tipPose(truth).translation).norm();
+double tipError(const Observation& observation, const model::Twists& truth) {
+  return (model::tipPose(observation.fit.twists).translation - model::tipPose(truth).translation)
+      .norm();
 }
 
 // One picture of an arm at rest or under pressure, and what may be done to it.
@@ -64,12 +65,12 @@ TEST_P(EachMode, AMovingArmIsMeasuredInEveryPicture) {
   ArmLocalizer localizer(series.view, config);
   int whole = 0;
   for (std::size_t i = 0; i < series.pictures.size(); ++i) {
-    const Sight& sight = localizer.locate(series.pictures[i], series.model[i]);
-    ASSERT_EQ(sight.state, SightState::kMeasured) << "picture " << i;
-    EXPECT_LT(tipError(sight, series.truth[i]), 0.0005);
-    EXPECT_EQ(sight.fit.outliers(), 0);
-    EXPECT_TRUE(sight.unknown_ids.empty());
-    whole += sight.whole_picture ? 1 : 0;
+    const Observation& observation = localizer.locate(series.pictures[i], series.model[i]);
+    ASSERT_EQ(observation.state, ObservationState::kMeasured) << "picture " << i;
+    EXPECT_LT(tipError(observation, series.truth[i]), 0.0005);
+    EXPECT_EQ(observation.fit.outliers(), 0);
+    EXPECT_TRUE(observation.unknown_ids.empty());
+    whole += observation.whole_picture ? 1 : 0;
   }
   if (GetParam() == TrackingMode::kFull) {
     EXPECT_EQ(whole, 30);
@@ -85,21 +86,21 @@ INSTANTIATE_TEST_SUITE_P(Modes, EachMode,
 TEST_F(ArmLocalizerTest, AJumpIsMeasuredInTheSamePicture) {
   ArmLocalizer localizer(view_, {});
   const model::Twists before = twistsAt(0, 0, 0), after = twistsAt(4e5, 0, 2e5);
-  ASSERT_EQ(localizer.locate(picture(before), before).state, SightState::kMeasured);
+  ASSERT_EQ(localizer.locate(picture(before), before).state, ObservationState::kMeasured);
   // The model knows nothing of the jump.
-  const Sight& sight = localizer.locate(picture(after), before);
-  EXPECT_EQ(sight.state, SightState::kMeasured);
-  EXPECT_LT(tipError(sight, after), 0.0005);
+  const Observation& observation = localizer.locate(picture(after), before);
+  EXPECT_EQ(observation.state, ObservationState::kMeasured);
+  EXPECT_LT(tipError(observation, after), 0.0005);
 }
 
 TEST_F(ArmLocalizerTest, WithoutTagsNothingIsMeasured) {
   ArmLocalizer localizer(view_, {});
   const model::Twists twists = twistsAt(1e5, 0, 0);
   const cv::Mat empty(720, 1280, CV_8UC1, cv::Scalar(90));
-  EXPECT_EQ(localizer.locate(empty, twists).state, SightState::kNoTags);
-  ASSERT_EQ(localizer.locate(picture(twists), twists).state, SightState::kMeasured);
-  EXPECT_EQ(localizer.locate(empty, twists).state, SightState::kNoTags);
-  EXPECT_EQ(localizer.locate(picture(twists), twists).state, SightState::kMeasured);
+  EXPECT_EQ(localizer.locate(empty, twists).state, ObservationState::kNoTags);
+  ASSERT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kMeasured);
+  EXPECT_EQ(localizer.locate(empty, twists).state, ObservationState::kNoTags);
+  EXPECT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kMeasured);
 }
 
 TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
@@ -107,11 +108,11 @@ TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
   LocalizerConfig config;
   config.min_tags = 3;
   ArmLocalizer localizer(view_, config);
-  const Sight& two = localizer.locate(hideAllBut(picture(twists), twists, 2), twists);
+  const Observation& two = localizer.locate(hideAllBut(picture(twists), twists, 2), twists);
   EXPECT_EQ(two.detections.size(), 2u);
-  EXPECT_EQ(two.state, SightState::kTooFewTags);
+  EXPECT_EQ(two.state, ObservationState::kTooFewTags);
   EXPECT_EQ(localizer.locate(hideAllBut(picture(twists), twists, 3), twists).state,
-            SightState::kMeasured);
+            ObservationState::kMeasured);
 }
 
 TEST_F(ArmLocalizerTest, TagsOfOthersAreNamedAndLeftAlone) {
@@ -121,10 +122,10 @@ TEST_F(ArmLocalizerTest, TagsOfOthersAreNamedAndLeftAlone) {
   const int foreign = view_.layout.tags[visible.front().tag].id;
   known.layout.tags.erase(known.layout.tags.begin() + visible.front().tag);
   ArmLocalizer localizer(known, {});
-  const Sight& sight = localizer.locate(picture(twists), twists);
-  EXPECT_EQ(sight.state, SightState::kMeasured);
-  EXPECT_EQ(sight.unknown_ids, std::vector<int>{foreign});
-  EXPECT_LT(tipError(sight, twists), 0.0005);
+  const Observation& observation = localizer.locate(picture(twists), twists);
+  EXPECT_EQ(observation.state, ObservationState::kMeasured);
+  EXPECT_EQ(observation.unknown_ids, std::vector<int>{foreign});
+  EXPECT_LT(tipError(observation, twists), 0.0005);
 }
 
 TEST_F(ArmLocalizerTest, ATagSeenTwiceIsNamedAndNotUsed) {
@@ -142,12 +143,12 @@ TEST_F(ArmLocalizerTest, ATagSeenTwiceIsNamedAndNotUsed) {
   const int id = view_.layout.tags[tag.tag].id;
   // In the second picture only the edges of the expected one are looked for.
   for (int i = 0; i < 2; ++i) {
-    const Sight& sight = localizer.locate(gray, twists);
-    EXPECT_EQ(sight.whole_picture, i == 0);
-    EXPECT_EQ(sight.repeated_ids, std::vector<int>{id});
-    EXPECT_EQ(sight.state, SightState::kMeasured);
-    EXPECT_LT(tipError(sight, twists), 0.0005);
-    for (const auto& fitted : sight.fit.tags) EXPECT_NE(view_.layout.tags[fitted.tag].id, id);
+    const Observation& observation = localizer.locate(gray, twists);
+    EXPECT_EQ(observation.whole_picture, i == 0);
+    EXPECT_EQ(observation.repeated_ids, std::vector<int>{id});
+    EXPECT_EQ(observation.state, ObservationState::kMeasured);
+    EXPECT_LT(tipError(observation, twists), 0.0005);
+    for (const auto& fitted : observation.fit.tags) EXPECT_NE(view_.layout.tags[fitted.tag].id, id);
   }
 }
 
@@ -159,15 +160,15 @@ TEST_F(ArmLocalizerTest, AMisplacedTagIsNamed) {
   wrong.layout.tags[visible.front().tag].X_ST.translation.x() += 0.015;
   ArmLocalizer localizer(wrong, {});
   for (int i = 0; i < 2; ++i) {
-    const Sight& sight = localizer.locate(picture(twists), twists);
-    ASSERT_EQ(sight.state, SightState::kMeasured);
-    EXPECT_EQ(sight.fit.outliers(), 1);
-    for (const auto& tag : sight.fit.tags) {
+    const Observation& observation = localizer.locate(picture(twists), twists);
+    ASSERT_EQ(observation.state, ObservationState::kMeasured);
+    EXPECT_EQ(observation.fit.outliers(), 1);
+    for (const auto& tag : observation.fit.tags) {
       EXPECT_EQ(tag.outlier, tag.tag == visible.front().tag);
     }
-    EXPECT_LT(tipError(sight, twists), 0.003);
+    EXPECT_LT(tipError(observation, twists), 0.003);
     // It casts doubt on the fit once, and is then known for what it is.
-    EXPECT_EQ(sight.whole_picture, i == 0);
+    EXPECT_EQ(observation.whole_picture, i == 0);
   }
 }
 
@@ -180,7 +181,7 @@ TEST_F(ArmLocalizerTest, TagsOfAnArmThatCannotHaveThisShapeAreNoFit) {
   }
   ArmLocalizer localizer(wrong, {});
   const model::Twists twists = twistsAt(1e5, 0, 0);
-  EXPECT_EQ(localizer.locate(picture(twists), twists).state, SightState::kNoFit);
+  EXPECT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kNoFit);
 }
 
 TEST_F(ArmLocalizerTest, ResetForgetsTheLastPicture) {

@@ -24,14 +24,14 @@ const TagBoard kBoard;
 
 cv::Size sizeOf(const Camera& camera) { return {camera.width, camera.height}; }
 
-std::vector<BoardSight> cornersOf(const Camera& camera, const std::vector<lie::SE3>& poses,
-                                  double noise, Random& random) {
-  std::vector<BoardSight> sights;
+std::vector<BoardObservation> cornersOf(const Camera& camera, const std::vector<lie::SE3>& poses,
+                                        double noise, Random& random) {
+  std::vector<BoardObservation> observations;
   for (const lie::SE3& pose : poses) {
-    sights.push_back(boardCorners(camera, kBoard, pose, noise, random));
-    sights.back().name = "view_" + std::to_string(sights.size());
+    observations.push_back(boardCorners(camera, kBoard, pose, noise, random));
+    observations.back().name = "view_" + std::to_string(observations.size());
   }
-  return sights;
+  return observations;
 }
 
 // In the order of the parameters.
@@ -61,9 +61,9 @@ TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
   for (const auto& [camera, coefficients] :
        {std::pair{boardCamera(), 5}, {plain, 0}, {plain, 2}, {plain, 4}, {rational, 8}}) {
     SCOPED_TRACE(coefficients);
-    const auto sights = cornersOf(camera, boardPoses(camera, 15, random), 0, random);
+    const auto observations = cornersOf(camera, boardPoses(camera, 15, random), 0, random);
     const CameraCalibration found =
-        calibrateCamera(kBoard.parts(), sizeOf(camera), sights, {coefficients});
+        calibrateCamera(kBoard.parts(), sizeOf(camera), observations, {coefficients});
     ASSERT_TRUE(found.success) << found.reason;
     // OpenCV takes corners as floats.
     EXPECT_LT(worstPixel(found.camera, camera), 0.02);
@@ -83,15 +83,16 @@ TEST(CameraCalibration, FocalLengthFromRenderedPicturesIsWithinHalfAPercent) {
     DetectorConfig detecting;
     detecting.quad_decimate = 1;
     TagDetector detector(detecting);
-    std::vector<BoardSight> sights;
+    std::vector<BoardObservation> observations;
     for (const lie::SE3& pose : boardPoses(camera, 18, random)) {
       simulation::SimulatedCameraConfig config;
       config.bleed = 0.0002;
-      config.seed = static_cast<std::uint32_t>(sights.size() + 1);
+      config.seed = static_cast<std::uint32_t>(observations.size() + 1);
       const cv::Mat picture = test::boardPicture(camera, kBoard, pose, config);
-      sights.push_back(boardSight(kBoard, "", picture.size(), detector.detect(picture)));
+      observations.push_back(
+          boardObservation(kBoard, "", picture.size(), detector.detect(picture)));
     }
-    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
+    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
     ASSERT_TRUE(found.success) << found.reason;
     for (const CameraParameter& one : found.parameters) {
       std::cout << one.name << " = " << one.value << " +- " << one.standard_error << "\n";
@@ -114,8 +115,8 @@ TEST(CameraCalibration, TrueParametersLieWithinThreeStandardErrors) {
   int off = 0, count = 0;
   std::vector<double> relative;
   for (int draw = 0; draw < kDraws; ++draw) {
-    const auto sights = cornersOf(camera, boardPoses(camera, 12, random), 0.3, random);
-    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
+    const auto observations = cornersOf(camera, boardPoses(camera, 12, random), 0.3, random);
+    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
     ASSERT_TRUE(found.success) << found.reason;
     EXPECT_NEAR(found.rms, 0.3, 0.03);
     for (std::size_t i = 0; i < found.parameters.size(); ++i) {
@@ -136,17 +137,17 @@ TEST(CameraCalibration, ErrorsThatAViewSharesRaiseTheStandardErrors) {
   Random random(4);
   const Camera camera = boardCamera();
   const auto poses = boardPoses(camera, 15, random);
-  auto sights = cornersOf(camera, poses, 0.1, random);
+  auto observations = cornersOf(camera, poses, 0.1, random);
   const double before =
-      calibrateCamera(kBoard.parts(), sizeOf(camera), sights).parameters[0].standard_error;
+      calibrateCamera(kBoard.parts(), sizeOf(camera), observations).parameters[0].standard_error;
   // A board that is bent by up to a millimetre moves corners of a view together.
-  for (BoardSight& sight : sights) {
+  for (BoardObservation& observation : observations) {
     const double bend = random.uniform(-0.6, 0.6);
-    for (BoardCorner& corner : sight.corners) {
+    for (BoardCorner& corner : observation.corners) {
       corner.pixel.x() += bend * std::pow(corner.board.x() / (0.5 * kBoard.width()), 2);
     }
   }
-  const CameraCalibration bent = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
+  const CameraCalibration bent = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
   EXPECT_GT(bent.parameters[0].standard_error, 1.5 * before);
   EXPECT_LT(std::abs(bent.camera.fx - camera.fx), 4 * bent.parameters[0].standard_error);
 }
@@ -168,9 +169,9 @@ TEST(CameraCalibration, ViewsFromTheFrontAloneDoNotDetermineTheFocalLength) {
 TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
   Random random(6);
   const Camera camera = boardCamera();
-  auto sights = cornersOf(camera, boardPoses(camera, 14, random), 0.2, random);
-  for (BoardCorner& corner : sights[4].corners) corner.pixel.y() += 12 * random.normal();
-  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
+  auto observations = cornersOf(camera, boardPoses(camera, 14, random), 0.2, random);
+  for (BoardCorner& corner : observations[4].corners) corner.pixel.y() += 12 * random.normal();
+  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
   ASSERT_TRUE(found.success) << found.reason;
   for (std::size_t i = 0; i < found.views.size(); ++i) {
     EXPECT_EQ(found.views[i].used, i != 4) << i;
@@ -184,10 +185,10 @@ TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
 TEST(CameraCalibration, TooFewViewsAreRefusedWithTheRemedy) {
   Random random(7);
   const Camera camera = boardCamera();
-  auto sights = cornersOf(camera, boardPoses(camera, 6, random), 0.2, random);
-  sights[0].corners.resize(20);
-  sights[1].corners.resize(20);
-  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
+  auto observations = cornersOf(camera, boardPoses(camera, 6, random), 0.2, random);
+  observations[0].corners.resize(20);
+  observations[1].corners.resize(20);
+  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
   EXPECT_FALSE(found.success);
   EXPECT_EQ(found.reason,
             "4 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
@@ -201,19 +202,19 @@ TEST(CameraCalibration, ViewsOfOneRowOfCornersAreNotUsed) {
   Random random(11);
   const Camera camera = boardCamera();
   const CharucoBoard board{10, 5, 0.02, 0.015};
-  std::vector<BoardSight> sights;
+  std::vector<BoardObservation> observations;
   for (const lie::SE3& pose : boardPoses(camera, 6, random)) {
-    BoardSight sight{"", {}};
+    BoardObservation observation{"", {}};
     for (int id = 0; id < board.cornerCount(); ++id) {
       const Eigen::Vector2d at = board.corner(id);
-      sight.corners.push_back(
+      observation.corners.push_back(
           {id, at, camera.project(pose * Eigen::Vector3d(at.x(), at.y(), 0)).value()});
     }
-    sights.push_back(sight);
+    observations.push_back(observation);
   }
-  EXPECT_TRUE(calibrateCamera(board.parts(), sizeOf(camera), sights, {2}).success);
-  sights[2].corners.resize(9);
-  const CameraCalibration found = calibrateCamera(board.parts(), sizeOf(camera), sights, {2});
+  EXPECT_TRUE(calibrateCamera(board.parts(), sizeOf(camera), observations, {2}).success);
+  observations[2].corners.resize(9);
+  const CameraCalibration found = calibrateCamera(board.parts(), sizeOf(camera), observations, {2});
   EXPECT_FALSE(found.views[2].used);
   EXPECT_EQ(found.views[2].reason, "all inner chessboard corners that it shows are on one line");
   EXPECT_TRUE(found.success);
@@ -246,30 +247,30 @@ TEST(CameraCalibration, OptionsOutOfRangeAreRefused) {
             "camera calibration: the number of coefficients is 3; expected 0, 2, 4, 5 or 8");
 }
 
-TEST(BoardSight, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
+TEST(BoardObservation, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
   const auto tag = [](int id, int hamming) {
     return TagDetection{id, hamming, 50, estimation::Corners::Constant(100)};
   };
-  const BoardSight sight = boardSight(
+  const BoardObservation observation = boardObservation(
       kBoard, "a.png", {200, 200},
       {tag(3, 0), tag(556, 0), tag(557, 0), tag(560, 1), tag(570, 0), tag(570, 0), tag(586, 0)});
-  EXPECT_EQ(sight.name, "a.png");
-  ASSERT_EQ(sight.corners.size(), 8u);
+  EXPECT_EQ(observation.name, "a.png");
+  ASSERT_EQ(observation.corners.size(), 8u);
   for (int c = 0; c < 4; ++c) {
     const auto first = static_cast<std::size_t>(c);
-    EXPECT_EQ(sight.corners[first].id, c);
-    EXPECT_EQ(sight.corners[first].board, kBoard.corners(557).col(c));
-    EXPECT_EQ(sight.corners[first + 4].id, 4 * 29 + c);
-    EXPECT_EQ(sight.corners[first + 4].board, kBoard.corners(586).col(c));
+    EXPECT_EQ(observation.corners[first].id, c);
+    EXPECT_EQ(observation.corners[first].board, kBoard.corners(557).col(c));
+    EXPECT_EQ(observation.corners[first + 4].id, 4 * 29 + c);
+    EXPECT_EQ(observation.corners[first + 4].board, kBoard.corners(586).col(c));
   }
 }
 
 // Corners at pixel p lie p + 0.5 px from the left and upper border.
-TEST(BoardSight, OmitsTagsThatTheBorderMayCut) {
+TEST(BoardObservation, OmitsTagsThatTheBorderMayCut) {
   const auto seen = [](double left, double top, double right, double bottom) {
     TagDetection tag{557, 0, 50, {}};
     tag.corners << left, right, right, left, bottom, bottom, top, top;
-    return boardSight(kBoard, "", {1280, 720}, {tag}).corners.size() == 4;
+    return boardObservation(kBoard, "", {1280, 720}, {tag}).corners.size() == 4;
   };
   EXPECT_TRUE(seen(7.6, 7.6, 1271.4, 711.4));
   EXPECT_FALSE(seen(7.4, 7.6, 1271.4, 711.4));
@@ -292,7 +293,7 @@ TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
   EXPECT_TRUE(views.offer(at(0.6)));
   EXPECT_FALSE(views.offer(at(0.602))) << "2.6 px: it moves";
   EXPECT_FALSE(views.offer(at(0.602))) << "too close to the last";
-  BoardSight few = at(0.2);
+  BoardObservation few = at(0.2);
   few.corners.resize(static_cast<std::size_t>(kBoard.parts().leastCorners() - 1));
   EXPECT_FALSE(views.offer(few));
   EXPECT_FALSE(views.offer(at(0.2))) << "nothing says that it rests";

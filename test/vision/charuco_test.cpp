@@ -130,7 +130,7 @@ TEST(CharucoBoard, WhatBreaksARuleIsSaid) {
             std::string::npos);
 }
 
-TEST(CharucoSight, CornersAreReadToATenthOfAPixel) {
+TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
   Camera camera = plainCamera();
   camera.distortion = {-0.28, 0.09, 0.0008, -0.0006, 0, 0, 0, 0};
   CharucoBoard legacy{6, 8, 0.03, 0.024, "DICT_5X5_100", true};
@@ -143,9 +143,10 @@ TEST(CharucoSight, CornersAreReadToATenthOfAPixel) {
     int count = 0;
     for (int i = 0; i < 4; ++i) {
       const lie::SE3 pose = boardPose(camera, 0.5, 0.5, 0.36, 0.4 * random.direction<3>());
-      const BoardSight sight = charucoSight(board, "a", boardPicture(camera, board, pose));
-      EXPECT_EQ(sight.name, "a");
-      for (const BoardCorner& corner : sight.corners) {
+      const BoardObservation observation =
+          charucoObservation(board, "a", boardPicture(camera, board, pose));
+      EXPECT_EQ(observation.name, "a");
+      for (const BoardCorner& corner : observation.corners) {
         EXPECT_EQ(corner.board, board.corner(corner.id));
         const auto truth =
             camera.project(pose * Eigen::Vector3d(corner.board.x(), corner.board.y(), 0));
@@ -154,7 +155,7 @@ TEST(CharucoSight, CornersAreReadToATenthOfAPixel) {
         worst = std::max(worst, error);
         ++count;
       }
-      EXPECT_TRUE(std::is_sorted(sight.corners.begin(), sight.corners.end(),
+      EXPECT_TRUE(std::is_sorted(observation.corners.begin(), observation.corners.end(),
                                  [](const auto& a, const auto& b) { return a.id < b.id; }));
     }
     const double rms = std::sqrt(square / count);
@@ -166,38 +167,39 @@ TEST(CharucoSight, CornersAreReadToATenthOfAPixel) {
   }
 }
 
-TEST(CharucoSight, BoardsWithTheSmallestMarkersThatAreAcceptedAreRead) {
+TEST(CharucoObservation, BoardsWithTheSmallestMarkersThatAreAcceptedAreRead) {
   for (const char* const dictionary : {"DICT_4X4_50", "DICT_7X7_50"}) {
     const CharucoBoard board{7, 9, 0.024, CharucoBoard::kLeastMarkerShare * 0.024, dictionary};
-    const std::size_t read = charucoSight(board, "", portrait(board)).corners.size();
+    const std::size_t read = charucoObservation(board, "", portrait(board)).corners.size();
     std::cout << dictionary << ": " << read << " of 48 corners\n";
     EXPECT_GE(read, CharucoBoard::kLeastCorners) << dictionary;
   }
 }
 
-TEST(CharucoSight, AnotherBoardIsNotTakenForIt) {
+TEST(CharucoObservation, AnotherBoardIsNotTakenForIt) {
   const CharucoBoard board;
   const cv::Mat picture = portrait(board);
-  EXPECT_EQ(charucoSight(board, "", picture).corners.size(), 48u);
+  EXPECT_EQ(charucoObservation(board, "", picture).corners.size(), 48u);
   for (const CharucoBoard& other : {CharucoBoard{6, 9},
                                     {8, 9},
                                     {5, 11},
                                     {7, 9, 0.024, 0.01},
                                     {7, 9, 0.024, 0.018, "DICT_5X5_100"}}) {
-    EXPECT_LT(charucoSight(other, "", picture).corners.size(), 8u)
+    EXPECT_LT(charucoObservation(other, "", picture).corners.size(), 8u)
         << other.columns << " x " << other.rows << " " << other.marker_size << " "
         << other.dictionary;
   }
-  EXPECT_TRUE(charucoSight(board, "", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128))).corners.empty());
+  EXPECT_TRUE(
+      charucoObservation(board, "", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128))).corners.empty());
 }
 
-TEST(CharucoSight, OfAnUnnoticedFirstRowItsCornersAreShiftedByASquare) {
+TEST(CharucoObservation, OfAnUnnoticedFirstRowItsCornersAreShiftedByASquare) {
   // Taken for a board that begins with a white square, all but the markers at the end of a row lie
   // one square further to the left: the board is the same to a calibration.
   const CharucoBoard board, legacy{7, 10, 0.024, 0.018, "DICT_4X4_50", true};
   const cv::Mat picture = portrait(board);
-  const BoardSight right = charucoSight(board, "", picture);
-  const BoardSight shifted = charucoSight(legacy, "", picture);
+  const BoardObservation right = charucoObservation(board, "", picture);
+  const BoardObservation shifted = charucoObservation(legacy, "", picture);
   ASSERT_GE(shifted.corners.size(), 30u);
   std::vector<Eigen::Vector2d> shifts;
   for (const BoardCorner& corner : shifted.corners) {
@@ -210,7 +212,7 @@ TEST(CharucoSight, OfAnUnnoticedFirstRowItsCornersAreShiftedByASquare) {
   }
 }
 
-TEST(CharucoSight, AMarkerSeenTwiceIsNotUsed) {
+TEST(CharucoObservation, AMarkerSeenTwiceIsNotUsed) {
   const CharucoBoard board;
   cv::Mat picture = portrait(board, 0);
   const auto markers = findMarkers(board.dictionary, picture);
@@ -230,7 +232,7 @@ TEST(CharucoSight, AMarkerSeenTwiceIsNotUsed) {
 TEST(WhyNoCharuco, NamesTheLikelyCause) {
   const CharucoBoard board;
   const auto why = [](const CharucoBoard& asked, const cv::Mat& picture) {
-    EXPECT_LT(charucoSight(asked, "", picture).corners.size(), 8u);
+    EXPECT_LT(charucoObservation(asked, "", picture).corners.size(), 8u);
     return whyNoCharuco(asked, {picture});
   };
   const cv::Mat own = portrait(board);

@@ -15,7 +15,7 @@
 namespace helix_arm::estimation {
 
 /// Why a measurement was not used.
-enum class SightingFault {
+enum class ObservationFault {
   kNone,
   kFuture,       ///< its stamp is ahead of the clock
   kNotNewer,     ///< its stamp is not after that of the last one
@@ -27,16 +27,16 @@ enum class SightingFault {
   kUnbalanced,   ///< the model finds no shape at these pressures
   kOutlier,      ///< farther from the prediction than chance allows
 };
-inline constexpr int kSightingFaultCount = 10;
+inline constexpr int kObservationFaultCount = 10;
 /// "none", "future", "not_newer", "too_old", "wrong_size", "not_finite", "not_positive",
 /// "implausible", "unbalanced" or "outlier".
-const char* nameOf(SightingFault fault);
+const char* nameOf(ObservationFault fault);
 
 /// What became of a measurement.
-struct Sighting {
-  SightingFault fault = SightingFault::kNone;
+struct Observation {
+  ObservationFault fault = ObservationFault::kNone;
   double distance2 = 0.0;  ///< squared Mahalanobis distance from the prediction
-  bool accepted() const { return fault == SightingFault::kNone; }
+  bool accepted() const { return fault == ObservationFault::kNone; }
 };
 
 /// Estimates how the arm differs from its model: a Kalman filter over pairs of pressures and
@@ -79,9 +79,9 @@ class ArmFilter {
   ArmFilter& operator=(ArmFilter&&) noexcept;
 
   /// Why see() would refuse a measurement before it compares it with the model; else kNone.
-  SightingFault check(const Input& input) const;
+  ObservationFault check(const Input& input) const;
   /// Compares a measurement with the model and learns from it.
-  Sighting see(const Input& input);
+  Observation see(const Input& input);
   /// Back to the start: no difference, with the deviations of the options.
   void reset();
   /// Forgets the time of the last picture, keeps what was learnt.

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "helix_arm/estimation/arm_filter.hpp"
-#include "helix_arm/estimation/placed_sight.hpp"
+#include "helix_arm/estimation/placed_view.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 
 namespace helix_arm::estimation {
@@ -77,10 +77,10 @@ class ErrorBudget {
  public:
   /// @param model    of the scene.
   /// @param options  of the filter: its deviations at the start are what the calibration promises.
-  /// @param sight    nothing: the placements count as exact.
+  /// @param placed    nothing: the placements count as exact.
   /// @throws std::invalid_argument naming the value and its rule.
   ErrorBudget(const statics::ArmModel& model, const ArmFilterOptions& options,
-              std::optional<PlacedSight> sight = std::nullopt);
+              std::optional<PlacedView> placed = std::nullopt);
 
   /// Takes a picture that the filter has accepted.
   /// @param filter  of this arm, with the same rows and parameters.
@@ -109,7 +109,7 @@ class ErrorBudget {
 
   const model::Arm arm_;
   const ArmFilter start_;  // learns nothing
-  const std::optional<PlacedSight> sight_;
+  const std::optional<PlacedView> placed_;
   std::optional<Slow> slow_;
   int changes_ = 0;  // pictures in a row that contradict the state
   std::optional<TipErrorBudget> current_;

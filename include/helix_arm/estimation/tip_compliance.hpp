@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/correction.hpp"

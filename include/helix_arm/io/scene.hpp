@@ -9,7 +9,7 @@
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/follow/sight_loop_config.hpp"
+#include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/override.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/section_look.hpp"
@@ -70,9 +70,9 @@ struct Scene {
   vision::LocalizerConfig vision;
   SimulationConfig simulation;
   SafetyConfig safety;
-  /// The loop that is closed over sight, with lag and noise of the scene's regulator. What it knows
-  /// at the start is not of its section: procedures::loopConfigOf() adds it.
-  helix_arm::follow::SightLoopConfig follow{};
+  /// The loop that is closed over vision, with lag and noise of the scene's regulator. What it
+  /// knows at the start is not of its section: procedures::loopConfigOf() adds it.
+  helix_arm::follow::VisualServoConfig follow{};
   std::optional<Provenance> calibration;  ///< where it was calibrated
   /// SHA-256 of the bytes read from its file, without overrides; empty if it is not from a file.
   std::string sha256;

@@ -10,10 +10,10 @@
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/simulation/simulated_sight.hpp"
+#include "helix_arm/simulation/simulated_vision.hpp"
 
 namespace helix_arm::procedures {
 
@@ -36,11 +36,11 @@ struct FollowPlan {
   std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
   double seconds = 10.0;                 ///< > 0 [s]
   bool open = false;                     ///< the loop stays open
-  simulation::SightKind sight = simulation::SightKind::kCorners;
+  simulation::VisionKind vision = simulation::VisionKind::kCorners;
   std::optional<TimedForce> force;
   std::optional<model::Range> blind;  ///< pictures of these times are lost [s]
   std::optional<PictureDrift> drift;
-  std::optional<model::Range> frozen;  ///< the camera hangs: see SimulatedSight::freeze() [s]
+  std::optional<model::Range> frozen;  ///< the camera hangs: see SimulatedVision::freeze() [s]
   double latency = 0.06;               ///< of the pictures' measurements, >= 0 [s]
   std::uint32_t seed = 1;              ///< of the noise of readings, corners and pictures
 };
@@ -104,7 +104,7 @@ struct FollowResult {
 /// Whether the scene's model can follow a path within its slew rates: see follow::checkPath().
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path);
 
-/// Simulates the scene's rig with its sight loop. The same plan and scene give the same result.
+/// Simulates the scene's rig with its visual servo. The same plan and scene give the same result.
 /// @param plan  a path should have passed checkPath().
 /// @param progress  called with the simulated time once a simulated second, may be empty; false
 ///     ends the run.

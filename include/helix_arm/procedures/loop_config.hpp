@@ -2,22 +2,22 @@
 
 #include <string>
 
-#include "helix_arm/follow/sight_loop_config.hpp"
+#include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 
 namespace helix_arm::procedures {
 
-/// The configuration of the sight loop of a scene: its key `follow`, and where the scene was
+/// The configuration of the visual servo of a scene: its key `follow`, and where the scene was
 /// calibrated, the relative standard errors of stiffness and lengths as deviations at the start.
 /// @throws std::invalid_argument if the scene has no pressure actuators.
-follow::SightLoopConfig loopConfigOf(const io::Scene& scene);
+follow::VisualServoConfig loopConfigOf(const io::Scene& scene);
 
 /// How pictures of the scene's arm are searched and fitted where they come one after another: base
 /// and bleed, as far as they are fitted, are learnt over the pictures.
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene);
 
 /// What a user should know of that configuration before the arm moves; empty if nothing.
-std::string loopWarning(const follow::SightLoopConfig& config);
+std::string loopWarning(const follow::VisualServoConfig& config);
 
 }  // namespace helix_arm::procedures

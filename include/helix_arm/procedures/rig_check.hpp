@@ -31,7 +31,7 @@ void sortBySeverity(std::vector<Finding>& findings);
 
 /// What the camera sees of the arm over its workspace. A tag in sight faces the camera, lies in its
 /// picture and has bits of kLeastPixelsPerBit or more.
-struct SightFigures {
+struct VisionFigures {
   int samples = 0;           ///< inputs at which a shape was found
   int least_tags = 0;        ///< fewest tags in sight
   double median_tags = 0;    ///< of tags in sight
@@ -44,7 +44,7 @@ struct SightFigures {
 
 struct RigCheck {
   std::vector<Finding> findings;
-  std::optional<SightFigures> sight;  ///< only with camera and tags
+  std::optional<VisionFigures> vision;  ///< only with camera and tags
 
   bool hasFault() const;
 };

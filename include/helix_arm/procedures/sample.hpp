@@ -6,7 +6,7 @@
 namespace helix_arm::procedures {
 
 /// Detection of one tag in one picture.
-struct TagSighting {
+struct TagObservation {
   int id;  ///< in its family
   /// x, y of bottom left, bottom right, top right, top left as one reads the tag, with lens
   /// distortion [px].
@@ -15,9 +15,9 @@ struct TagSighting {
 
 /// The pressures and visible tags of an arm at rest.
 struct Sample {
-  double time;                    ///< time of its last picture [s]
-  Eigen::VectorXd pressure;       ///< (actuators) gauge [Pa]
-  std::vector<TagSighting> tags;  ///< unique ids in ascending order
+  double time;                       ///< time of its last picture [s]
+  Eigen::VectorXd pressure;          ///< (actuators) gauge [Pa]
+  std::vector<TagObservation> tags;  ///< unique ids in ascending order
 };
 
 /// Combines several samples at the same pressures: the median of each pressure and of each

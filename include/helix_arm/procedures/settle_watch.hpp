@@ -70,7 +70,7 @@ class SettleWatch {
   /// Measured pressures: (actuators) [Pa].
   void measured(double time, const Eigen::VectorXd& pressure);
   /// The arm's tags in one picture, unique ids in ascending order.
-  void seen(double time, std::vector<TagSighting> tags);
+  void seen(double time, std::vector<TagObservation> tags);
 
   /// The command in force, absent before the first.
   const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
@@ -85,9 +85,9 @@ class SettleWatch {
     double time;
     Eigen::VectorXd pressure;
   };
-  struct Sight {
+  struct Observation {
     double time;
-    std::vector<TagSighting> tags;
+    std::vector<TagObservation> tags;
   };
 
   template <class Entry>
@@ -97,7 +97,7 @@ class SettleWatch {
   std::string pictureStaleness(double now) const;
   std::string pressureFault(double begin, Eigen::VectorXd& mean) const;
   std::string motion(double begin) const;
-  double windowBegin() const { return sights_.back().time - rules_.window; }
+  double windowBegin() const { return observations_.back().time - rules_.window; }
 
   std::vector<std::string> names_;
   SettleRules rules_;
@@ -105,7 +105,7 @@ class SettleWatch {
   double set_since_ = 0;          ///< when its value last changed
   double set_last_ = 0;           ///< when it was last received
   std::deque<Reading> readings_;  ///< both by ascending time, covering two windows
-  std::deque<Sight> sights_;
+  std::deque<Observation> observations_;
 };
 
 }  // namespace helix_arm::procedures

@@ -24,6 +24,6 @@ SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::Char
                             const lie::SE3& X_CP, const SimulatedCameraConfig& config);
 
 /// What such a camera renders: an arm of one section, out of sight.
-inline const model::Twists kArmOutOfSight = model::Twists::Identity(6, 1) * 0.4;
+inline const model::Twists kArmOutOfView = model::Twists::Identity(6, 1) * 0.4;
 
 }  // namespace helix_arm::simulation

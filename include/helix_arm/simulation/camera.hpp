@@ -6,7 +6,7 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/simulation/card_print.hpp"
 #include "helix_arm/vision/tag_family.hpp"

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/simulation/simulated_sight.hpp"
+#include "helix_arm/simulation/simulated_vision.hpp"
 
 namespace helix_arm::simulation {
 
@@ -25,7 +25,7 @@ struct LockstepConfig {
   void validate() const;
 };
 
-/// A rig, its safety core and a sight loop in one thread and in a fixed order, with a simulated
+/// A rig, its safety core and a visual servo in one thread and in a fixed order, with a simulated
 /// time: the same seeds give the same figures on any machine under any load.
 class Lockstep {
  public:
@@ -33,9 +33,9 @@ class Lockstep {
   struct Parts {
     statics::ArmModel model;  ///< of the scene, for the tags' search
     SimulatedRig rig;
-    SimulatedSight sight;
+    SimulatedVision vision;
     control::SafetyCore core;
-    follow::SightLoop loop;
+    follow::VisualServo loop;
   };
 
   /// @throws std::invalid_argument naming the value and its rule; std::runtime_error if the safety
@@ -49,8 +49,8 @@ class Lockstep {
 
   double time() const { return static_cast<double>(steps_) * config_.step; }  ///< [s]
   SimulatedRig& rig() { return parts_.rig; }
-  SimulatedSight& sight() { return parts_.sight; }
-  follow::SightLoop& loop() { return parts_.loop; }
+  SimulatedVision& vision() { return parts_.vision; }
+  follow::VisualServo& loop() { return parts_.loop; }
   const control::SafetyCore& core() const { return parts_.core; }
   /// Tip of the true arm now, base frame.
   lie::SE3 trueTip() const;

@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/model/arm.hpp"
 
 namespace helix_arm::simulation {

@@ -5,7 +5,7 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"

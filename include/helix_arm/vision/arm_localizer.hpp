@@ -6,21 +6,21 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/vision/tag_tracker.hpp"
 
 namespace helix_arm::vision {
 
 /// Result of searching one picture.
-enum class SightState {
+enum class ObservationState {
   kMeasured,    ///< the shape is measured
   kNoTags,      ///< no tag of the arm is visible
   kTooFewTags,  ///< the visible tags do not determine the shape
   kNoFit,       ///< no shape of the arm fits the visible tags
 };
 /// "measured", "no_tags", "too_few_tags" or "no_fit".
-const char* nameOf(SightState state);
+const char* nameOf(ObservationState state);
 
 struct LocalizerConfig {
   DetectorConfig detector;
@@ -37,8 +37,8 @@ struct LocalizerConfig {
 };
 
 /// The tags of one picture and the shape fitted to them.
-struct Sight {
-  SightState state = SightState::kNoTags;
+struct Observation {
+  ObservationState state = ObservationState::kNoTags;
   std::vector<TagDetection> detections;  ///< all detections, sorted by id
   std::vector<int> unknown_ids;          ///< tags that this arm does not have
   std::vector<int> repeated_ids;         ///< detected more than once; none of them is used
@@ -62,7 +62,7 @@ class ArmLocalizer {
   /// @param model  approximate shape of the arm; its change since the last picture helps to predict
   /// the tags.
   /// @throws std::invalid_argument on a picture of another size or type.
-  const Sight& locate(const cv::Mat& gray, const model::Shape& model);
+  const Observation& locate(const cv::Mat& gray, const model::Shape& model);
 
   /// Forgets the last picture. What was learnt of base and bleed stays.
   void reset();

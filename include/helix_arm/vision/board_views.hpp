@@ -19,7 +19,7 @@ struct BoardCorner {
 };
 
 /// A board in one picture.
-struct BoardSight {
+struct BoardObservation {
   std::string name;                  ///< of the picture
   std::vector<BoardCorner> corners;  ///< sorted by id, each once
 };
@@ -32,8 +32,9 @@ inline constexpr double kLeastFromBorder = 8;
 /// Corners of the board's tags among all detections. Tags with wrong bits, those that are seen
 /// twice and those at the border are omitted.
 /// @param size  of the picture.
-BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
-                      const std::vector<TagDetection>& detections);
+BoardObservation boardObservation(const TagBoard& board, const std::string& name,
+                                  const cv::Size& size,
+                                  const std::vector<TagDetection>& detections);
 
 /// Which part of a picture the corners of boards have covered.
 class Coverage {
@@ -42,7 +43,7 @@ class Coverage {
 
   explicit Coverage(const cv::Size& size) : size_(size), seen_(kColumns * kRows, false) {}
 
-  void add(const BoardSight& sight);
+  void add(const BoardObservation& observation);
   /// Part of the cells that hold a corner, 0 to 1.
   double fraction() const;
   /// Where the most cells are empty: "top left", "right", "centre", .. Empty if none are.
@@ -70,17 +71,17 @@ class BoardViews {
       : size_(size), least_(parts.leastCorners()), coverage_(size) {}
 
   /// Takes the next picture's board. @return whether it was chosen.
-  bool offer(const BoardSight& sight);
+  bool offer(const BoardObservation& observation);
 
-  const std::vector<BoardSight>& chosen() const { return chosen_; }
+  const std::vector<BoardObservation>& chosen() const { return chosen_; }
   const Coverage& coverage() const { return coverage_; }
 
  private:
   cv::Size size_;
   int least_;  // corners of a view
   Coverage coverage_;
-  std::optional<BoardSight> last_;
-  std::vector<BoardSight> chosen_;
+  std::optional<BoardObservation> last_;
+  std::vector<BoardObservation> chosen_;
 };
 
 }  // namespace helix_arm::vision

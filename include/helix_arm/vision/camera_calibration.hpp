@@ -68,10 +68,10 @@ struct CameraCalibration {
 /// three times the median of all are left out. The scale of the print has no influence: it only
 /// scales the distances.
 /// @param parts   of the board.
-/// @param sights  pictures of the board, all of this size.
+/// @param observations  pictures of the board, all of this size.
 /// @throws std::invalid_argument on options that break their rules.
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
-                                  const std::vector<BoardSight>& sights,
+                                  const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options = {});
 
 }  // namespace helix_arm::vision

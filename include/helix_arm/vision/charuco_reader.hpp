@@ -11,7 +11,7 @@
 namespace helix_arm::vision {
 
 /// A marker in a picture.
-struct MarkerSight {
+struct MarkerObservation {
   int id;
   estimation::Corners corners;  ///< [px], (0, 0) the centre of the top-left pixel
 };
@@ -19,7 +19,7 @@ struct MarkerSight {
 /// The markers of a dictionary in a picture, sorted by id. Those that are seen twice are omitted.
 /// @param gray  (CV_8UC1).
 /// @throws std::invalid_argument on an unknown dictionary.
-std::vector<MarkerSight> findMarkers(const std::string& dictionary, const cv::Mat& gray);
+std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray);
 
 /// An inner corner between two diagonal squares whose markers were both seen.
 struct MarkedCorner {
@@ -33,12 +33,13 @@ struct MarkedCorner {
 /// alone are compared, so that distortion by the lens has no influence.
 /// @param markers  sorted by id, each once.
 std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
-                                        const std::vector<MarkerSight>& markers);
+                                        const std::vector<MarkerObservation>& markers);
 
 /// The inner corners of a ChArUco board in a picture, to a fraction of a pixel.
 /// @param board  valid.
 /// @param gray   (CV_8UC1).
-BoardSight charucoSight(const CharucoBoard& board, const std::string& name, const cv::Mat& gray);
+BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
+                                    const cv::Mat& gray);
 
 /// Why pictures that were taken of a ChArUco board show none of these sizes, and the remedy:
 /// another dictionary, another number of squares, another size of the markers, or no markers.

@@ -63,20 +63,20 @@ Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& top
 
 }  // namespace
 
-std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
-                                                 const io::Scene& scene) {
-  std::map<int, procedures::TagSighting> found;
+std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+                                                       const io::Scene& scene) {
+  std::map<int, procedures::TagObservation> found;
   for (const TagDetection& tag : detections.tags) {
     if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
-    procedures::TagSighting& sighting = found[tag.id];
-    sighting.id = tag.id;
-    for (Eigen::Index k = 0; k < sighting.corners.size(); ++k) {
-      sighting.corners(k) = tag.corners[static_cast<std::size_t>(k)];
+    procedures::TagObservation& observation = found[tag.id];
+    observation.id = tag.id;
+    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
+      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
     }
   }
-  std::vector<procedures::TagSighting> out;
-  for (const auto& [id, sighting] : found) {
-    if (sighting.corners.allFinite()) out.push_back(sighting);
+  std::vector<procedures::TagObservation> out;
+  for (const auto& [id, observation] : found) {
+    if (observation.corners.allFinite()) out.push_back(observation);
   }
   return out;
 }
@@ -89,7 +89,7 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>
     capture.number = static_cast<int>(out.size());
     capture.pressure = arm.clamped(sample.pressure);
     capture.time = sample.time;
-    for (const procedures::TagSighting& tag : sample.tags) {
+    for (const procedures::TagObservation& tag : sample.tags) {
       capture.tags.push_back({tag.id, tag.corners});
     }
   }
@@ -126,7 +126,7 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
     }
     const auto seen = messageOf<TagDetections>(record, path);
     const double time = seen.header.stamp.toSec();
-    watch.seen(time, sightingsOf(seen, scene));
+    watch.seen(time, observationsOf(seen, scene));
     const procedures::Settling settling = watch.at(time);
     if (settling.settled()) {
       standing.push_back(*settling.last);

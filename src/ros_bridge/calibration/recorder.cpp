@@ -42,7 +42,7 @@ Recorder::Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::Set
 
 void Recorder::onDetections(const TagDetectionsConstPtr& detections) {
   const basics::MutexLock lock(mutex_);
-  watch_.seen(detections->header.stamp.toSec(), sightingsOf(*detections, scene_));
+  watch_.seen(detections->header.stamp.toSec(), observationsOf(*detections, scene_));
 }
 
 void Recorder::onShape(const ArmShapeConstPtr& shape) {

@@ -87,7 +87,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
     return out;
   }
   std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kSightLoopNode,
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
                            names::kCalibrationNode}) {
     const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
     if (!ros::service::exists(name, false)) continue;

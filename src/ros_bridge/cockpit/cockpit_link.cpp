@@ -82,7 +82,7 @@ CockpitLink::CockpitLink(const std::string& ns)
                   listen(node_, names::kMeasured, 10, &Link::onMeasured, this),
                   listen(node_, names::kModel, 10, &Link::onModel, this),
                   listen(node_, names::kModelError, 10, &Link::onError, this),
-                  listen(node_, names::kSightLoopStatus, 10, &Link::onLoop, this),
+                  listen(node_, names::kVisualServoStatus, 10, &Link::onLoop, this),
                   listen(node_, names::kErrorBudget, 10, &Link::onBudget, this),
                   listen(node_, names::kDiagnostics, 10, &Link::onDiagnostics, this)};
   client_ = std::make_unique<Client>(

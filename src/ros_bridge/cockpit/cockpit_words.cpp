@@ -160,7 +160,7 @@ Possibility mayAimTip(const CockpitView& view) {
   if (!out.empty()) return {out};
   if (calibrates(view)) return {"a calibration commands the arm; cancel it first"};
   if (view.tip_heard) return {};
-  return {"no node takes tip targets; is sight_loop up, or pressure_command started without it?"};
+  return {"no node takes tip targets; is visual_servo up, or pressure_command started without it?"};
 }
 
 Possibility mayCalibrate(const CockpitView& view) {
@@ -194,7 +194,7 @@ Words answerWords(const CallAnswer& answer) {
 }
 
 Words loopWords(const CockpitView& view) {
-  if (!view.loop) return {"open: no sight_loop is up (closed_loop:=true)", Tone::kQuiet};
+  if (!view.loop) return {"open: no visual_servo is up (closed_loop:=true)", Tone::kQuiet};
   const CockpitLoop& loop = *view.loop;
   Words out{loop.state, Tone::kQuiet};
   if (std::isfinite(loop.error)) out.text += ", " + millimetres(loop.error) + " from the target";

@@ -148,7 +148,7 @@ void FollowAction::takeCandidate() {
   run_.emplace(Run{std::move(next), std::move(goal), watch});
 }
 
-void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLink& link) {
+void FollowAction::prepare(double time, follow::VisualServo& loop, const CommandLink& link) {
   const auto asked = link.refusal();
   if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
   takeCandidate();
@@ -173,7 +173,7 @@ void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLi
   }
 }
 
-void FollowAction::begin(double time, follow::SightLoop& loop) {
+void FollowAction::begin(double time, follow::VisualServo& loop) {
   const ros::Time& start = run_->goal.start;
   if (start.isZero() || time >= start.toSec()) {
     run_->follows = true;

@@ -28,28 +28,28 @@ std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn)
   }
   if (!moments_.empty() && time < moments_.back().time) {  // a jump back in time
     moments_.clear();
-    last_sight_ = time;
+    last_seen_ = time;
   }
   moments_.push_back({time, *turn.path_time, turn.wanted, turn.predicted, turn.state});
   while (moments_.front().time < time - kMemory) moments_.pop_front();
-  if (auto ending = sightEnding(time, turn)) return ending;
+  if (auto ending = visionEnding(time, turn)) return ending;
   if (*turn.path_time > end_ + rules_.time_tolerance) return lateEnding(turn);
   return std::nullopt;
 }
 
-std::optional<GoalEnding> GoalWatch::sightEnding(double time, const follow::Turn& turn) {
+std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Turn& turn) {
   const follow::LoopState state = turn.state;
-  if (state == follow::LoopState::kDoubtful && rules_.require_sight) {
+  if (state == follow::LoopState::kDoubtful && rules_.require_vision) {
     return GoalEnding{
-        Result::SIGHT_LOST,
+        Result::VISION_LOST,
         "the pictures have left what was learnt of the arm (see loop_status): the "
         "camera, the base or the arm may have changed; check them and call ~reset, or "
-        "set require_sight to false"};
+        "set require_vision to false"};
   }
   // This state does not tell whether the arm is seen.
   const bool stands = state == follow::LoopState::kDiverging;
-  if (!stands && state != follow::LoopState::kOpen) last_sight_ = time;
-  const bool seen = stands ? last_sight_ && time - *last_sight_ < rules_.sight_patience
+  if (!stands && state != follow::LoopState::kOpen) last_seen_ = time;
+  const bool seen = stands ? last_seen_ && time - *last_seen_ < rules_.vision_patience
                            : state != follow::LoopState::kOpen;
   if (seen) {
     was_seen_ = true;
@@ -58,18 +58,18 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, const follow::Turn
   }
   if (!blind_since_) blind_since_ = time;
   // The loop has already coasted before it opened, or was waited for above.
-  const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
+  const double patience = was_seen_ ? 0.0 : rules_.vision_patience;
   // A path that a contact holds goes on once the arm is seen to be free.
   if (turn.held && time - *blind_since_ >= patience) {
     return GoalEnding{
-        Result::SIGHT_LOST,
+        Result::VISION_LOST,
         "contact with the arm, and no picture of it since then: the path cannot go on; "
         "check the camera (vision_status), clear the arm, and send the goal again"};
   }
-  if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
-  return GoalEnding{Result::SIGHT_LOST,
+  if (!rules_.require_vision || time - *blind_since_ < patience) return std::nullopt;
+  return GoalEnding{Result::VISION_LOST,
                     std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
-                        "; check vision_status and ~close_loop, or set require_sight to false"};
+                        "; check vision_status and ~close_loop, or set require_vision to false"};
 }
 
 // Result when the path and its tolerance time are over.
@@ -114,7 +114,7 @@ std::optional<GoalWatch::Moment> GoalWatch::momentOf(double stamp) const {
 }
 
 std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::Vector3d& tip) {
-  last_sight_ = std::max(last_sight_.value_or(moment.time), moment.time);
+  last_seen_ = std::max(last_seen_.value_or(moment.time), moment.time);
   if (moment.path_time < 0) return std::nullopt;
   const double error = (tip - moment.wanted.translation).norm();
   if (moment.path_time <= end_) {

@@ -26,7 +26,7 @@ geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
   return out;
 }
 
-const std::string& stateOf(const follow::SightLoop& loop) {
+const std::string& stateOf(const follow::VisualServo& loop) {
   if (!loop.sees()) return ExternalLoad::UNSEEN;
   if (loop.load().contact) return ExternalLoad::CONTACT;
   const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
@@ -40,7 +40,7 @@ LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
       budget_publisher_(node.advertise<ErrorBudget>(names::kErrorBudget, 10)),
       load_publisher_(node.advertise<ExternalLoad>(names::kExternalLoad, 10, true)) {}
 
-void LoadPublisher::publish(const ros::Time& picture, const follow::SightLoop& loop) {
+void LoadPublisher::publish(const ros::Time& picture, const follow::VisualServo& loop) {
   const double since = secondsBetween(last_budget_, picture);
   // During a contact that is not doubted the budget is that of an earlier picture.
   const bool present = loop.budget() && loop.budget()->time == picture.toSec();
@@ -81,11 +81,11 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
   budget_publisher_.publish(out);
 }
 
-void LoadPublisher::publishChange(const ros::Time& turn, const follow::SightLoop& loop) {
+void LoadPublisher::publishChange(const ros::Time& turn, const follow::VisualServo& loop) {
   if (!last_state_.empty() && stateOf(loop) != last_state_) publishLoad(turn, loop);
 }
 
-void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::SightLoop& loop) {
+void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::VisualServo& loop) {
   const std::string& state = stateOf(loop);
   const bool touched = state == ExternalLoad::CONTACT;
   if (!touched && state == last_state_) return;

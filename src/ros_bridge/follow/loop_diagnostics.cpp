@@ -28,7 +28,7 @@ std::uint8_t levelOf(LoopState state) {
   return DiagnosticStatus::OK;
 }
 
-std::string wrongStampText(double lead, estimation::SightingFault fault) {
+std::string wrongStampText(double lead, estimation::ObservationFault fault) {
   return "the last picture is stamped " + fixed(std::abs(lead), 2) + " s " +
          (lead > 0 ? "after" : "before") + " the last reading of the pressures, and refused (" +
          estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
@@ -39,15 +39,15 @@ std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm)
 
 }  // namespace
 
-void LoopDiagnostics::saw(double time, double lead, const estimation::Sighting& sighting,
+void LoopDiagnostics::saw(double time, double lead, const estimation::Observation& observation,
                           const estimation::ArmFilter& filter, bool with_tags) {
-  using estimation::SightingFault;
-  const bool stamped_wrong =
-      sighting.fault == SightingFault::kFuture || sighting.fault == SightingFault::kTooOld;
-  wrong_stamp_ = stamped_wrong ? wrongStampText(lead, sighting.fault) : "";
-  if (!sighting.accepted()) {
+  using estimation::ObservationFault;
+  const bool stamped_wrong = observation.fault == ObservationFault::kFuture ||
+                             observation.fault == ObservationFault::kTooOld;
+  wrong_stamp_ = stamped_wrong ? wrongStampText(lead, observation.fault) : "";
+  if (!observation.accepted()) {
     ++refused_;
-    ++by_fault_[static_cast<std::size_t>(sighting.fault)];
+    ++by_fault_[static_cast<std::size_t>(observation.fault)];
     return;
   }
   ++accepted_;
@@ -66,7 +66,7 @@ void LoopDiagnostics::sawForeign(const std::string& why) {
              static_cast<unsigned long>(foreign_.total()), why.c_str());
 }
 
-DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::SightLoop& loop,
+DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::VisualServo& loop,
                                        const std::string& message) const {
   DiagnosticStatus out;
   out.name = statusName(node, names::kLoopStatus);
@@ -75,8 +75,8 @@ DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::Si
   addValue(out, names::kStateKey, follow::nameOf(loop.state()));
   addValue(out, names::kAcceptedKey, std::to_string(accepted_));
   addValue(out, names::kWithoutTagsKey, std::to_string(without_tags_));
-  for (int i = 1; i < estimation::kSightingFaultCount; ++i) {
-    const auto fault = static_cast<estimation::SightingFault>(i);
+  for (int i = 1; i < estimation::kObservationFaultCount; ++i) {
+    const auto fault = static_cast<estimation::ObservationFault>(i);
     addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),
              std::to_string(by_fault_[static_cast<std::size_t>(i)]));
   }
@@ -89,7 +89,7 @@ DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::Si
 }
 
 DiagnosticStatus LoopDiagnostics::correction(const std::string& node,
-                                             const follow::SightLoop& loop) const {
+                                             const follow::VisualServo& loop) const {
   const estimation::ArmFilter& filter = loop.tracker();
   const estimation::Gaussian& state = filter.state();
   DiagnosticStatus out;

@@ -49,13 +49,13 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
 }  // namespace
 
 LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
-                             const SightLoopOptions& options, std::string base_frame,
+                             const VisualServoOptions& options, std::string base_frame,
                              TipHandle::OnTarget on_target)
     : scene_(scene),
       base_frame_(std::move(base_frame)),
       period_(kSlack / options.rate),
       markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate)),
-      status_publisher_(node.advertise<LoopStatus>(names::kSightLoopStatus, 10)),
+      status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
   if (options.handle) {

@@ -89,7 +89,7 @@ PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
   if (!goal.goal_time_tolerance.isZero()) {
     out.rules.time_tolerance = goal.goal_time_tolerance.toSec();
   }
-  out.rules.require_sight = goal.require_sight;
+  out.rules.require_vision = goal.require_vision;
   if (goal.hold_s > 0) out.hold = goal.hold_s;
   return out;
 }

@@ -31,7 +31,7 @@ FollowTipPathGoal goalOf(const FollowPathOptions& options) {
   out.mode = FollowTipPathGoal::POSITION;
   out.path_tolerance = options.path_tolerance;
   out.goal_tolerance = options.goal_tolerance;
-  out.require_sight = options.require_sight;
+  out.require_vision = options.require_vision;
   out.hold_s = options.hold;
   return out;
 }
@@ -43,11 +43,11 @@ FollowPathOptions FollowPathOptions::load() {
   FollowPathOptions out;
   out.path = reader.file("path", "config/paths", ".csv");
   out.action =
-      reader.text("action", std::string(names::kSightLoopNode) + "/" + names::kFollowTipPath);
+      reader.text("action", std::string(names::kVisualServoNode) + "/" + names::kFollowTipPath);
   out.frame = reader.frame("frame", "");
   out.path_tolerance = 1e-3 * reader.number("path_tolerance_mm", 0.0, {0.0, 1000.0});
   out.goal_tolerance = 1e-3 * reader.number("goal_tolerance_mm", 0.0, {0.0, 1000.0});
-  out.require_sight = reader.flag("require_sight", out.require_sight);
+  out.require_vision = reader.flag("require_vision", out.require_vision);
   out.hold = reader.number("hold_s", out.hold, {0.0, 86400.0});
   out.patience = reader.number("patience_s", out.patience, {0.0, 3600.0});
   out.files = {reader.fileToWrite("record", ".csv"), reader.fileToWrite("figure", ".png")};
@@ -79,7 +79,7 @@ void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
   if (client_.isServerConnected()) {
     send();
   } else if (ros::SteadyTime::now() - start_ > ros::WallDuration(options_.patience)) {
-    logFatal("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
+    logFatal("no action %s for %g s; is visual_servo up (closed_loop:=true of arm.launch)?",
              node_.resolveName(options_.action).c_str(), options_.patience);
     verdict_ = kFailed;
     EndRequest::make();
@@ -114,7 +114,7 @@ void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
 void FollowPathNode::onDone(const actionlib::SimpleClientGoalState& state,
                             const FollowTipPathResult* result) {
   if (result == nullptr) {
-    logFatal("the goal has ended without a result; is sight_loop still running?");
+    logFatal("the goal has ended without a result; is visual_servo still running?");
     return endWith(kFailed, "the goal has ended without a result");
   }
   const std::string message = basics::quoted(result->error_string, kLongestMessage);

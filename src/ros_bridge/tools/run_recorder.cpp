@@ -167,7 +167,7 @@ std::string RunRecorder::write(const std::string& outcome) {
   const std::vector<TipRow>& rows = record_.finish();
   if (rows.empty()) {
     return "nothing was recorded: the loop used no picture; look at vision_status and at the "
-           "diagnostics of sight_loop";
+           "diagnostics of visual_servo";
   }
   if (record_.leftOut() > 0) {
     logWarning("the last %zu pictures are not recorded: a record has at most %zu",

@@ -35,7 +35,7 @@ MeasurementPublisher::MeasurementPublisher(ros::NodeHandle& node, const VisionOp
 }
 
 void MeasurementPublisher::publish(const Measurement& measurement) {
-  const SightReport report = reportOf(measurement, frames_.base, camera_frame_);
+  const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
   status_.saw(measurement, report);
   if (report.shape) measured_publisher_.publish(*report.shape);
   if (report.error) error_publisher_.publish(*report.error);
@@ -73,12 +73,12 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
   if (stamp < last_stamp_) last_tf_stamp_ = ros::Time();
   last_stamp_ = stamp;
   if (stamp == last_tf_stamp_) return;
-  const estimation::TwistFit& fit = measurement.sight.fit;
+  const estimation::TwistFit& fit = measurement.observation.fit;
   tf_.sendTransform(curveTransforms(frames_, fit.shape, stamp, fit.X_B0B));
   last_tf_stamp_ = stamp;
 }
 
-void MeasurementPublisher::draw(const Measurement& measurement, const SightReport& report) {
+void MeasurementPublisher::draw(const Measurement& measurement, const ObservationReport& report) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_drawing_ < drawing_period_) return;
   last_drawing_ = now;

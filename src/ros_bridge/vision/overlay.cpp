@@ -86,8 +86,8 @@ cv::Scalar colorOf(const TagDetection& tag) {
 
 }  // namespace
 
-cv::Mat drawOverlay(const Measurement& measurement, const SightReport& report) {
-  const vision::Sight& sight = measurement.sight;
+cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report) {
+  const vision::Observation& observation = measurement.observation;
   const estimation::ArmView& view = measurement.view;
   const model::Shape* model = measurement.modelShape();
   cv::Mat picture;
@@ -95,10 +95,11 @@ cv::Mat drawOverlay(const Measurement& measurement, const SightReport& report) {
   const Pen pen(picture);
   if (model != nullptr) drawCurve(pen, view.camera, view.X_CB, *model, kModel, true);
   if (measurement.measured()) {
-    drawCurve(pen, view.camera, view.X_CB * sight.fit.X_B0B, sight.fit.shape, kMeasured, false);
+    drawCurve(pen, view.camera, view.X_CB * observation.fit.X_B0B, observation.fit.shape, kMeasured,
+              false);
   }
-  for (std::size_t i = 0; i < sight.detections.size(); ++i) {
-    const vision::TagDetection& tag = sight.detections[i];
+  for (std::size_t i = 0; i < observation.detections.size(); ++i) {
+    const vision::TagDetection& tag = observation.detections[i];
     const cv::Scalar color = colorOf(report.detections.tags[i]);
     for (int k = 0; k < 4; ++k) pen.line(tag.corners.col(k), tag.corners.col((k + 1) % 4), color);
     const Eigen::Vector2d right = tag.corners.rowwise().maxCoeff();

@@ -41,9 +41,9 @@ CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
                           "the camera sends the same picture again and again, although the model "
                           "has moved: it hangs; restart its node, or plug it in anew"};
   }
-  const vision::Sight& sight = current_.localizer->locate(gray, models_.start());
+  const vision::Observation& observation = current_.localizer->locate(gray, models_.start());
   return Measurement{
-      picture.stamp,    gray,        sight, current_.localizer->view(), current_.scene.vision,
+      picture.stamp,    gray,        observation, current_.localizer->view(), current_.scene.vision,
       std::move(model), calibration_};
 }
 

@@ -4,7 +4,7 @@
 
 #include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/vision/sights.hpp"
+#include "helix_arm/ros_bridge/vision/observations.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -52,13 +52,13 @@ void VisionLedger::refused(const PictureRefusal& refusal) {
              static_cast<unsigned long>(count.total()));
 }
 
-void VisionLedger::saw(const vision::Sight& sight, int tags) {
-  status_.unknown_ids.assign(sight.unknown_ids.begin(), sight.unknown_ids.end());
-  status_.repeated_ids.assign(sight.repeated_ids.begin(), sight.repeated_ids.end());
-  status_.unknown_tags += sight.unknown_ids.size();
-  status_.repeated_tags += sight.repeated_ids.size();
+void VisionLedger::saw(const vision::Observation& observation, int tags) {
+  status_.unknown_ids.assign(observation.unknown_ids.begin(), observation.unknown_ids.end());
+  status_.repeated_ids.assign(observation.repeated_ids.begin(), observation.repeated_ids.end());
+  status_.unknown_tags += observation.unknown_ids.size();
+  status_.repeated_tags += observation.repeated_ids.size();
   status_.tags = static_cast<std::uint32_t>(tags);
-  if (sight.state == vision::SightState::kMeasured) ++status_.measured;
+  if (observation.state == vision::ObservationState::kMeasured) ++status_.measured;
 }
 
 bool VisionLedger::enter(std::uint8_t state, const std::string& message) {

@@ -49,7 +49,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
                                                     const std::string& text) const {
   const ros::Time& stamp = measurement.stamp;
   const estimation::TagLayout& layout = measurement.view.layout;
-  const estimation::TwistFit& fit = measurement.sight.fit;
+  const estimation::TwistFit& fit = measurement.observation.fit;
   const model::Shape* model = measurement.modelShape();
   visualization_msgs::MarkerArray out;
   const std_msgs::ColorRGBA measured_color = color(1.0, 0.55, 0.1);

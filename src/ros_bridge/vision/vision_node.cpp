@@ -15,7 +15,7 @@ namespace {
 constexpr double kWatchPeriod = 0.05;  // [s]
 
 // Checks that the scene has a camera and tags.
-io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
+io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
   std::string missing;
   if (!scene.camera) missing += "`camera`";
   if (!scene.tags) missing += missing.empty() ? "`tags`" : " and `tags`";
@@ -44,7 +44,7 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
       options_(VisionOptions::load(private_node)),
       name_(private_node.getNamespace()),
       frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames, options_.frames),
-      scene_(requireSight(io::loadScene(options_.scene), options_)),
+      scene_(requireVision(io::loadScene(options_.scene), options_)),
       node_(node),
       status_(node_, options_, name_, frames_.base),
       source_(node_, options_, scene_, status_),
@@ -124,7 +124,7 @@ void VisionNode::sendCameraFrame() {
 void VisionNode::adopt(io::Scene next) {
   VisionOptions asked = options_;
   asked.optional = false;
-  next = requireSight(std::move(next), asked);
+  next = requireVision(std::move(next), asked);
   requireSameRig(scene_, next);
   SceneLocalizer localizer(next);
   scene_ = std::move(next);

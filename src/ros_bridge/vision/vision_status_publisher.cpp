@@ -11,15 +11,15 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-std::uint8_t stateOf(vision::SightState state) {
+std::uint8_t stateOf(vision::ObservationState state) {
   switch (state) {
-    case vision::SightState::kMeasured:
+    case vision::ObservationState::kMeasured:
       return VisionStatus::MEASURED;
-    case vision::SightState::kTooFewTags:
+    case vision::ObservationState::kTooFewTags:
       return VisionStatus::FEW_TAGS;
-    case vision::SightState::kNoTags:
+    case vision::ObservationState::kNoTags:
       return VisionStatus::NO_TAGS;
-    case vision::SightState::kNoFit:
+    case vision::ObservationState::kNoFit:
       break;
   }
   return VisionStatus::NO_FIT;
@@ -71,11 +71,11 @@ void VisionStatusPublisher::modelLag(std::optional<double> lag) {
   ledger_.modelLag(lag);
 }
 
-void VisionStatusPublisher::saw(const Measurement& measurement, const SightReport& report) {
+void VisionStatusPublisher::saw(const Measurement& measurement, const ObservationReport& report) {
   const basics::MutexLock lock(mutex_);
-  ledger_.saw(measurement.sight, report.tags);
+  ledger_.saw(measurement.observation, report.tags);
   ledger_.calibrated(measurement.calibration);
-  enterLocked(stateOf(measurement.sight.state),
+  enterLocked(stateOf(measurement.observation.state),
               report.account + "; calibration: " + measurement.calibration);
 }
 

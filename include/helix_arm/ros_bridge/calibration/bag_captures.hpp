@@ -12,8 +12,8 @@
 namespace helix_arm::ros_bridge {
 
 /// The scene's tags of one picture, ascending ids; those seen twice are left out.
-std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
-                                                 const io::Scene& scene);
+std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+                                                       const io::Scene& scene);
 
 /// Samples as a data set has them, numbered from 1; their pressures, which are within a tolerance
 /// of set points, brought inside the limits.

@@ -14,8 +14,8 @@ namespace helix_arm::ros_bridge {
 std::vector<std::string> parameterLines(const RunCalibrationResult& result);
 
 /// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, sight_loop and calibration, those that
-/// are up. Blocks.
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
 ///
 /// @param ns  resolved namespace of the arm's nodes.
 CallAnswer useLastCalibration(const std::string& ns);

@@ -30,7 +30,7 @@ struct CockpitSafety {
   bool vent_overdue = false;
 };
 
-/// loop_status of sight_loop.
+/// loop_status of visual_servo.
 struct CockpitLoop {
   std::string state, message;
   double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
@@ -73,7 +73,7 @@ struct CockpitView {
   std::optional<std::vector<double>> measured_tip;  ///< x, y, z, base frame [m]; fresh
   std::optional<std::vector<double>> model_tip;     ///< likewise
   double tip_error = kUnknown;                      ///< measured minus model [m]
-  std::optional<CockpitLoop> loop;                  ///< if sight_loop is up
+  std::optional<CockpitLoop> loop;                  ///< if visual_servo is up
   CockpitGoal goal = CockpitGoal::kNone;            ///< what is held
   std::vector<double> held;                         ///< the held pressures, in scene order [Pa]
   std::string answer;                ///< to the cockpit's targets; or why it commands no longer

@@ -30,7 +30,7 @@ inline constexpr char kWorkspace[] = "workspace";
 inline constexpr char kEstimate[] = "estimate";
 inline constexpr char kErrorBudget[] = "error_budget";
 inline constexpr char kExternalLoad[] = "external_load";
-inline constexpr char kSightLoopStatus[] = "loop_status";
+inline constexpr char kVisualServoStatus[] = "loop_status";
 inline constexpr char kLoopMarkers[] = "loop_markers";
 /// Namespace of the interactive marker's topics.
 inline constexpr char kTipHandle[] = "tip_handle";
@@ -65,7 +65,7 @@ inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
 inline constexpr char kWorkspaceCloudNode[] = "workspace_cloud";
-inline constexpr char kSightLoopNode[] = "sight_loop";
+inline constexpr char kVisualServoNode[] = "visual_servo";
 inline constexpr char kFollowPathNode[] = "follow_path";
 
 // Name of the commander when the interactive marker is dragged in any rviz.

@@ -10,7 +10,7 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/client_watch.hpp"
 #include "helix_arm/ros_bridge/common/frame_lookup.hpp"
@@ -58,7 +58,7 @@ class FollowAction {
   void endHold() { hold_since_.reset(); }
 
   /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
-  void prepare(double time, follow::SightLoop& loop, const CommandLink& link);
+  void prepare(double time, follow::VisualServo& loop, const CommandLink& link);
   /// After a turn in which the loop commands.
   void watch(double time, const follow::Turn& turn);
   /// After a picture that the loop used.
@@ -85,7 +85,7 @@ class FollowAction {
   static void reject(Handle& handle, const GoalEnding& refusal);
   void discardCandidate();
   void takeCandidate();
-  void begin(double time, follow::SightLoop& loop);
+  void begin(double time, follow::VisualServo& loop);
   void end(const GoalEnding& ending);
   void cancel(const std::string& reason);
   void leave();

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "helix_arm/FollowTipPathResult.h"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -17,8 +17,8 @@ struct GoalRules {
   double path_tolerance = std::numeric_limits<double>::infinity();
   double goal_tolerance = 0.002;  ///< largest distance at the end [m]
   double time_tolerance = 2.0;    ///< time after the path to come within goal_tolerance [s]
-  bool require_sight = false;
-  double sight_patience = 3.0;  ///< longest wait for the first sight, if it is required [s]
+  bool require_vision = false;
+  double vision_patience = 3.0;  ///< longest wait for the first picture, if it is required [s]
 };
 
 /// How a goal ended.
@@ -34,7 +34,7 @@ struct GoalFigures {
   std::uint32_t pictures = 0;
 };
 
-/// Decides how a path that a SightLoop follows ends: compares what was measured with what was
+/// Decides how a path that a VisualServo follows ends: compares what was measured with what was
 /// wanted at the time of the picture. Time is a number [s].
 class GoalWatch {
  public:
@@ -62,7 +62,7 @@ class GoalWatch {
   GoalFigures figures() const;
 
  private:
-  std::optional<GoalEnding> sightEnding(double time, const follow::Turn& turn);
+  std::optional<GoalEnding> visionEnding(double time, const follow::Turn& turn);
   GoalEnding lateEnding(const follow::Turn& turn) const;
 
   const GoalRules rules_;
@@ -70,7 +70,7 @@ class GoalWatch {
   std::deque<Moment> moments_;  ///< by ascending time
   std::optional<double> blind_since_;
   bool was_seen_ = false;
-  std::optional<double> last_sight_;  ///< time of a picture, or of a state that tells of one
+  std::optional<double> last_seen_;   ///< time of a picture, or of a state that tells of one
   std::optional<double> last_error_;  ///< of a picture after the path's end [m]
   double sum2_ = 0.0, max_ = 0.0;     ///< of distances [m^2], [m]
   std::uint32_t pictures_ = 0;

@@ -10,7 +10,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Draws for rviz what a loop over sight wants and predicts, seen from the arm's base frame, in
+/// Draws for rviz what a loop over vision wants and predicts, seen from the arm's base frame, in
 /// stable namespaces and ids.
 ///
 /// - wanted_tip: a ball at the wanted tip

@@ -10,11 +10,11 @@
 #include <ros/time.h>
 
 #include "helix_arm/LoopStatus.h"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
 #include "helix_arm/ros_bridge/follow/loop_markers.hpp"
-#include "helix_arm/ros_bridge/follow/sight_loop_options.hpp"
+#include "helix_arm/ros_bridge/follow/visual_servo_options.hpp"
 #include "helix_arm/ros_bridge/pressure/tip_handle.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -26,7 +26,7 @@ class LoopPublisher {
   /// The loop after a turn.
   struct View {
     ros::Time stamp;  ///< of the turn
-    const follow::SightLoop& loop;
+    const follow::VisualServo& loop;
     std::optional<ros::Time> last_picture;  ///< that the loop used
     std::string commander;                  ///< empty if nobody commands
     std::string message;                    ///< why it is in its state
@@ -35,7 +35,7 @@ class LoopPublisher {
 
   /// @param scene      Kept by reference.
   /// @param on_target  As TipHandle's; without ~handle it is not called.
-  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const SightLoopOptions& options,
+  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const VisualServoOptions& options,
                 std::string base_frame, TipHandle::OnTarget on_target);
 
   /// Publishes status and estimate: at a change of state, else at ~rate.

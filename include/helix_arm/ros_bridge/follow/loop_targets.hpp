@@ -12,7 +12,7 @@
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/control/commander_lease.hpp"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/frame_lookup.hpp"

@@ -25,7 +25,7 @@ namespace helix_arm::ros_bridge {
 struct PathGoal {
   control::TipPath path;       ///< base frame
   ros::Time start;             ///< zero: at once
-  GoalRules rules;             ///< without sight_patience
+  GoalRules rules;             ///< without vision_patience
   std::uint8_t on_contact;     ///< of FollowTipPathGoal
   std::optional<double> hold;  ///< of the last point [s]; nothing: the default
 };

@@ -17,11 +17,11 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of follow_path.
 struct FollowPathOptions {
   std::string path;             ///< ~path: CSV file, or name of a shipped path; required
-  std::string action;           ///< ~action: name of the action; "sight_loop/follow_tip_path"
+  std::string action;           ///< ~action: name of the action; "visual_servo/follow_tip_path"
   std::string frame;            ///< ~frame: in which the path is seen; "", the arm's base
   double path_tolerance = 0.0;  ///< ~path_tolerance_mm: 0 (any) to 1000 [m]
   double goal_tolerance = 0.0;  ///< ~goal_tolerance_mm: 0 (2 mm) to 1000 [m]
-  bool require_sight = false;   ///< ~require_sight: abort where the arm is no longer seen
+  bool require_vision = false;  ///< ~require_vision: abort where the arm is no longer seen
   double hold = 0.0;            ///< ~hold_s: 0 (the loop's own) to 86400 [s]
   double patience = 30.0;       ///< ~patience_s: longest wait for the action, 0 to 3600 [s]
   /// ~record (.csv), ~figure (.png): paths of files to write at the end; "", none.
@@ -31,7 +31,7 @@ struct FollowPathOptions {
   static FollowPathOptions load();
 };
 
-/// Sends a path file as a goal to sight_loop, and ends with it: a client of ~follow_tip_path.
+/// Sends a path file as a goal to visual_servo, and ends with it: a client of ~follow_tip_path.
 ///
 /// Logs the error of the tip once a second, and the result. Where the node is to end, it cancels
 /// the goal first. With ~record or ~figure it leaves what a RunRecorder writes, however the goal

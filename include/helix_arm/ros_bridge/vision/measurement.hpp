@@ -17,13 +17,13 @@ namespace helix_arm::ros_bridge {
 struct Measurement {
   ros::Time stamp;  ///< of the picture
   cv::Mat gray;     ///< (CV_8UC1)
-  const vision::Sight& sight;
+  const vision::Observation& observation;
   const estimation::ArmView& view;           ///< camera and tags that it was measured with
   const vision::LocalizerConfig& config;     ///< that it was measured with
   std::optional<ModelHistory::Entry> model;  ///< of the picture's time
   std::string calibration;                   ///< whose intrinsics were used
 
-  bool measured() const { return sight.state == vision::SightState::kMeasured; }
+  bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
   /// Null where there is no model of the picture's time.
   const model::Shape* modelShape() const { return model ? &model->shape : nullptr; }
 };

@@ -9,7 +9,7 @@
 #include "helix_arm/ros_bridge/common/arm_frames.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
-#include "helix_arm/ros_bridge/vision/sights.hpp"
+#include "helix_arm/ros_bridge/vision/observations.hpp"
 #include "helix_arm/ros_bridge/vision/vision_options.hpp"
 #include "helix_arm/ros_bridge/vision/vision_status_publisher.hpp"
 
@@ -30,7 +30,7 @@ class MeasurementPublisher {
  private:
   void republish(const Measurement& measurement);
   void sendFrames(const Measurement& measurement);
-  void draw(const Measurement& measurement, const SightReport& report);
+  void draw(const Measurement& measurement, const ObservationReport& report);
 
   const FrameNames frames_;
   const std::string camera_frame_;

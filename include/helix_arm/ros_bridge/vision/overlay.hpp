@@ -3,7 +3,7 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
-#include "helix_arm/ros_bridge/vision/sights.hpp"
+#include "helix_arm/ros_bridge/vision/observations.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -13,6 +13,6 @@ namespace helix_arm::ros_bridge {
 /// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
 /// are in the upper left corner.
 /// @return (CV_8UC3), BGR.
-cv::Mat drawOverlay(const Measurement& measurement, const SightReport& report);
+cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 
 }  // namespace helix_arm::ros_bridge

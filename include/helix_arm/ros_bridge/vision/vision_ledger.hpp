@@ -26,7 +26,7 @@ class VisionLedger {
   void refused(const PictureRefusal& refusal);
   /// What was seen in a picture.
   /// @param tags  of the arm in sight, each seen once.
-  void saw(const vision::Sight& sight, int tags);
+  void saw(const vision::Observation& observation, int tags);
 
   /// Whose intrinsics hold, in words.
   void calibrated(const std::string& whose) { calibration_ = whose; }

@@ -9,8 +9,8 @@
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
+#include "helix_arm/ros_bridge/vision/observations.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
-#include "helix_arm/ros_bridge/vision/sights.hpp"
 #include "helix_arm/ros_bridge/vision/vision_ledger.hpp"
 #include "helix_arm/ros_bridge/vision/vision_markers.hpp"
 #include "helix_arm/ros_bridge/vision/vision_options.hpp"
@@ -41,7 +41,8 @@ class VisionStatusPublisher {
   /// How far the models' stamps are behind the last picture's [s]; nothing without models.
   void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_);
   /// A picture was measured: the state follows from what was seen in it.
-  void saw(const Measurement& measurement, const SightReport& report) HELIX_ARM_EXCLUDES(mutex_);
+  void saw(const Measurement& measurement, const ObservationReport& report)
+      HELIX_ARM_EXCLUDES(mutex_);
   /// The arm whose shape is shown from now on.
   void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_);
   /// Shows a measured shape. Nothing is shown once another state was entered.

@@ -1,0 +1,435 @@
+#include "helix_arm/follow/visual_servo.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "aim.hpp"
+#include "contact_watch.hpp"
+#include "divergence_watch.hpp"
+#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "muscle_memory.hpp"
+#include "time_ring.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;     // [s]
+constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
+constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
+constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
+
+constexpr int kMostTurns = 2048;  // history of the wanted tip
+
+const VisualServoConfig& checked(const VisualServoConfig& config) {
+  config.validate();
+  return config;
+}
+
+}  // namespace
+
+struct VisualServo::Workspace {
+  Workspace(const statics::ArmModel& given, const VisualServoConfig& given_config)
+      : config(checked(given_config)),
+        arm(given.arm()),
+        tracker(given, config.filter),
+        watch(given, config.watchFilter()),
+        budget(given, config.watchFilter(), config.placed),
+        contact(given, config),
+        on_contact(config.on_contact),
+        estimated(given),
+        observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
+        memory(arm),
+        aim(given),
+        usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
+        divergence(config.smoothing + config.time_constant + kCorrectingTime),
+        lengths(arm.actuatorCount()) {
+    accepted_at.fill(-std::numeric_limits<double>::infinity());
+    turn.pressure = arm.inputAt(0.0);
+    turn.limits.assign(static_cast<std::size_t>(arm.actuatorCount()), statics::Limit::kNone);
+    at_picture = {turn.pressure, turn.pressure};
+  }
+
+  bool doubts() const { return contact.drift().doubtful; }
+  bool yields() const { return on_contact != OnContact::kReport && contact.load().contact; }
+  bool tracks(double now) const;
+  bool maySee(double now) const;
+  LoopState nextState(double now) const;
+  void moveWanted(double dt);
+  void command();
+  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
+  lie::SE3 presentTip(const lie::SE3& unknown);
+  void begin(const Target& next);
+  void learn();
+  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
+  void fade();
+  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
+  bool findPressures(double stamp, double now, estimation::ObservationFault& fault);
+  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
+
+  const VisualServoConfig config;
+  const model::Arm arm;
+  estimation::ArmFilter tracker, watch;
+  estimation::ErrorBudget budget;
+  ContactWatch contact;
+  OnContact on_contact;
+  statics::CorrectedModel estimated;  // with everything the tracker has estimated
+  control::PressureObserver observer;
+  MuscleMemory memory;
+  Aim aim;  // at pressures as they are felt
+
+  bool settled = false;            // every pressure is where its regulator usually holds it
+  Eigen::VectorXd usual_distance;  // of readings from set points, as long as it stays [Pa]
+  bool enabled = false, closed = true, diverged = false;
+  bool fades = false;  // the correction decays to 0
+  // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
+  Eigen::Vector3d beyond = Eigen::Vector3d::Zero(), beyond_goal = Eigen::Vector3d::Zero();
+  double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
+
+  std::optional<Target> target;
+  std::optional<control::TipPath> path;
+  std::optional<control::TipApproach> approach;  // of the path
+  double path_time = 0.0;                        // negative during the approach [s]
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
+
+  std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
+  double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
+  double tip_deviation = std::numeric_limits<double>::infinity();
+  TimeRing<Eigen::Vector3d, kMostTurns> wanted;
+  DivergenceWatch divergence;
+  double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
+  bool reaches = false;       // the corrected model reaches the target
+  bool within_reach = false;  // it did when the target was set
+  std::optional<double> error;
+  control::PressureObserver::Estimate at_picture;
+  Eigen::VectorXd lengths;
+  Turn turn;
+};
+
+// Whether the estimate from pictures corrects the command.
+bool VisualServo::Workspace::tracks(double now) const {
+  if (!closed || yields() || diverged || doubts()) return false;
+  return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
+}
+
+bool VisualServo::Workspace::maySee(double now) const {
+  return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
+         tip_deviation < kSureTip;
+}
+
+LoopState VisualServo::Workspace::nextState(double now) const {
+  if (!enabled || !target) return LoopState::kIdle;
+  const double unseen = now - accepted_at[0];
+  const bool fresh = unseen <= config.stale_after;
+  if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
+  if (yields() && fresh) return LoopState::kYielding;
+  if (!closed) return LoopState::kOpen;
+  const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
+  if (!yields() && (maySee(now) || (was_closed && fresh))) {
+    return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
+  }
+  const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
+                      turn.state == LoopState::kDiverging ||
+                      (turn.state == LoopState::kYielding && !fresh);
+  return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
+}
+
+std::optional<lie::SE3> VisualServo::Workspace::tipAt(const Eigen::VectorXd& pressure) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    lengths[i] = actuator.contraction.lengthInside(
+        std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
+  }
+  const auto shape = estimated.shape(lengths);
+  if (!shape) return std::nullopt;
+  lie::SE3 tip = model::tipPose(*shape);
+  tip.translation += contact.load().tip_beyond_fit;
+  return tip;
+}
+
+void VisualServo::Workspace::learn() {
+  aim.learn(tracker.correction());
+  beyond_goal = contact.load().tip_beyond_fit;
+  fades = false;
+}
+
+// The corrected model is brought where a load takes its tip to the wanted place.
+const statics::InverseResult& VisualServo::Workspace::solve(const Target& wanted_tip, bool fresh) {
+  memory.limit(aim);
+  if (!beyond.isZero(0)) {
+    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+    }
+    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+    }
+  }
+  return aim.solve(wanted_tip, fresh);
+}
+
+// The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
+lie::SE3 VisualServo::Workspace::presentTip(const lie::SE3& unknown) {
+  const auto predicted =
+      observer.started() ? tipAt(memory.felt(observer)) : std::optional<lie::SE3>();
+  lie::SE3 out = predicted.value_or(unknown);
+  if (!target || (predicted && !reaches)) return out;
+  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
+  out.translation = std::get<Eigen::Vector3d>(*target);
+  return out;
+}
+
+void VisualServo::Workspace::begin(const Target& next) {
+  if (!target && observer.started()) aim.startAt(memory.felt(observer));
+  reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
+  target = next;
+  divergence.clear();
+  if (observer.started()) aimed_at = observer.time();
+  error.reset();
+}
+
+// The path waits during a contact, or while the arm must not move.
+void VisualServo::Workspace::moveWanted(double dt) {
+  velocity.setZero();
+  turn.path_time.reset();
+  if (!path) return;
+  if (!turn.held) path_time += dt;
+  turn.path_time = path_time;
+  const control::TipReference reference =
+      path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
+  if (!turn.held) velocity = reference.velocity;
+  if (reference.rotation) {
+    target = lie::SE3{*reference.rotation, reference.position};
+  } else {
+    target = reference.position;
+  }
+}
+
+void VisualServo::Workspace::command() {
+  const statics::InverseResult& result = solve(*target, false);
+  turn.status = result.status;
+  reaches = result.status == statics::InverseStatus::kReached;
+  turn.residual = result.residual;
+  turn.position_error = result.position_error;
+  turn.limits = result.limits;
+  turn.pressure = memory.pressureFor(aim.led(velocity, config.time_constant));
+}
+
+void VisualServo::Workspace::fade() {
+  aim.learn(statics::Correction(arm));
+  beyond_goal.setZero();
+  fades = true;
+}
+
+// A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set point.
+void VisualServo::Workspace::settle(double dt, const Eigen::VectorXd& set_point,
+                                    const Eigen::VectorXd& reading) {
+  const double share = -std::expm1(-dt / kUsualTime);
+  settled = true;
+  for (Eigen::Index i = 0; i < reading.size(); ++i) {
+    const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
+    settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
+    usual_distance[i] += share * unusual;
+  }
+}
+
+bool VisualServo::Workspace::findPressures(double stamp, double now,
+                                           estimation::ObservationFault& fault) {
+  using estimation::ObservationFault;
+  fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
+          : stamp > now                                 ? ObservationFault::kFuture
+                                                        : ObservationFault::kNone;
+  if (fault != ObservationFault::kNone) return false;
+  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
+    memory.apply(stamp, at_picture);
+    return true;
+  }
+  fault = ObservationFault::kTooOld;
+  return false;
+}
+
+// The measured tip with the wanted one at the time of the picture.
+void VisualServo::Workspace::compare(double stamp, double now,
+                                     const estimation::ArmFilter::Input& picture) {
+  error.reset();
+  const auto place = wanted.before(stamp);
+  const auto shape = tracker.shape(picture.pressure);
+  if (!place || !shape) return;
+  const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
+  error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
+  if (stamp <= aimed_at) return;  // says nothing of the present target
+  const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
+  diverged |= divergence.add(now, *error, corrected);
+}
+
+VisualServo::VisualServo(const statics::ArmModel& model, const VisualServoConfig& config)
+    : work_(std::make_unique<Workspace>(model, config)) {}
+VisualServo::~VisualServo() = default;
+VisualServo::VisualServo(VisualServo&&) noexcept = default;
+VisualServo& VisualServo::operator=(VisualServo&&) noexcept = default;
+
+void VisualServo::aimAt(const Target& target) {
+  work_->begin(target);
+  work_->path.reset();
+}
+
+void VisualServo::follow(control::TipPath path) {
+  Workspace& w = *work_;
+  const control::TipReference first = path.at(0.0);
+  const lie::SE3 to{first.rotation.value_or(Eigen::Matrix3d::Identity()), first.position};
+  const lie::SE3 from = w.presentTip(to);
+  w.approach = first.rotation ? control::TipApproach(from, to)
+                              : control::TipApproach(from.translation, first.position);
+  const bool there = w.approach->duration() <= kShortApproach;
+  w.path_time = there ? 0.0 : -w.approach->duration();
+  if (!w.target) w.begin(from.translation);
+  w.divergence.clear();
+  w.within_reach = true;  // of the path's last point, which then stays the target
+  w.path = std::move(path);
+}
+
+void VisualServo::release() {
+  work_->target.reset();
+  work_->path.reset();
+}
+
+void VisualServo::hold() { work_->path.reset(); }
+
+bool VisualServo::hasTarget() const { return work_->target.has_value(); }
+
+void VisualServo::enable(bool enabled) {
+  Workspace& w = *work_;
+  if (w.enabled && !enabled) {
+    release();
+    // What held the arm then says nothing of the arm that is vented. The watch, which knew the arm
+    // under that load, begins anew.
+    if (w.contact.load().contact) {
+      w.contact.reset();
+      w.watch.reset();
+    }
+  }
+  w.enabled = enabled;
+}
+
+void VisualServo::close(bool closed) {
+  Workspace& w = *work_;
+  if (w.closed && !closed) w.fade();
+  w.closed = closed;
+}
+
+void VisualServo::reset() {
+  Workspace& w = *work_;
+  w.tracker.reset();
+  w.watch.reset();
+  w.budget.reset();
+  w.contact.reset();
+  w.estimated.set(w.tracker.correction());
+  w.accepted_at.fill(-std::numeric_limits<double>::infinity());
+  w.tip_deviation = std::numeric_limits<double>::infinity();
+  w.diverged = false;
+  w.divergence.clear();
+  if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
+  w.fade();
+}
+
+void VisualServo::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
+double VisualServo::contactLimit() const { return work_->config.contact.limit; }
+
+const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
+                                 const Eigen::VectorXd& reading) {
+  Workspace& w = *work_;
+  const bool began = w.observer.started();
+  double dt = began ? time - w.observer.time() : 0.0;
+  if (dt < 0) {  // the clock was set back: the estimate of the arm stays
+    w.tracker.forgetTime();
+    w.watch.forgetTime();
+    w.wanted.clear();
+    w.divergence.clear();
+    w.aimed_at = -std::numeric_limits<double>::infinity();
+    w.accepted_at.fill(-std::numeric_limits<double>::infinity());
+    w.arrived_at = -std::numeric_limits<double>::infinity();
+    w.slow_until = -std::numeric_limits<double>::infinity();
+  }
+  dt = std::clamp(dt, 0.0, kLongestTurn);
+  w.observer.update(time, set_point, reading);
+  w.settle(dt, set_point, reading);
+  w.memory.follow(w.observer);
+
+  const LoopState before = w.turn.state;
+  w.turn.state = w.nextState(time);
+  w.turn.held = w.yields();
+  if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
+  if (w.tracks(time) || w.fades) {
+    const bool slow = !w.closed || time < w.slow_until;
+    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing));
+    w.aim.approach(share);
+    w.beyond += share * (w.beyond_goal - w.beyond);
+  }
+  w.turn.commands = w.turn.state != LoopState::kIdle;
+  if (w.turn.commands) {
+    w.moveWanted(dt);
+    w.command();
+    w.turn.wanted = tipOf(*w.target, w.arm);
+    w.wanted.add(time, w.turn.wanted.translation);
+  } else if (w.observer.started()) {
+    w.aim.startAt(w.memory.felt(w.observer));
+  }
+  w.turn.predicted = w.observer.started() ? w.tipAt(w.memory.felt(w.observer)) : std::nullopt;
+  return w.turn;
+}
+
+estimation::Observation VisualServo::picture(double stamp, double now, const model::Twists& twists,
+                                             const Eigen::MatrixXd& covariance,
+                                             const std::optional<std::vector<int>>& tags) {
+  Workspace& w = *work_;
+  estimation::Observation out;
+  if (!w.findPressures(stamp, now, out.fault)) return out;
+  w.arrived_at = now;
+  const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
+                                           twists, covariance};
+  const bool touched = w.contact.load().contact;
+  w.contact.see(input, tags, w.settled, w.watch);
+  if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
+  out = w.tracker.see(input);
+  if (!out.accepted()) return out;
+  if (!w.contact.load().contact || w.doubts()) {
+    w.budget.update(w.watch, input, tags, w.doubts());
+  }
+  w.estimated.set(w.tracker.correction());
+  std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
+  w.accepted_at[0] = now;
+  const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
+      model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
+  w.tip_deviation = std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
+  if (w.tracks(now)) w.learn();
+  w.compare(stamp, now, input);
+  return out;
+}
+
+LoopState VisualServo::state() const { return work_->turn.state; }
+const Turn& VisualServo::turn() const { return work_->turn; }
+const control::PressureObserver& VisualServo::observer() const { return work_->observer; }
+const estimation::ArmFilter& VisualServo::tracker() const { return work_->tracker; }
+const estimation::ArmFilter& VisualServo::watch() const { return work_->watch; }
+const std::optional<estimation::TipErrorBudget>& VisualServo::budget() const {
+  return work_->budget.current();
+}
+bool VisualServo::sees() const {
+  return work_->observer.started() &&
+         work_->observer.time() - work_->accepted_at[0] <= work_->config.coast_time;
+}
+const estimation::ExternalLoad& VisualServo::load() const { return work_->contact.load(); }
+const estimation::Drift& VisualServo::drift() const { return work_->contact.drift(); }
+std::optional<double> VisualServo::error() const { return work_->error; }
+double VisualServo::tipDeviation() const { return work_->tip_deviation; }
+
+}  // namespace helix_arm::follow

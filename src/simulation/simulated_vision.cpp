@@ -1,0 +1,145 @@
+#include "helix_arm/simulation/simulated_vision.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/basics/number_requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/vision/frozen_watch.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
+
+std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
+  MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
+  for (const estimation::TagResidual& tag : fit.tags) out.tags.push_back(tag.tag);
+  std::sort(out.tags.begin(), out.tags.end());
+  return out;
+}
+
+}  // namespace
+
+struct SimulatedVision::Workspace {
+  Workspace(const CameraSetup& camera, const estimation::ArmView& known,
+            const vision::LocalizerConfig& localizer_config, const SimulatedVisionConfig& given)
+      : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
+    basics::requireNotNegative("simulated vision", "the noise of corners [px]",
+                               config.corner_noise);
+    basics::requireNotNegative("simulated vision", "the least side of a tag [px]",
+                               config.least_side);
+    generator.seed(config.seed);
+    if (config.kind == VisionKind::kCorners) {
+      fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
+      if (const auto& by_placements = localizer_config.rig_by_placements) {
+        memory.emplace(localizer_config.fit, *by_placements);
+      }
+    } else {
+      simulated.emplace(camera.view, camera.family, camera.body, camera.config);
+      encoder.emplace(camera.config.jpeg_quality);
+      localizer.emplace(nominal, localizer_config);
+    }
+  }
+
+  std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model);
+  void observe(const model::Shape& shape);
+  std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model);
+  bool photograph(const model::Shape& shape);
+
+  const estimation::ArmView truth, nominal;
+  const int min_tags;
+  const SimulatedVisionConfig config;
+  std::mt19937_64 generator;
+  std::normal_distribution<double> normal;
+  std::optional<estimation::TwistFitter> fitter;
+  std::optional<estimation::RigMemory> memory;
+  std::optional<model::Shape> last;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
+  bool frozen = false;
+  std::vector<estimation::TagImage> visible;
+  std::vector<estimation::CornerObservation> seen;
+  std::optional<SimulatedCamera> simulated;
+  std::optional<vision::JpegEncoder> encoder;
+  vision::JpegDecoder decoder;
+  std::optional<vision::ArmLocalizer> localizer;
+  vision::FrozenWatch frozen_watch;
+  cv::Mat gray;  // the last picture
+};
+
+std::optional<MeasuredShape> SimulatedVision::Workspace::fitCorners(const model::Shape& shape,
+                                                                    const model::Shape& model) {
+  if (!frozen) observe(shape);
+  if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+  if (memory) fitter->know(memory->estimate());
+  const estimation::TwistFit& fit =
+      fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+  if (memory) memory->learn(fit);
+  last.reset();
+  if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+  last = fit.shape;
+  return measured(fit);
+}
+
+void SimulatedVision::Workspace::observe(const model::Shape& shape) {
+  estimation::visibleTags(truth, shape, kLeastCosine, visible);
+  seen.clear();
+  for (const estimation::TagImage& tag : visible) {
+    if (estimation::longestSide(tag.corners) < config.least_side) continue;
+    estimation::Corners corners = tag.corners.colwise() + shift;
+    for (double& coordinate : corners.reshaped()) {
+      coordinate += config.corner_noise * normal(generator);
+    }
+    if (const auto direction = estimation::directionsOf(nominal.camera, corners)) {
+      seen.push_back({tag.tag, *direction});
+    }
+  }
+}
+
+bool SimulatedVision::Workspace::photograph(const model::Shape& shape) {
+  cv::Mat picture = simulated->render(shape);
+  if (!shift.isZero(0)) {
+    const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
+    cv::Mat moved;
+    cv::warpAffine(picture, moved, motion, picture.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    picture = moved;
+  }
+  const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
+  return !decoder.decode(jpeg.data(), jpeg.size(), gray);
+}
+
+std::optional<MeasuredShape> SimulatedVision::Workspace::searchPicture(const model::Shape& shape,
+                                                                       const model::Shape& model) {
+  if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
+  if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
+  const vision::Observation& vision = localizer->locate(gray, model);
+  if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
+  return measured(vision.fit);
+}
+
+SimulatedVision::SimulatedVision(const CameraSetup& camera, const estimation::ArmView& nominal,
+                                 const vision::LocalizerConfig& localizer,
+                                 const SimulatedVisionConfig& config)
+    : work_(std::make_unique<Workspace>(camera, nominal, localizer, config)) {}
+SimulatedVision::~SimulatedVision() = default;
+SimulatedVision::SimulatedVision(SimulatedVision&&) noexcept = default;
+SimulatedVision& SimulatedVision::operator=(SimulatedVision&&) noexcept = default;
+
+void SimulatedVision::shift(const Eigen::Vector2d& pixels) { work_->shift = pixels; }
+void SimulatedVision::freeze(bool frozen) { work_->frozen = frozen; }
+
+std::optional<MeasuredShape> SimulatedVision::look(const model::Shape& truth,
+                                                   const model::Shape& model) {
+  return work_->config.kind == VisionKind::kCorners ? work_->fitCorners(truth, model)
+                                                    : work_->searchPicture(truth, model);
+}
+
+}  // namespace helix_arm::simulation

@@ -1,0 +1,183 @@
+// From a webcam's JPEG to the arm's shape: ours beside the chain that people build of the same
+// libraries. One thread; the pictures run forth and back, so that the motion never jumps.
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include <apriltag/apriltag.h>
+#include <apriltag/tag36h11.h>
+#include <benchmark/benchmark.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "support/picture_series.hpp"
+
+namespace helix_arm::benchmark {
+namespace {
+
+constexpr int kPictures = 60;
+
+/// Pictures as a webcam sends them: in colour, a little tinted.
+struct Recording {
+  test::PictureSeries series;
+  std::vector<std::vector<std::uint8_t>> jpegs;
+
+  explicit Recording(double factor)
+      : series(test::enlarged(test::sampleView(0.8, 1, 20), factor), kPictures, config()) {
+    cv::setNumThreads(1);  // one thread for everybody
+    for (const cv::Mat& gray : series.pictures) {
+      cv::Mat colour;
+      const cv::Mat channels[] = {0.9 * gray, 1.0 * gray, 0.95 * gray};
+      cv::merge(channels, 3, colour);
+      jpegs.emplace_back();
+      cv::imencode(".jpg", colour, jpegs.back(), {cv::IMWRITE_JPEG_QUALITY, 90});
+    }
+  }
+
+  static simulation::SimulatedCameraConfig config() {
+    simulation::SimulatedCameraConfig config;
+    config.clutter = 12;
+    return config;
+  }
+};
+
+const Recording& recording(bool full_hd) {
+  static const Recording hd(1.0);
+  static const Recording fhd(1.5);
+  return full_hd ? fhd : hd;
+}
+
+// 0, 1, .., n - 1, n - 2, .., 1, 0, 1, ..
+class ForthAndBack {
+ public:
+  int next() {
+    const int period = 2 * (kPictures - 1);
+    const int step = at_++ % period;
+    return step < kPictures ? step : period - step;
+  }
+
+ private:
+  int at_ = 0;
+};
+
+void observation(::benchmark::State& state, bool full_hd, vision::TrackingMode mode) {
+  const Recording& source = recording(full_hd);
+  vision::LocalizerConfig config;
+  config.tracking = mode;
+  vision::ArmLocalizer localizer(source.series.view, config);
+  vision::JpegDecoder decoder;
+  cv::Mat gray;
+  ForthAndBack order;
+  double tags = 0, searched = 0, count = 0;
+  localizer.locate(source.series.pictures[0], source.series.model[0]);
+  for (auto _ : state) {
+    const int i = order.next();
+    if (decoder.decode(source.jpegs[i].data(), source.jpegs[i].size(), gray)) {
+      state.SkipWithError("a picture was not decoded");
+    }
+    const vision::Observation& seen = localizer.locate(gray, source.series.model[i]);
+    if (seen.state != vision::ObservationState::kMeasured) state.SkipWithError("no measurement");
+    tags += static_cast<double>(seen.detections.size());
+    searched += seen.whole_picture ? 1 : 0;
+    count += 1;
+  }
+  state.counters["tags"] = tags / count;
+  state.counters["searched_whole"] = searched / count;
+}
+
+/// libapriltag as it comes, its refinement of edges on.
+class PlainDetector {
+ public:
+  explicit PlainDetector(double decimate) {
+    apriltag_detector_add_family(detector_.get(), family_.get());
+    detector_->quad_decimate = static_cast<float>(decimate);
+    detector_->refine_edges = true;
+    detector_->nthreads = 1;
+  }
+
+  std::unique_ptr<zarray_t, void (*)(zarray_t*)> detect(const cv::Mat& gray) {
+    image_u8_t image{gray.cols, gray.rows, static_cast<int>(gray.step[0]), gray.data};
+    return {apriltag_detector_detect(detector_.get(), &image), apriltag_detections_destroy};
+  }
+
+ private:
+  std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family_{tag36h11_create(),
+                                                                           tag36h11_destroy};
+  std::unique_ptr<apriltag_detector_t, void (*)(apriltag_detector_t*)> detector_{
+      apriltag_detector_create(), apriltag_detector_destroy};
+};
+
+// The chain: decode, rectify, detect in the whole picture, one solvePnP a tag.
+void searchOfPeer(::benchmark::State& state, bool full_hd, bool colour, double decimate) {
+  const Recording& source = recording(full_hd);
+  const estimation::Camera& camera = source.series.view.camera;
+  const cv::Mat K =
+      (cv::Mat_<double>(3, 3) << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1);
+  const cv::Mat distortion = cv::Mat(1, 8, CV_64F, const_cast<double*>(camera.distortion.data()));
+  cv::Mat map_1, map_2;
+  cv::initUndistortRectifyMap(K, distortion, {}, K, {camera.width, camera.height}, CV_16SC2, map_1,
+                              map_2);
+  PlainDetector detector(decimate);
+  const double h = 0.5 * source.series.view.layout.size;
+  const std::vector<cv::Point3d> square = {{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
+  cv::Mat picture, rectified, gray;
+  ForthAndBack order;
+  double tags = 0, count = 0;
+  for (auto _ : state) {
+    picture =
+        cv::imdecode(source.jpegs[order.next()], colour ? cv::IMREAD_COLOR : cv::IMREAD_GRAYSCALE);
+    cv::remap(picture, rectified, map_1, map_2, cv::INTER_LINEAR);
+    if (colour) {
+      cv::cvtColor(rectified, gray, cv::COLOR_BGR2GRAY);
+    } else {
+      gray = rectified;
+    }
+    const auto found = detector.detect(gray);
+    for (int i = 0; i < zarray_size(found.get()); ++i) {
+      const apriltag_detection_t* tag = nullptr;
+      zarray_get(found.get(), i, &tag);
+      std::vector<cv::Point2d> corners;
+      for (const auto& p : tag->p) corners.emplace_back(p[0] - 0.5, p[1] - 0.5);
+      cv::Vec3d turn, place;
+      cv::solvePnP(square, corners, K, cv::noArray(), turn, place);
+      ::benchmark::DoNotOptimize(place);
+    }
+    tags += zarray_size(found.get());
+    count += 1;
+  }
+  state.counters["tags"] = tags / count;
+}
+
+void decode(::benchmark::State& state, bool full_hd) {
+  const Recording& source = recording(full_hd);
+  vision::JpegDecoder decoder;
+  cv::Mat gray;
+  ForthAndBack order;
+  for (auto _ : state) {
+    const auto& jpeg = source.jpegs[order.next()];
+    if (decoder.decode(jpeg.data(), jpeg.size(), gray)) state.SkipWithError("not decoded");
+  }
+}
+
+using vision::TrackingMode;
+BENCHMARK_CAPTURE(decode, 720p, false)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(decode, 1080p, true)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 720p_edges, false, TrackingMode::kEdges)
+    ->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 720p_regions, false, TrackingMode::kRegions)
+    ->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 720p_full, false, TrackingMode::kFull)
+    ->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 1080p_edges, true, TrackingMode::kEdges)
+    ->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(searchOfPeer, 720p_colour, false, true, 1.0)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(searchOfPeer, 720p_gray, false, false, 2.0)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(searchOfPeer, 1080p_colour, true, true, 1.0)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(searchOfPeer, 1080p_gray, true, false, 2.0)->Unit(::benchmark::kMicrosecond);
+
+}  // namespace
+}  // namespace helix_arm::benchmark

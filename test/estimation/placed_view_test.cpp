@@ -1,0 +1,258 @@
+#include "helix_arm/estimation/placed_view.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "support/loaded_arm.hpp"
+#include "support/refusal.hpp"
+#include "support/sample_view.hpp"
+#include "support/tip_spread.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using test::Random;
+
+constexpr double kDegree = test::kPi / 180;
+
+PlacedView viewOf(const ArmView& view, const TwistFitOptions& fit, const TagPrior& tag,
+                  const BasePrior& base) {
+  return {view, fit, {view.layout, tag, base}};
+}
+
+// A rig whose placements are off by what a PlacedView says of them.
+ArmView misplaced(const PlacedView& placed, const model::Arm& arm, Random& random) {
+  const auto draw = [&random](const lie::Vector6& deviations) {
+    lie::Vector6 out;
+    for (int i = 0; i < 6; ++i) out[i] = deviations[i] * random.normal();
+    return out;
+  };
+  ArmView out = placed.view;
+  out.X_CB = out.X_CB * lie::SE3::exp(draw(placed.deviations.base));
+  for (std::size_t i = 0; i < out.layout.tags.size(); ++i) {
+    TagPlacement& tag = out.layout.tags[i];
+    tag = movedBy(tag, draw(placed.deviations.tags[i]), arm.restLength(tag.section));
+  }
+  return out;
+}
+
+// The tags `seen` as an exact camera sees them on another rig.
+std::vector<CornerObservation> lookAgain(const ArmView& view, const model::Shape& shape,
+                                         const std::vector<int>& seen) {
+  Random unused(0);
+  std::vector<TagImage> observations;
+  for (const TagImage& one : visibleTags(view, shape, 0.0)) {
+    if (std::find(seen.begin(), seen.end(), one.tag) != seen.end()) observations.push_back(one);
+  }
+  return test::observe(view, observations, 0.0, unused);
+}
+
+struct Case {
+  const char* name;
+  int sections;
+  bool free_base;
+  bool loaded;
+};
+std::string nameOfCase(const ::testing::TestParamInfo<Case>& info) { return info.param.name; }
+
+class PlacementCovariance : public ::testing::TestWithParam<Case> {};
+
+// Misplaced tags are fitted with the nominal placements; the errors are small enough for the linear
+// propagation and for the weights to stay near 1.
+TEST_P(PlacementCovariance, IsThatOfRepeatedFits) {
+  const auto [name, sections, free_base, loaded] = GetParam();
+  const model::Arm arm =
+      loaded ? test::softHelicalArm() : test::ringArm(test::helicalRing(), sections);
+  const statics::ArmModel model =
+      loaded
+          ? statics::ArmModel(arm, std::nullopt, test::weight(test::Posture::kHorizontal, 0.1, 900),
+                              statics::TierSetting{statics::Tier::kLoaded, 5})
+          : statics::ArmModel(arm);
+  TwistFitOptions fit;
+  fit.free_base = free_base;
+  fit.base_prior = {0.001, 0.3 * kDegree};
+  fit.robust_scale = 100;
+  const ArmView view = test::sampleView(0.8 * sections, sections, 32 / sections);
+  const PlacedView placed = viewOf(view, fit, {0.0005, 0.5 * kDegree}, fit.base_prior);
+  placed.validate();
+  const model::Shape shape = model.solve(arm.inputAt(0.4)).shape;
+  EXPECT_EQ(shape.piecesPerSection() > 1, loaded);
+  std::vector<int> tags;
+  for (const TagImage& one : visibleTags(view, shape, 0.3)) tags.push_back(one.tag);
+  ASSERT_GE(tags.size(), 6U);
+  const auto covariance = placementCovariance(placed, arm, shape, tags);
+  ASSERT_TRUE(covariance);
+
+  TwistFitter fitter(view.layout, sections, fit);
+  Random random(11);
+  int fits = 0;
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(placed, arm, random);
+    const auto seen = lookAgain(truth, shape, tags);
+    const TwistFit& result = fitter.fit(seen, view.X_CB, view.camera.focal(), shape);
+    fits += result.status == FitStatus::kConverged && seen.size() == tags.size() ? 1 : 0;
+    return model::tipPose(result.shape).translation;
+  });
+  EXPECT_EQ(fits, 1500);
+  test::expectSpread(sampled, tipCovariance(shape, *covariance), 0.15);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, PlacementCovariance,
+                         ::testing::Values(Case{"FixedBase", 1, false, false},
+                                           Case{"FreeBase", 1, true, false},
+                                           Case{"TwoSections", 2, true, false},
+                                           Case{"UnderALoad", 1, true, true}),
+                         nameOfCase);
+
+// Of the same misplaced rig, with all tags and with some.
+TEST(PlacementDifference, IsThatOfRepeatedFits) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  TwistFitOptions fit;
+  fit.robust_scale = 100;
+  const PlacedView placed = viewOf(view, fit, {0.0002, 0.2 * kDegree}, {0.001, 0.3 * kDegree});
+  const model::Shape shape = arm.twists(arm.inputAt(0.4));
+  std::vector<int> all;
+  for (const TagImage& one : visibleTags(view, shape, 0.3)) all.push_back(one.tag);
+  const std::vector<int> some(all.begin(), all.end() - 1);
+  const auto difference = placementDifference(placed, arm, shape, all, some);
+  ASSERT_TRUE(difference);
+  EXPECT_LT(difference->trace(), placementCovariance(placed, arm, shape, all)->trace());
+  EXPECT_TRUE(placementDifference(placed, arm, shape, all, all)->isZero(0));
+  TwistFitter fitter(view.layout, 1, fit);
+  Random random(5);
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(placed, arm, random);
+    const auto tipOf = [&](const std::vector<int>& tags) {
+      const TwistFit& result =
+          fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+      return Eigen::Vector3d(model::tipPose(result.shape).translation);
+    };
+    return Eigen::Vector3d(tipOf(some) - tipOf(all));
+  });
+  test::expectSpread(sampled, tipCovariance(shape, *difference), 0.2);
+}
+
+// Of a base that is fitted with hardly any prior, on rigs whose base is where it is thought.
+TEST(RigByPlacements, IsThatOfRepeatedFits) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  TwistFitOptions fit;
+  fit.free_base = fit.free_bleed = true;
+  fit.robust_scale = 100;
+  PlacedView placed = viewOf(view, fit, {0.0003, 0.3 * kDegree}, fit.base_prior);
+  const model::Shape shape = arm.twists(arm.inputAt(0.4));
+  std::vector<int> tags;
+  for (const TagImage& one : visibleTags(view, shape, 0.3)) tags.push_back(one.tag);
+  const auto covariance = rigByPlacements(placed, arm, shape, tags);
+  ASSERT_TRUE(covariance);
+  placed.deviations.base.setZero();
+  TwistFitOptions wide = fit;
+  wide.base_prior.translation *= 30;
+  wide.base_prior.rotation *= 30;
+  wide.bleed_prior *= 30;
+  TwistFitter fitter(view.layout, 1, wide);
+  Random random(6);
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(placed, arm, random);
+    const TwistFit& result =
+        fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+    return Eigen::Vector3d(result.rig.mean.head<3>());
+  });
+  test::expectSpread(sampled, covariance->topLeftCorner<3, 3>(), 0.2);
+  fit.free_base = false;
+  const auto bleed = rigByPlacements({view, fit, placed.deviations}, arm, shape, tags);
+  EXPECT_TRUE(bleed->topRows<6>().isZero(0));
+  EXPECT_GT((*bleed)(6, 6), 0);
+}
+
+TEST(PlacementCovariance, GrowsWithTheSquareOfTheDeviations) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  const std::vector<int> tags = {0, 4, 8, 12, 16, 20, 24, 28};
+  const auto of = [&](double factor) {
+    return *placementCovariance(
+        viewOf(view, {}, {factor * 0.001, factor * 0.01}, {factor * 0.001, factor * 0.01}), arm,
+        shape, tags);
+  };
+  const Eigen::MatrixXd once = of(1), twice = of(2);
+  EXPECT_LT((twice - 4 * once).norm(), 1e-9 * twice.norm());
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(once).eigenvalues().minCoeff(), 0);
+  EXPECT_TRUE(of(0).isZero(0));
+}
+
+TEST(PlacementCovariance, DependsOnTheFittedTagsAlone) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  PlacedView placed = viewOf(view, {}, {0.001, 0.01}, {0.001, 0.01});
+  const Eigen::MatrixXd before = *placementCovariance(placed, arm, shape, {4, 12, 20, 28});
+  placed.deviations.tags[8] *= 100;
+  EXPECT_EQ(*placementCovariance(placed, arm, shape, {4, 12, 20, 28}), before);
+  EXPECT_GT(placementCovariance(placed, arm, shape, {4, 8, 12, 20, 28})->trace(), before.trace());
+  EXPECT_TRUE(placementCovariance(placed, arm, shape, {})->isZero(0));
+}
+
+TEST(PlacementCovariance, IsNothingBehindTheCamera) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  ArmView view = test::sampleView();
+  view.X_CB.translation.z() = -1;
+  EXPECT_FALSE(
+      placementCovariance(viewOf(view, {}, {}, {}), arm, arm.twists(arm.inputAt(0.5)), {0, 4, 8}));
+}
+
+TEST(PlacementCovariance, RefusesOtherTagsAndShapes) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const PlacedView placed = viewOf(test::sampleView(), {}, {}, {});
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  EXPECT_EQ(test::refusal([&] { placementCovariance(placed, arm, shape, {32}); }),
+            "placed view: the index of a tag is 32; expected one of the layout");
+  EXPECT_EQ(test::refusal([&] {
+              const model::Arm two = test::ringArm(test::helicalRing(), 2);
+              placementCovariance(placed, arm, two.twists(two.inputAt(0.5)), {0});
+            }),
+            "placed view: the number of sections of the shape is 2; expected that of the view and "
+            "of the arm");
+}
+
+TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
+  TagLayout layout = test::sampleLayout(1, 4);
+  std::swap(layout.tags[0], layout.tags[2]);
+  ASSERT_EQ(layout.baseTag(), 2);
+  const PlacementDeviations deviations(layout, {0.002, 0.05}, {0.001, 0.01});
+  lie::Vector6 tag, base;
+  tag << 0.002, 0.002, 0.002, 0.05, 0.05, 0.05;
+  base << 0.001, 0.001, 0.001, 0.01, 0.01, 0.01;
+  for (const std::size_t i : {0U, 1U, 3U}) EXPECT_EQ(deviations.tags[i], tag);
+  EXPECT_TRUE(deviations.tags[2].isZero(0));
+  EXPECT_EQ(deviations.base, base);
+}
+
+TEST(PlacedView, RefusesDeviationsThatMakeNoSense) {
+  const PlacedView good = viewOf(test::sampleView(), {}, {}, {});
+  const auto said = [&good](const auto& change) {
+    PlacedView placed = good;
+    change(placed);
+    return test::refusal([&placed] { placed.validate(); });
+  };
+  EXPECT_EQ(said([](PlacedView&) {}), "accepted");
+  EXPECT_EQ(said([](PlacedView& placed) { placed.deviations.tags.pop_back(); }),
+            "placed view: the number of tags with deviations is 31; expected that of the layout");
+  EXPECT_EQ(
+      said([](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; }),
+      "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0");
+  EXPECT_EQ(said([](PlacedView& placed) {
+              placed.deviations.base[5] = std::numeric_limits<double>::quiet_NaN();
+            }),
+            "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0");
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,395 @@
+#include "helix_arm/follow/visual_servo.hpp"
+
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/loop_fixture.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+using estimation::ObservationFault;
+using test::LoopBench;
+
+using Loop = test::LoopTest;
+
+TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
+  close();
+  EXPECT_LT(bench_.error(), 5e-4);
+  bench_.loop.close(false);
+  bench_.run(3);
+  EXPECT_GT(bench_.error(), 5e-3);
+}
+
+TEST_F(Loop, CommandsNothingWithoutTarget) {
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kIdle);
+  EXPECT_FALSE(bench_.loop.turn().commands);
+  EXPECT_TRUE(bench_.pressure().isZero());
+}
+
+TEST_F(Loop, IsOpenUntilItHasSeenTheArm) {
+  bench_.loop.aimAt(here_);
+  bench_.run(1, false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  EXPECT_TRUE(bench_.loop.turn().commands);
+  EXPECT_EQ(bench_.loop.tipDeviation(), std::numeric_limits<double>::infinity());
+  bench_.run(0.05);
+  EXPECT_EQ(state(), LoopState::kOpen) << "before the first pictures have arrived";
+  bench_.run(0.2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, CoastsWithoutPicturesAndOpensAfterAWhile) {
+  close();
+  const double begin = bench_.time();
+  while (state() == LoopState::kClosed && bench_.time() < begin + 1) bench_.step(false);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  EXPECT_NEAR(bench_.time() - begin, 0.3 + bench_.options.latency, 0.04);
+  while (state() == LoopState::kCoasting && bench_.time() < begin + 5) bench_.step(false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  EXPECT_NEAR(bench_.time() - begin, 3.0 + bench_.options.latency, 0.04);
+  EXPECT_LT(bench_.error(), 1e-3) << "what was learnt is held";
+  bench_.run(0.3);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, ClosesAgainFromCoastingAfterThreePictures) {
+  close();
+  bench_.run(1, false);
+  ASSERT_EQ(state(), LoopState::kCoasting);
+  bench_.run(bench_.options.latency + 0.05);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  bench_.run(0.1);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, StandsStillWhileSomethingTouchesTheArm) {
+  bench_.loop.setOnContact(OnContact::kYield);
+  close();
+  bench_.run(12);  // contacts are found after ten seconds of pictures
+  ASSERT_FALSE(bench_.loop.load().contact);
+  touch();
+  bench_.run(1);
+  ASSERT_EQ(state(), LoopState::kYielding);
+  EXPECT_TRUE(bench_.loop.load().contact);
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
+  bench_.run(2);
+  EXPECT_LE((bench_.loop.turn().pressure - held).norm(), 1.0);
+  letGo();
+  bench_.run(4);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, PushesOnWhereContactsAreReportedAlone) {
+  bench_.loop.setOnContact(OnContact::kReport);
+  close();
+  bench_.run(12);
+  touch();
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_TRUE(bench_.loop.load().contact);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, HoldsThePathWhileSomethingTouchesTheArm) {
+  bench_.loop.setOnContact(OnContact::kYield);
+  close();
+  bench_.run(12);
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
+  bench_.run(2);
+  touch();
+  bench_.run(1);
+  const auto before = bench_.loop.turn().path_time;
+  ASSERT_EQ(state(), LoopState::kYielding);
+  ASSERT_TRUE(before);
+  bench_.run(1);
+  EXPECT_EQ(bench_.loop.turn().path_time, before);
+}
+
+TEST_F(Loop, EndsThePathAtAContactThatIsToStopIt) {
+  bench_.loop.setOnContact(OnContact::kStop);
+  close();
+  bench_.run(12);
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
+  bench_.run(2);
+  touch();
+  bench_.run(1);
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+  EXPECT_TRUE(bench_.loop.turn().commands) << "the command is held";
+}
+
+// The model bends the wrong way: the correction pushes the arm farther from a still target.
+TEST_F(Loop, StopsCorrectingAnArmThatGoesTheWrongWay) {
+  close();
+  bench_.options.gain = -3.0;
+  double begin = bench_.time();
+  while (state() == LoopState::kClosed && bench_.time() < begin + 20) bench_.step();
+  ASSERT_EQ(state(), LoopState::kDiverging);
+  const Eigen::VectorXd frozen = bench_.loop.turn().pressure;
+  bench_.run(3);
+  EXPECT_EQ(state(), LoopState::kDiverging);
+  EXPECT_LE((bench_.loop.turn().pressure - frozen).norm(), 1.0);
+  bench_.options.gain = 1.0;
+  bench_.loop.reset();
+  bench_.run(3);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, RestsWhileTheArmIsNotEnabled) {
+  close();
+  bench_.loop.enable(false);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kIdle);
+  EXPECT_FALSE(bench_.loop.turn().commands);
+  EXPECT_FALSE(bench_.loop.hasTarget()) << "nothing may move when it is enabled again";
+  bench_.loop.enable(true);
+  bench_.run(0.5);
+  EXPECT_EQ(state(), LoopState::kIdle);
+  bench_.loop.aimAt(there_);
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, LearnsWhileItIsIdle) {
+  bench_.run(2);
+  EXPECT_LT(bench_.loop.tipDeviation(), 0.01);
+  bench_.loop.aimAt(here_);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+// Whatever happens at a still target, the command moves by what a correction of some millimetres
+// takes, over its time constant.
+TEST_F(Loop, NeverJumps) {
+  close();
+  Eigen::VectorXd last = bench_.loop.turn().pressure;
+  double most = 0;
+  const auto run = [&](double seconds, bool sees) {
+    const int steps = static_cast<int>(seconds / LoopBench::kStep);
+    for (int k = 0; k < steps; ++k) {
+      bench_.step(sees);
+      most = std::max(most, (bench_.loop.turn().pressure - last).cwiseAbs().maxCoeff());
+      last = bench_.loop.turn().pressure;
+    }
+  };
+  run(1, true);
+  run(5, false);
+  run(1, true);
+  const double quiet = most;
+  EXPECT_LT(quiet, 2e3);  // of 414 kPa
+  bench_.loop.close(false);
+  run(2, true);
+  bench_.loop.close(true);
+  run(2, true);
+  bench_.loop.reset();
+  run(2, true);
+  EXPECT_LT(most, 8e3);  // 19 mm of correction go and come
+}
+
+TEST_F(Loop, ReachesTwistsAndPoses) {
+  const Eigen::VectorXd input = model_.arm().inputAt(0.4);
+  bench_.loop.aimAt(Target(model_.arm().twists(input)));
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.loop.error().value_or(1), 5e-3);
+  bench_.loop.aimAt(model_.tip(input).tip);
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, ComesBackFromATargetOutOfReach) {
+  close();
+  bench_.loop.aimAt(Eigen::Vector3d(0.8, 0, 0));
+  bench_.run(4);
+  EXPECT_EQ(bench_.loop.turn().status, statics::InverseStatus::kUnreachable);
+  EXPECT_GT(bench_.loop.turn().residual, 0.1);
+  EXPECT_NE(state(), LoopState::kDiverging);
+  bench_.loop.aimAt(there_);
+  bench_.run(1);
+  EXPECT_LT(bench_.error(), 2e-3 + 0.05 * 0.3);
+  bench_.run(1);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, FollowsAPathFromWhereItIs) {
+  close();
+  bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
+  bench_.step();
+  ASSERT_TRUE(bench_.loop.turn().path_time);
+  const double approach = -*bench_.loop.turn().path_time;
+  EXPECT_GT(approach, (there_ - here_).norm() / control::kApproachSpeed);
+  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-3);
+  double most = 0;
+  bench_.run(approach);
+  while (*bench_.loop.turn().path_time < 3.2) {
+    bench_.step();
+    most = std::max(most, bench_.error());
+  }
+  EXPECT_LT(most, 5e-3);  // 0.05 m/s, unlearned
+  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-9);
+  bench_.loop.hold();
+  bench_.step();
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+  EXPECT_TRUE(bench_.loop.turn().commands);
+  bench_.loop.release();
+  bench_.step();
+  EXPECT_FALSE(bench_.loop.turn().commands);
+}
+
+// From a target out of reach the arm need not come back: it is elsewhere.
+TEST_F(Loop, FollowsAPathFromWhereATargetOutOfReachHasLeftIt) {
+  close();
+  for (const double far : {5.0, 5e5}) {
+    bench_.loop.aimAt(Eigen::Vector3d(far, 0, 0));
+    bench_.run(3);
+    const Eigen::Vector3d tip = bench_.trueTip();
+    bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
+    bench_.step();
+    ASSERT_TRUE(bench_.loop.turn().path_time);
+    EXPECT_NEAR(-*bench_.loop.turn().path_time,
+                15.0 / 8 * (there_ - tip).norm() / control::kApproachSpeed, 0.3);
+    EXPECT_LT((bench_.loop.turn().wanted.translation - tip).norm(), 0.01);
+  }
+}
+
+// On the way to a path of poses the tip turns as well, and does not jump at the first point.
+TEST_F(Loop, TurnsOnTheWayToAPathOfPoses) {
+  close();
+  const lie::SE3 first = model_.tip(model_.arm().inputAt(Eigen::Vector3d(0.6, 0.3, 0.4))).tip;
+  bench_.loop.follow(
+      control::TipPath({{0.0, first.translation, Eigen::Matrix3d(first.rotation), {}},
+                        {3.0, first.translation, Eigen::Matrix3d(first.rotation), {}}}));
+  lie::SE3 last = *bench_.loop.turn().predicted;
+  double most = 0;
+  do {
+    bench_.step();
+    const lie::SE3& wanted = bench_.loop.turn().wanted;
+    most = std::max(
+        most, (last.rotation.transpose() * wanted.rotation).eval().isIdentity(0.05) ? 0.0 : 1.0);
+    last = wanted;
+  } while (*bench_.loop.turn().path_time < 1);
+  EXPECT_EQ(most, 0.0) << "the wanted orientation jumps";
+  EXPECT_TRUE(last.rotation.isApprox(first.rotation, 1e-9));
+}
+
+TEST_F(Loop, NamesPicturesThatItDoesNotTake) {
+  close();
+  const double now = bench_.time();
+  const model::Twists twists = bench_.trueTwists();
+  const Eigen::MatrixXd covariance = bench_.covariance();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  VisualServo& loop = bench_.loop;
+  EXPECT_EQ(loop.picture(now + 0.001, now, twists, covariance).fault, ObservationFault::kFuture);
+  EXPECT_EQ(loop.picture(now - 1.2, now, twists, covariance).fault, ObservationFault::kTooOld);
+  EXPECT_EQ(loop.picture(now - 0.5, now, twists, covariance).fault, ObservationFault::kNotNewer);
+  EXPECT_EQ(loop.picture(nan, now, twists, covariance).fault, ObservationFault::kNotFinite);
+  EXPECT_EQ(loop.picture(now, now, model::Twists::Zero(6, 2), covariance).fault,
+            ObservationFault::kWrongSize);
+  model::Twists mirrored = twists;
+  mirrored.bottomRows<2>() *= -1;
+  EXPECT_EQ(loop.picture(now, now, mirrored, covariance).fault, ObservationFault::kOutlier);
+}
+
+TEST_F(Loop, GoesOnAfterAReadingThatIsNone) {
+  close();
+  Eigen::VectorXd reading = bench_.pressure();
+  for (const double wrong : {1e300, -1e300, std::numeric_limits<double>::infinity()}) {
+    reading[0] = wrong;
+    bench_.loop.reading(bench_.time() + 0.001, bench_.loop.turn().pressure, reading);
+    bench_.run(1);
+    EXPECT_EQ(state(), LoopState::kClosed);
+    EXPECT_LT(bench_.error(), 1e-3);
+  }
+}
+
+// The clock is set back, as by a recording that begins again: what is known of the arm stays.
+TEST_F(Loop, GoesOnWhereTheClockIsSetBack) {
+  close();
+  const Eigen::VectorXd theta = bench_.loop.tracker().state().mean;
+  const Eigen::VectorXd reading = bench_.pressure();
+  bench_.loop.reading(1.0, reading, reading);
+  EXPECT_EQ(bench_.loop.tracker().state().mean, theta);
+  EXPECT_NE(state(), LoopState::kIdle);
+  EXPECT_EQ(bench_.loop.picture(0.5, 1.0, bench_.trueTwists(), bench_.covariance()).fault,
+            ObservationFault::kTooOld);
+  for (int k = 1; k <= 20; ++k) {
+    const double now = 1.0 + 0.01 * k;
+    bench_.loop.reading(now, reading, reading);
+    EXPECT_TRUE(bench_.loop.picture(now, now, bench_.trueTwists(), bench_.covariance()).accepted());
+  }
+  bench_.loop.reading(1.3, reading, reading);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, TurnsWithoutAllocation) {
+  close();
+  const Eigen::VectorXd reading = bench_.pressure(), set_point = bench_.loop.turn().pressure;
+  double now = bench_.time();
+  bench_.loop.reading(now += 0.01, set_point, reading);
+  const test::AllocationCounter counter;
+  for (int k = 0; k < 25; ++k) bench_.loop.reading(now += 0.01, set_point, reading);
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST_F(Loop, RefusesATargetThatIsNone) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::string message =
+      test::refusal([&] { bench_.loop.aimAt(Eigen::Vector3d(0.3, nan, 0)); });
+  EXPECT_NE(message.find("not finite"), std::string::npos) << message;
+  EXPECT_FALSE(bench_.loop.hasTarget());
+}
+
+// A bus of many regulators may give five readings a second: pictures then are newer than the last.
+TEST_F(Loop, ClosesWithFewReadings) {
+  bench_.options.steps_per_reading = 20;
+  close();
+  bench_.faults.clear();
+  bench_.run(6);
+  EXPECT_EQ(bench_.faults[ObservationFault::kNone], 200);
+  EXPECT_LT(bench_.error(), 5e-4);
+  bench_.loop.aimAt(there_);
+  bench_.run(4);
+  EXPECT_EQ(bench_.faults[ObservationFault::kTooOld], 0);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST(VisualServoConfig, RefusesWhatMakesNoSense) {
+  const statics::ArmModel model(test::ringArm(test::helicalRing()));
+  const auto refused = [&](void (*spoil)(VisualServoConfig&)) {
+    VisualServoConfig config = LoopBench::config();
+    spoil(config);
+    return test::refusal([&] { VisualServo(model, config); });
+  };
+  const struct {
+    void (*spoil)(VisualServoConfig&);
+    const char* culprit;
+  } cases[] = {
+      {[](VisualServoConfig& c) { c.smoothing = 0; }, "smoothing time [s] is 0"},
+      {[](VisualServoConfig& c) { c.stale_after = -1; }, "coasts [s] is -1"},
+      {[](VisualServoConfig& c) { c.coast_time = 0; }, "for which it coasts [s] is 0"},
+      {[](VisualServoConfig& c) { c.time_constant = 0; }, "regulator's time constant [s] is 0"},
+      {[](VisualServoConfig& c) { c.reading_noise = 0; }, "noise of a reading [Pa] is 0"},
+      {[](VisualServoConfig& c) { c.watch_creep = -1; }, "creep of the watch"},
+      {[](VisualServoConfig& c) { c.filter.hysteresis = -1; }, "hysteresis is -1"},
+  };
+  for (const auto& test : cases) {
+    EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);
+  }
+}
+
+TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {
+  EXPECT_NEAR(smoothingFor(4.0, 0.1, 0.15), 0.09, 0.01);
+  EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.17, 0.01);
+  EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.6, 0.02);
+  EXPECT_EQ(smoothingFor(4.0, 1.0, 0.15), 0.0);
+}
+
+}  // namespace
+}  // namespace helix_arm::follow
