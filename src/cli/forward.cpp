@@ -7,7 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "felt_pressures.hpp"
+#include "effective_pressures.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
@@ -36,7 +36,7 @@ struct SectionResult {
 // One row of a history.
 struct HistoryRow {
   std::optional<double> time;
-  Eigen::VectorXd pressure, felt;  // (n)
+  Eigen::VectorXd pressure, effective;  // (n)
   bool known;
   statics::Tip tip;
 };
@@ -111,12 +111,12 @@ ForwardResult forward(const statics::ArmModel& model, const model::InputHistory&
   std::vector<HistoryRow> rows;
   for (Eigen::Index k = 0; k < history.rows(); ++k) {
     response.follow(history, k);
-    const Eigen::VectorXd felt = model.arm().clamped(response.felt());
+    const Eigen::VectorXd effective = model.arm().clamped(response.effective());
     rows.push_back({history.time.empty() ? std::nullopt
                                          : std::optional(history.time[static_cast<std::size_t>(k)]),
-                    history.input.row(k), felt, response.known(), model.tip(felt)});
+                    history.input.row(k), effective, response.known(), model.tip(effective)});
   }
-  ForwardResult result = forward(model, rows.back().felt, samples);
+  ForwardResult result = forward(model, rows.back().effective, samples);
   result.response = std::move(response);
   result.measured = rows.back().pressure;
   result.rows = std::move(rows);
@@ -183,12 +183,12 @@ json reportJson(const io::Scene& scene, const ForwardResult& result) {
   addInputs(scene.arm, result.measured, document);
   addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
   if (!result.rows.empty()) {
-    document["felt_pressure_pa"] = toJson(result.inputs);
+    document["effective_pressure_pa"] = toJson(result.inputs);
     json& rows = document["history"] = json::array();
     for (const HistoryRow& row : result.rows) {
       rows.push_back({{"time_s", toJson(row.time)},
                       {"pressure_pa", toJson(row.pressure)},
-                      {"felt_pressure_pa", toJson(row.felt)},
+                      {"effective_pressure_pa", toJson(row.effective)},
                       {"memory_known", row.known},
                       {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}});
     }
@@ -237,8 +237,9 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   for (const HistoryRow& row : result.rows) {
     CsvTable::Row cells{{"time_s", exact(row.time)}};
     appendInputs(scene.arm, row.pressure, cells);
-    for (int i = 0; i < row.felt.size(); ++i) {
-      cells.emplace_back("felt_pressure_" + std::to_string(i + 1) + "_pa", exact(row.felt[i]));
+    for (int i = 0; i < row.effective.size(); ++i) {
+      cells.emplace_back("effective_pressure_" + std::to_string(i + 1) + "_pa",
+                         exact(row.effective[i]));
     }
     cells.emplace_back("memory_known", row.known ? "1" : "0");
     cells.emplace_back("status", statics::nameOf(row.tip.status));
@@ -271,7 +272,7 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     std::cout << "  " << scene.arm.actuator(i).name << ": ";
     if (!result.rows.empty()) {
-      std::cout << inputText(scene.arm.actuator(i), result.measured[i]) << ", felt as ";
+      std::cout << inputText(scene.arm.actuator(i), result.measured[i]) << ", effective ";
     }
     std::cout << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
               << std::fixed << std::setprecision(6) << result.lengths[i] << " m\n"
@@ -383,10 +384,11 @@ Subcommand addForward(CLI::App& app) {
       "row, or the rows of the curve. With --inputs json is {scene, rows [as above]}, csv has a "
       "row\n"
       "for each input. With --history the result is that of its last row;\n"
-      "json: felt_pressure_pa, history [{time_s, pressure_pa, felt_pressure_pa, memory_known,\n"
+      "json: effective_pressure_pa, history [{time_s, pressure_pa, effective_pressure_pa, "
+      "memory_known,\n"
       "tip}]; csv: one row for each of its rows. Of actuators with a response: response\n"
       "{history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of\n"
-      "the felt pressures, until the memory is known), note (without a history: what is left "
+      "the effective pressures, until the memory is known), note (without a history: what is left "
       "out)}.\n"
       "--tier, --order, --accuracy and --budget replace everything that the scene says about\n"
       "the tier.\n"

@@ -9,7 +9,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "felt_pressures.hpp"
+#include "effective_pressures.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "output.hpp"
 #include "table_rows.hpp"
@@ -116,7 +116,7 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
 
 // What the search found, and the pressures that it takes.
 struct InverseAnswer {
-  InverseResult result;         // its inputs are those that the actuators feel
+  InverseResult result;         // its inputs are effective ones
   Eigen::VectorXd pressure;     // (n) to command
   model::ArmResponse response;  // before
   Eigen::Index history_rows = 0;
@@ -140,7 +140,7 @@ json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
                 {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}};
   addInputs(scene.arm, answer.pressure, document);
   addResponse(scene.arm, answer.response, answer.history_rows, document);
-  if (answer.history_rows > 0) document["felt_pressure_pa"] = toJson(result.input);
+  if (answer.history_rows > 0) document["effective_pressure_pa"] = toJson(result.input);
   return document;
 }
 
@@ -173,7 +173,8 @@ void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = scene.arm.actuator(i);
     std::cout << "  " << actuator.name << ": " << inputText(actuator, answer.pressure[i]);
-    if (answer.history_rows > 0) std::cout << ", felt as " << inputText(actuator, result.input[i]);
+    if (answer.history_rows > 0)
+      std::cout << ", effective " << inputText(actuator, result.input[i]);
     if (result.limits[i] != Limit::kNone)
       std::cout << ", at its " << limitName(result.limits[i]) << " limit";
     std::cout << "\n";
@@ -251,7 +252,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
     const model::InputHistory history = historyOfFile(scene, arguments.history);
     for (; rows < history.rows(); ++rows) response.follow(history, rows);
     Eigen::VectorXd lower = start, upper = start;
-    response.feltLimits(scene.arm, lower, upper);
+    response.effectiveLimits(scene.arm, lower, upper);
     solver.limit(lower, upper);
     start = start.cwiseMax(lower).cwiseMin(upper);
   }
@@ -329,7 +330,7 @@ Subcommand addInverse(CLI::App& app) {
       "With --targets json is {scene, rows [as above]}, csv has a row for each target.\n"
       "With --history the pressures are those to go to in one direction from its last row, for "
       "the\n"
-      "felt_pressure_pa that reach the target; response as in `forward`.\n"
+      "effective_pressure_pa that reach the target; response as in `forward`.\n"
       "An unreachable target gives the closest inputs found and exit code 1.");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

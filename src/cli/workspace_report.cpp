@@ -4,7 +4,7 @@
 #include <iomanip>
 #include <iostream>
 
-#include "felt_pressures.hpp"
+#include "effective_pressures.hpp"
 #include "workspace_progress.hpp"
 
 namespace helix_arm::cli {

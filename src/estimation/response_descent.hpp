@@ -205,21 +205,21 @@ class ResponseDescent {
     Eigen::VectorXd out = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
     if (n == 0) return out;
     const Eigen::MatrixXd J = jacobian(fit);
-    std::vector<Eigen::Index> felt;  // numbers with an effect
+    std::vector<Eigen::Index> active;  // parameters with an effect
     for (Eigen::Index k = 0; k < n; ++k) {
-      if (J.col(k).squaredNorm() > 0) felt.push_back(k);
+      if (J.col(k).squaredNorm() > 0) active.push_back(k);
     }
-    const auto m = static_cast<Eigen::Index>(felt.size());
+    const auto m = static_cast<Eigen::Index>(active.size());
     if (m == 0) return out;
     Eigen::MatrixXd effect(J.rows(), m);
-    for (Eigen::Index k = 0; k < m; ++k) effect.col(k) = J.col(felt[static_cast<std::size_t>(k)]);
+    for (Eigen::Index k = 0; k < m; ++k) effect.col(k) = J.col(active[static_cast<std::size_t>(k)]);
     const double freedom =
         static_cast<double>(std::max<Eigen::Index>(J.rows() - m - readings_.coefficients(), 1));
     const double variance = readings_.correlationFactor(fit.residual) * fit.rss / freedom;
     const Eigen::MatrixXd covariance =
         (effect.transpose() * effect).ldlt().solve(Eigen::MatrixXd::Identity(m, m));
     for (Eigen::Index k = 0; k < m; ++k) {
-      out[felt[static_cast<std::size_t>(k)]] =
+      out[active[static_cast<std::size_t>(k)]] =
           std::sqrt(std::max(variance * covariance(k, k), 0.0));
     }
     return out;

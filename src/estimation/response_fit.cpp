@@ -118,7 +118,7 @@ void reportResponse(const ResponseReadings& readings, const ResponseCandidate& f
     out.reach[play].value = fit.response.plays[play].reach;
   }
   out.rms = std::sqrt(fit.rss / static_cast<double>(readings.rows()));
-  out.felt = readings.felt(fit.response);
+  out.effective = readings.effective(fit.response);
 }
 
 // Whether the first errors of trials that were left out are less than the others, by two standard

@@ -9,11 +9,11 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr int kCurveDegree = 5;             // of a contraction curve and of its inverse
-constexpr double kTakesPart = 0.1;          // of the largest range: an actuator that takes part
-constexpr double kSameFeltPressure = 0.02;  // of the range: counts as the same
-constexpr double kRestLag = 0.5;            // [s]
-constexpr double kInMotion = 0.02;          // of the range, behind a lag of kRestLag
+constexpr int kCurveDegree = 5;     // of a contraction curve and of its inverse
+constexpr double kTakesPart = 0.1;  // of the largest range: an actuator that takes part
+constexpr double kSameEffectivePressure = 0.02;  // of the range: counts as the same
+constexpr double kRestLag = 0.5;                 // [s]
+constexpr double kInMotion = 0.02;               // of the range, behind a lag of kRestLag
 constexpr double kMostCorrelation = 0.9999;
 constexpr double kSignificantWeight = 2.0;  // standard errors
 
@@ -69,7 +69,7 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
     for (const Eigen::Index i : moving_) {
       if (!std::isfinite(reading(row, i))) continue;
       usable_.push_back({row, i, trials_ - 1});
-      distinct.insert(std::lround(history.input(row, i) / (kSameFeltPressure * range_)));
+      distinct.insert(std::lround(history.input(row, i) / (kSameEffectivePressure * range_)));
     }
   }
   outputs_ = perActuator() ? 1 : reading.cols();
@@ -87,11 +87,11 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
       perActuator() ? degree_ + 1 : monomials(static_cast<int>(moving_.size()), degree_);
 }
 
-Eigen::MatrixXd ResponseReadings::felt(const model::Response& response) const {
-  Eigen::MatrixXd felt = history_.input;
+Eigen::MatrixXd ResponseReadings::effective(const model::Response& response) const {
+  Eigen::MatrixXd effective = history_.input;
   for (const Eigen::Index i : moving_) {
     model::ResponseState state(response);
-    for (Eigen::Index row = 0; row < felt.rows(); ++row) {
+    for (Eigen::Index row = 0; row < effective.rows(); ++row) {
       const auto k = static_cast<std::size_t>(row);
       if (history_.starts_anew[k]) state.restart();
       const bool first = history_.starts_anew[k];
@@ -99,24 +99,24 @@ Eigen::MatrixXd ResponseReadings::felt(const model::Response& response) const {
                         : first               ? 0.0
                                               : history_.time[k] - history_.time[k - 1];
       state.step(history_.input(row, i), dt);
-      felt(row, i) = state.felt();
+      effective(row, i) = state.effective();
     }
   }
-  return felt;
+  return effective;
 }
 
-Eigen::MatrixXd ResponseReadings::basis(const Eigen::MatrixXd& felt) const {
+Eigen::MatrixXd ResponseReadings::basis(const Eigen::MatrixXd& effective) const {
   Eigen::MatrixXd out(static_cast<Eigen::Index>(usable_.size()), coefficients_);
   const auto scaled = [&](double pressure) { return (pressure - middle_) / (0.5 * range_); };
   Eigen::VectorXd x(static_cast<Eigen::Index>(moving_.size()));
   for (std::size_t k = 0; k < usable_.size(); ++k) {
     auto row = out.row(static_cast<Eigen::Index>(k));
     if (perActuator()) {
-      setPowers(scaled(felt(usable_[k].row, usable_[k].actuator)), degree_, row);
+      setPowers(scaled(effective(usable_[k].row, usable_[k].actuator)), degree_, row);
       continue;
     }
     for (std::size_t a = 0; a < moving_.size(); ++a) {
-      x[static_cast<Eigen::Index>(a)] = scaled(felt(usable_[k].row, moving_[a]));
+      x[static_cast<Eigen::Index>(a)] = scaled(effective(usable_[k].row, moving_[a]));
     }
     Eigen::Index column = 0;
     setMonomials(x, 0, degree_, 1.0, row, column);
@@ -125,14 +125,14 @@ Eigen::MatrixXd ResponseReadings::basis(const Eigen::MatrixXd& felt) const {
 }
 
 Eigen::VectorXd ResponseReadings::residual(const model::Response& response) const {
-  const Eigen::MatrixXd columns = basis(felt(response));
+  const Eigen::MatrixXd columns = basis(effective(response));
   const Eigen::LDLT<Eigen::MatrixXd> normal(columns.transpose() * columns);
   Eigen::MatrixXd deviation = reading_ - columns * normal.solve(columns.transpose() * reading_);
   return Eigen::Map<const Eigen::VectorXd>(deviation.data(), deviation.size());
 }
 
 Eigen::VectorXd ResponseReadings::heldOutErrors(const model::Response& response) const {
-  const Eigen::MatrixXd columns = basis(felt(response));
+  const Eigen::MatrixXd columns = basis(effective(response));
   const Eigen::MatrixXd normal = columns.transpose() * columns;
   const Eigen::MatrixXd projected = columns.transpose() * reading_;
   std::vector<double> errors;
@@ -197,7 +197,7 @@ ResponseReadings::Motion ResponseReadings::motion() const {
   if (history_.time.empty() || moving_.empty()) return motion;
   model::Response rest;
   rest.rise_time = rest.fall_time = kRestLag;
-  const Eigen::MatrixXd behind = history_.input - felt(rest);
+  const Eigen::MatrixXd behind = history_.input - effective(rest);
   motion.rising = static_cast<int>((behind.array() > kInMotion * range_).count());
   motion.falling = static_cast<int>((behind.array() < -kInMotion * range_).count());
   return motion;
@@ -207,7 +207,7 @@ model::Response ResponseReadings::withWeights(const model::Response& lags,
                                               const std::vector<double>& reaches) const {
   model::Response only_lags = lags;
   only_lags.play_count = 0;
-  const Eigen::MatrixXd x = felt(only_lags);
+  const Eigen::MatrixXd x = effective(only_lags);
   const int curve = degree_ + 1;
   const auto rows = static_cast<Eigen::Index>(usable_.size());
   Eigen::MatrixXd columns(rows, curve + static_cast<Eigen::Index>(reaches.size()));
@@ -222,11 +222,11 @@ model::Response ResponseReadings::withWeights(const model::Response& lags,
     model::Response play = only_lags;
     play.play_count = 1;
     play.plays[0] = {reaches[j], 0.5};
-    const Eigen::MatrixXd felt = this->felt(play);  // x + (y - x) / 2
+    const Eigen::MatrixXd effective = this->effective(play);  // x + (y - x) / 2
     for (Eigen::Index k = 0; k < rows; ++k) {
       const Entry& entry = usable_[static_cast<std::size_t>(k)];
       columns(k, curve + static_cast<Eigen::Index>(j)) =
-          -2 * (felt(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
+          -2 * (effective(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
     }
   }
   // At most 16 sets of plays: the best one whose weights are all >= 0 is the solution.

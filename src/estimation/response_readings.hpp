@@ -7,8 +7,8 @@
 
 namespace helix_arm::estimation {
 
-/// Readings of what pressures did, as a polynomial of the felt pressures whose coefficients are
-/// unknown and eliminated. Keeps a reference to the history.
+/// Readings of what pressures did, as a polynomial of the effective pressures whose coefficients
+/// are unknown and eliminated. Keeps a reference to the history.
 class ResponseReadings {
  public:
   enum class Kind {
@@ -19,8 +19,8 @@ class ResponseReadings {
   ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, Kind kind,
                    int degree = 2);
 
-  /// Felt pressures (rows x actuators) [Pa].
-  Eigen::MatrixXd felt(const model::Response& response) const;
+  /// Effective pressures (rows x actuators) [Pa].
+  Eigen::MatrixXd effective(const model::Response& response) const;
   /// Deviation of the readings from the best polynomial.
   Eigen::VectorXd residual(const model::Response& response) const;
 
@@ -54,7 +54,7 @@ class ResponseReadings {
     Eigen::Index row, actuator;  // -1: all
     int trial;
   };
-  Eigen::MatrixXd basis(const Eigen::MatrixXd& felt) const;
+  Eigen::MatrixXd basis(const Eigen::MatrixXd& effective) const;
 
   const model::InputHistory& history_;
   Kind kind_;

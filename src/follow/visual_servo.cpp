@@ -12,7 +12,7 @@
 #include "divergence_watch.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "muscle_memory.hpp"
+#include "response_tracker.hpp"
 #include "time_ring.hpp"
 
 namespace helix_arm::follow {
@@ -48,7 +48,7 @@ struct VisualServo::Workspace {
         on_contact(config.on_contact),
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
-        memory(arm),
+        response(arm),
         aim(given),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant + kCorrectingTime),
@@ -84,8 +84,8 @@ struct VisualServo::Workspace {
   OnContact on_contact;
   statics::CorrectedModel estimated;  // with everything the tracker has estimated
   control::PressureObserver observer;
-  MuscleMemory memory;
-  Aim aim;  // at pressures as they are felt
+  ResponseTracker response;
+  Aim aim;  // at effective pressures
 
   bool settled = false;            // every pressure is where its regulator usually holds it
   Eigen::VectorXd usual_distance;  // of readings from set points, as long as it stays [Pa]
@@ -164,7 +164,7 @@ void VisualServo::Workspace::learn() {
 
 // The corrected model is brought where a load takes its tip to the wanted place.
 const statics::InverseResult& VisualServo::Workspace::solve(const Target& wanted_tip, bool fresh) {
-  memory.limit(aim);
+  response.limit(aim);
   if (!beyond.isZero(0)) {
     if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
       return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
@@ -179,7 +179,7 @@ const statics::InverseResult& VisualServo::Workspace::solve(const Target& wanted
 // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
 lie::SE3 VisualServo::Workspace::presentTip(const lie::SE3& unknown) {
   const auto predicted =
-      observer.started() ? tipAt(memory.felt(observer)) : std::optional<lie::SE3>();
+      observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
   lie::SE3 out = predicted.value_or(unknown);
   if (!target || (predicted && !reaches)) return out;
   if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
@@ -188,7 +188,7 @@ lie::SE3 VisualServo::Workspace::presentTip(const lie::SE3& unknown) {
 }
 
 void VisualServo::Workspace::begin(const Target& next) {
-  if (!target && observer.started()) aim.startAt(memory.felt(observer));
+  if (!target && observer.started()) aim.startAt(response.effective(observer));
   reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
   target = next;
   divergence.clear();
@@ -220,7 +220,7 @@ void VisualServo::Workspace::command() {
   turn.residual = result.residual;
   turn.position_error = result.position_error;
   turn.limits = result.limits;
-  turn.pressure = memory.pressureFor(aim.led(velocity, config.time_constant));
+  turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
 }
 
 void VisualServo::Workspace::fade() {
@@ -249,7 +249,7 @@ bool VisualServo::Workspace::findPressures(double stamp, double now,
                                                         : ObservationFault::kNone;
   if (fault != ObservationFault::kNone) return false;
   if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-    memory.apply(stamp, at_picture);
+    response.apply(stamp, at_picture);
     return true;
   }
   fault = ObservationFault::kTooOld;
@@ -361,7 +361,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   dt = std::clamp(dt, 0.0, kLongestTurn);
   w.observer.update(time, set_point, reading);
   w.settle(dt, set_point, reading);
-  w.memory.follow(w.observer);
+  w.response.follow(w.observer);
 
   const LoopState before = w.turn.state;
   w.turn.state = w.nextState(time);
@@ -380,9 +380,10 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
-    w.aim.startAt(w.memory.felt(w.observer));
+    w.aim.startAt(w.response.effective(w.observer));
   }
-  w.turn.predicted = w.observer.started() ? w.tipAt(w.memory.felt(w.observer)) : std::nullopt;
+  w.turn.predicted =
+      w.observer.started() ? w.tipAt(w.response.effective(w.observer)) : std::nullopt;
   return w.turn;
 }
 

@@ -16,14 +16,14 @@ constexpr double kNotRead = std::numeric_limits<double>::quiet_NaN();
 ArmResponse::ArmResponse(const Arm& arm, const std::optional<Response>& response)
     : common_(response),
       times_(static_cast<std::size_t>(arm.actuatorCount()), kNotRead),
-      felt_(Eigen::VectorXd::Constant(arm.actuatorCount(), kNotRead)) {
+      effective_(Eigen::VectorXd::Constant(arm.actuatorCount(), kNotRead)) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     states_.emplace_back(common_.value_or(arm.actuator(i).response));
   }
 }
 
 void ArmResponse::requireSize(Eigen::Index count) const {
-  basics::requireValue(count == felt_.size(), "responses", "the number of inputs", count,
+  basics::requireValue(count == effective_.size(), "responses", "the number of inputs", count,
                        "one per actuator");
 }
 
@@ -32,20 +32,20 @@ void ArmResponse::adopt(const Arm& arm) {
   for (int i = 0; i < size(); ++i) {
     ResponseState& state = states_[static_cast<std::size_t>(i)];
     state.adopt(common_.value_or(arm.actuator(i).response));
-    if (state.started()) felt_[i] = state.felt();
+    if (state.started()) effective_[i] = state.effective();
   }
 }
 
 void ArmResponse::restart() {
   for (ResponseState& state : states_) state.restart();
   std::fill(times_.begin(), times_.end(), kNotRead);
-  felt_.setConstant(kNotRead);
+  effective_.setConstant(kNotRead);
 }
 
 void ArmResponse::stepOne(Eigen::Index i, double input, double dt) noexcept {
   ResponseState& state = states_[static_cast<std::size_t>(i)];
   state.step(input, dt, rise_, fall_);
-  felt_[i] = state.response().instant() ? input : state.felt();
+  effective_[i] = state.response().instant() ? input : state.effective();
 }
 
 bool ArmResponse::follow(double time, const InputRef& input) {
@@ -93,32 +93,32 @@ Eigen::VectorXd ArmResponse::uncertainty() const {
   return out;
 }
 
-void ArmResponse::feltLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
-                             Eigen::Ref<Eigen::VectorXd> upper) const noexcept {
+void ArmResponse::effectiveLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
+                                  Eigen::Ref<Eigen::VectorXd> upper) const noexcept {
   for (int i = 0; i < size(); ++i) {
     const Range& limits = arm.actuator(i).limits;
-    const Range felt = state(i).started() ? state(i).feltRange(limits) : limits;
+    const Range effective = state(i).started() ? state(i).effectiveRange(limits) : limits;
     // Readings may have been outside of the limits, where the curve may end.
-    lower[i] = std::clamp(felt.lower, limits.lower, limits.upper);
-    upper[i] = std::clamp(felt.upper, limits.lower, limits.upper);
+    lower[i] = std::clamp(effective.lower, limits.lower, limits.upper);
+    upper[i] = std::clamp(effective.upper, limits.lower, limits.upper);
   }
 }
 
-Eigen::VectorXd ArmResponse::feltAt(const InputRef& input) const {
+Eigen::VectorXd ArmResponse::effectiveAt(const InputRef& input) const {
   requireSize(input.size());
   Eigen::VectorXd out = input;
   for (int i = 0; i < size(); ++i) {
-    if (state(i).started()) out[i] = state(i).feltAt(input[i]);
+    if (state(i).started()) out[i] = state(i).effectiveAt(input[i]);
   }
   return out;
 }
 
-void ArmResponse::inputsFor(const Arm& arm, const InputRef& felt,
+void ArmResponse::inputsFor(const Arm& arm, const InputRef& effective,
                             Eigen::Ref<Eigen::VectorXd> input) const noexcept {
   for (int i = 0; i < size(); ++i) {
     const Range& limits = arm.actuator(i).limits;
-    input[i] = state(i).started() ? state(i).inputFor(felt[i], limits)
-                                  : std::clamp(felt[i], limits.lower, limits.upper);
+    input[i] = state(i).started() ? state(i).inputFor(effective[i], limits)
+                                  : std::clamp(effective[i], limits.lower, limits.upper);
   }
 }
 

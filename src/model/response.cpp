@@ -117,13 +117,13 @@ double ResponseState::lagged() const {
   return started_ ? x_ : std::numeric_limits<double>::quiet_NaN();
 }
 
-double ResponseState::felt() const {
+double ResponseState::effective() const {
   if (!started_) return std::numeric_limits<double>::quiet_NaN();
-  double felt = x_;
+  double effective = x_;
   for (int j = 0; j < response_.play_count; ++j) {
-    felt += response_.plays[j].weight * (memory_[j].y - x_);
+    effective += response_.plays[j].weight * (memory_[j].y - x_);
   }
-  return felt;
+  return effective;
 }
 
 bool ResponseState::known() const {
@@ -142,17 +142,17 @@ double ResponseState::uncertainty() const {
   return started_ ? sum : response_.halfWidth();
 }
 
-double ResponseState::feltAt(double x) const noexcept {
+double ResponseState::effectiveAt(double x) const noexcept {
   // As x plus what the plays are behind: without plays it is x, bit for bit.
-  double felt = x;
+  double effective = x;
   for (int j = 0; j < response_.play_count; ++j) {
     const Response::Play& play = response_.plays[j];
-    felt += play.weight * (followPlay(memory_[j].y, x, play.reach) - x);
+    effective += play.weight * (followPlay(memory_[j].y, x, play.reach) - x);
   }
-  return felt;
+  return effective;
 }
 
-double ResponseState::inputFor(double felt, const Range& limits) const noexcept {
+double ResponseState::inputFor(double effective, const Range& limits) const noexcept {
   // f rises and is linear between its kinks y_j -+ r_j.
   std::array<double, 2 * kMaxPlays> kinks{};
   int count = 0;
@@ -166,8 +166,8 @@ double ResponseState::inputFor(double felt, const Range& limits) const noexcept 
     insert(memory_[j].y + response_.plays[j].reach);
   }
   int piece = 0;  // between the kinks piece - 1 and piece
-  while (piece < count && feltAt(kinks[piece]) <= felt) ++piece;
-  double x = felt;
+  while (piece < count && effectiveAt(kinks[piece]) <= effective) ++piece;
+  double x = effective;
   if (count > 0) {
     const double kink = kinks[std::max(piece - 1, 0)];
     double slope = 1.0;
@@ -178,13 +178,13 @@ double ResponseState::inputFor(double felt, const Range& limits) const noexcept 
         if (rests) slope -= response_.plays[j].weight;
       }
     }
-    x = kink + (felt - feltAt(kink)) / slope;
+    x = kink + (effective - effectiveAt(kink)) / slope;
   }
   return std::min(std::max(x, limits.lower), limits.upper);
 }
 
-Range ResponseState::feltRange(const Range& limits) const noexcept {
-  return {feltAt(limits.lower), feltAt(limits.upper)};
+Range ResponseState::effectiveRange(const Range& limits) const noexcept {
+  return {effectiveAt(limits.lower), effectiveAt(limits.upper)};
 }
 
 }  // namespace helix_arm::model

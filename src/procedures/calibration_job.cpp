@@ -212,7 +212,7 @@ CalibrationOutcome runCalibration(const std::string& path,
                    "the data holds free lengths, but no contraction is fitted; leave it out, "
                    "or fit contraction as well");
   }
-  // A series also tells what was felt at captures whose times are known.
+  // A series also gives the effective pressures of captures whose times are known.
   const bool timed = std::any_of(data.captures.begin(), data.captures.end(),
                                  [](const auto& capture) { return capture.time.has_value(); });
   if (!fits_response && !data.tips.empty() && !timed) {
@@ -246,7 +246,7 @@ CalibrationOutcome runCalibration(const std::string& path,
     const bool with_arm = fits_arm && !data.captures.empty();
     const estimation::CurveKind usual =
         with_arm && !remembers ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
-    outcome.lengths = feltSamples(data.lengths, response);
+    outcome.lengths = effectiveSamples(data.lengths, response);
     estimation::ContractionFit fit = estimation::fitContraction(
         outcome.lengths, {request.curve.value_or(usual), request.branch});
     if (fit.curve && remembers) {
@@ -275,13 +275,13 @@ CalibrationOutcome runCalibration(const std::string& path,
     };
     if (fits_curve || fits_response) putCurves();
     if (timed && !data.tips.empty()) {
-      FeltCaptures felt = feltCaptures(scene.arm, data.tips, data.captures);
-      captures = std::move(felt.captures);
-      if (!felt.unknown.empty()) {
+      EffectiveCaptures effective = effectiveCaptures(scene.arm, data.tips, data.captures);
+      captures = std::move(effective.captures);
+      if (!effective.unknown.empty()) {
         outcome.warnings.push_back(
             "captures that the series of the tip does not cover are taken "
-            "as felt at their measured pressures: " +
-            io::listOf(felt.unknown));
+            "at their measured pressures: " +
+            io::listOf(effective.unknown));
       }
     }
     addArm(scene, captures, outcome);
@@ -290,7 +290,7 @@ CalibrationOutcome runCalibration(const std::string& path,
       if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
     CalibrationOptions options = optionsOf(scene, request, fitted, data);
-    // Nothing tells what the muscles felt at the captures.
+    // The effective pressures of the captures are unknown.
     const bool in_arm = fits_curve && !remembers && !options.free_shapes &&
                         outcome.contractions.front().second.spline.has_value();
     std::vector<std::string> others;

@@ -82,12 +82,12 @@ std::vector<estimation::Parameter> numbersOf(const ResponseFit& fit,
   return out;
 }
 
-// Before a capture, whose arm is at rest, felt pressures are averaged for so long [s].
-constexpr double kFeltMean = 0.5;
+// Before a capture, whose arm is at rest, effective pressures are averaged for so long [s].
+constexpr double kEffectiveMean = 0.5;
 // A series reaches so far beyond its last row [s].
 constexpr double kSeriesHold = 0.5;
 
-// Mean of what is felt beyond the measured pressures before a time; nothing if no trial of the
+// Mean of the effective beyond the measured pressures before a time; nothing if no trial of the
 // series covers it.
 std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& history,
                                         const Eigen::MatrixXd& beyond) {
@@ -98,7 +98,7 @@ std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& 
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(beyond.cols());
     int count = 0;
     for (std::size_t k = begin; k < end && times[k] <= time; ++k) {
-      if (times[k] <= time - kFeltMean) continue;
+      if (times[k] <= time - kEffectiveMean) continue;
       sum += beyond.row(static_cast<Eigen::Index>(k)).transpose();
       ++count;
     }
@@ -109,16 +109,16 @@ std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& 
 
 }  // namespace
 
-FeltCaptures feltCaptures(const model::Arm& arm, const ResponseSeries& tips,
-                          std::vector<estimation::Capture> captures) {
-  FeltCaptures out{std::move(captures), {}};
+EffectiveCaptures effectiveCaptures(const model::Arm& arm, const ResponseSeries& tips,
+                                    std::vector<estimation::Capture> captures) {
+  EffectiveCaptures out{std::move(captures), {}};
   model::ArmResponse response(arm);
   if (response.instant()) return out;
   const model::InputHistory& history = tips.history;
   Eigen::MatrixXd beyond(history.rows(), arm.actuatorCount());
   for (Eigen::Index row = 0; row < history.rows(); ++row) {
     response.follow(history, row);
-    beyond.row(row) = response.felt().transpose() - history.input.row(row);
+    beyond.row(row) = response.effective().transpose() - history.input.row(row);
   }
   for (estimation::Capture& capture : out.captures) {
     const auto more =

@@ -19,14 +19,14 @@ std::optional<std::string> fitResponseOf(const io::Scene& scene, const Calibrati
                                          const std::vector<std::string>& names,
                                          CalibrationOutcome& outcome);
 
-/// Captures with the pressures that their actuators felt, in place of the measured ones, as far as
+/// Captures with effective pressures in place of the measured ones, as far as
 /// a series was recorded through them.
-struct FeltCaptures {
+struct EffectiveCaptures {
   std::vector<estimation::Capture> captures;
   std::vector<int> unknown;  ///< numbers of those that keep their measured pressures
 };
 /// @param arm  with the responses. Without any, nothing changes.
-FeltCaptures feltCaptures(const model::Arm& arm, const ResponseSeries& tips,
-                          std::vector<estimation::Capture> captures);
+EffectiveCaptures effectiveCaptures(const model::Arm& arm, const ResponseSeries& tips,
+                                    std::vector<estimation::Capture> captures);
 
 }  // namespace helix_arm::procedures

@@ -91,8 +91,8 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
                                 more.history.starts_anew.end());
 }
 
-std::vector<estimation::LengthSample> feltSamples(const ResponseSeries& lengths,
-                                                  const model::Response& response) {
+std::vector<estimation::LengthSample> effectiveSamples(const ResponseSeries& lengths,
+                                                       const model::Response& response) {
   model::ResponseState state(response);
   const model::InputHistory& history = lengths.history;
   std::vector<estimation::LengthSample> samples;
@@ -104,7 +104,7 @@ std::vector<estimation::LengthSample> feltSamples(const ResponseSeries& lengths,
                       : history.time.empty() ? std::numeric_limits<double>::infinity()
                                              : history.time[i] - history.time[i - 1];
     state.step(history.input(row, 0), dt);
-    samples.push_back({state.felt(), lengths.reading(row, 0)});
+    samples.push_back({state.effective(), lengths.reading(row, 0)});
   }
   return samples;
 }

@@ -145,7 +145,7 @@ TEST(ClosedLoop, MusclesWithHysteresis) {
   EXPECT_LE(figures.steady_rms, 0.001);
 }
 
-// The loop follows what the muscles feel, and asks for pressures that come to be felt as wanted. On
+// The loop follows effective pressures, and asks for pressures that produce the wanted ones. On
 // the circle, an arm whose lag the scene does not know looks touched, and is then doubted.
 TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const std::string lag_and_play =

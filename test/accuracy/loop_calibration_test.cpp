@@ -159,7 +159,7 @@ double cycleError(const io::Scene& predicted, const io::Scene& scene) {
     rig.step(kStep);
     response.follow(kStep * ++count, rig.pressure());
     const Eigen::Vector3d tip =
-        predicted.arm.tip(predicted.arm.clamped(response.felt())).translation;
+        predicted.arm.tip(predicted.arm.clamped(response.effective())).translation;
     sum += (tip - model::tipPose(rig.twists()).translation).squaredNorm();
     if (command == target && ++held * kStep > 0.5) {
       held = 0;
@@ -196,20 +196,21 @@ TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
     return cycleError(io::sceneOfText(outcome.scene_text, kScene), scene);
   };
   const double before = cycleError(scene, scene), static_error = errorOf(without),
-               error = errorOf(with), unfelt = errorOf(measured);
+               error = errorOf(with), static_pressures = errorOf(measured);
   const estimation::ResponseFit& response = with.response->fit;
   std::printf(
       "[  FIGURE  ] tip up against down at the same pressures: up to %.2f mm\n"
       "[  FIGURE  ] lag %.3f and %.3f s, half width of the loop %.2f kPa; series %.2f mm RMS, %.2f "
       "mm without a response; tip of the samples from %.2f to %.2f mm, median\n"
       "[  FIGURE  ] tip through a cycle, RMS: %.2f mm before, %.2f calibrated up alone, %.2f "
-      "calibrated there and back (%.2f with measured in place of felt pressures); a measured tip "
+      "calibrated there and back (%.2f with measured in place of effective pressures); a measured "
+      "tip "
       "has "
       "%.2f mm of noise\n",
       1e3 * apart, response.rise_time.value, response.fall_time.value,
       1e-3 * response.response.halfWidth(), 1e3 * response.rms, 1e3 * response.static_rms,
       1e3 * with.tip_error_before.value(), 1e3 * with.tip_error_after.value(), 1e3 * before,
-      1e3 * static_error, 1e3 * error, 1e3 * unfelt, 1e3 * loop.noise);
+      1e3 * static_error, 1e3 * error, 1e3 * static_pressures, 1e3 * loop.noise);
   EXPECT_GT(apart, 3e-3);
   EXPECT_NEAR(response.rise_time.value, truth().rise_time, 0.03);
   EXPECT_NEAR(response.fall_time.value, truth().fall_time, 0.06);
@@ -219,8 +220,8 @@ TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
   EXPECT_GT(before, 0.015);
   EXPECT_GT(static_error, 0.010);
   EXPECT_LT(error, loop.noise);
-  // Its captures are matched at the pressures that were felt.
-  EXPECT_LT(error, 0.7 * unfelt);
+  // Its captures are matched at the effective pressures.
+  EXPECT_LT(error, 0.7 * static_pressures);
 }
 
 }  // namespace

@@ -57,7 +57,7 @@ void forwardWithResponse(::benchmark::State& state) {
   for (auto _ : state) {
     time += steps[i % kInputs];
     response.follow(time, inputs[i++ % kInputs]);
-    lie::SE3 tip = arm.tip(response.felt());
+    lie::SE3 tip = arm.tip(response.effective());
     ::benchmark::DoNotOptimize(tip);
   }
 }

@@ -29,9 +29,9 @@ model::Response play() {
   return out;
 }
 
-// Free length of the muscle at a felt pressure [Pa].
-double lengthAt(double felt) {
-  const double u = felt / (1e3 * kMost);
+// Free length of the muscle at a effective pressure [Pa].
+double lengthAt(double effective) {
+  const double u = effective / (1e3 * kMost);
   return 0.443 - 0.09 * u * (0.6 + 1.2 * u - 0.8 * u * u);
 }
 
@@ -55,7 +55,7 @@ std::string freeLengths(const model::Response& truth) {
   rows << "pressure_kpa,length_m\n";
   for (const double kpa : cycles()) {
     state.step(1e3 * kpa, kRest);
-    rows << kpa << "," << lengthAt(state.felt()) + kNoise * random.normal() << "\n";
+    rows << kpa << "," << lengthAt(state.effective()) + kNoise * random.normal() << "\n";
   }
   return rows.str();
 }
@@ -78,7 +78,7 @@ std::string tipSeries(unsigned seed) {
       kpa[i] += 0.4 * (level[i] - kpa[i]);
       muscles[i].step(1e3 * kpa[i], row == 0 ? 0 : 0.1);
     }
-    const double a = muscles[0].felt() / 3e5, b = muscles[1].felt() / 3e5;
+    const double a = muscles[0].effective() / 3e5, b = muscles[1].effective() / 3e5;
     rows << 0.1 * row << "," << kpa[0] << "," << kpa[1];
     for (const double p :
          {0.4 - 0.03 * (a - b) * (a - b), 0.1 * (a - b) + 0.01 * a * b, 0.02 * a}) {
@@ -117,14 +117,14 @@ double cycleError(const std::string& scene, const model::Response& truth) {
   std::size_t row = 0;
   for (const double kpa : cycles()) {
     state.step(1e3 * kpa, kRest);
-    const double felt = result["history"][row++]["felt_pressure_pa"][0];
+    const double effective = result["history"][row++]["effective_pressure_pa"][0];
     std::ostringstream at;
     at.precision(12);
-    at << felt / 1e3 << ",0";
+    at << effective / 1e3 << ",0";
     const json shape = runCommand({"forward", scene, "--pressure-kpa", at.str(), "--set",
                                    "contractions.planar_muscle.response={}", "--format", "json"})
                            .json();
-    sum += std::pow(shape["lengths_m"][0].get<double>() - lengthAt(state.felt()), 2);
+    sum += std::pow(shape["lengths_m"][0].get<double>() - lengthAt(state.effective()), 2);
   }
   return std::sqrt(sum / static_cast<double>(row));
 }
@@ -158,7 +158,7 @@ TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   EXPECT_GT(without, 10 * kNoise);
 }
 
-TEST(CalibrateResponse, ANewCurveKeepsTheResponseAndIsOneOfFeltPressures) {
+TEST(CalibrateResponse, ANewCurveKeepsTheResponseAndIsOneOfEffectivePressures) {
   const TemporaryFolder folder;
   const TemporaryFile data(freeLengths(play()));
   const std::string out = folder / "calibrated.yaml";

@@ -1,4 +1,4 @@
-// Histories of pressures: what actuators with a response feel.
+// Histories of pressures: effective pressures of actuators with a response.
 
 #include <cmath>
 
@@ -24,13 +24,13 @@ Outcome run(const std::string& command, std::vector<std::string> options,
 // The second muscle stays at 50 kPa: its memory is not known.
 const TemporaryFile kUpAndDown("pressure_1_kpa,pressure_2_kpa\n0,50\n100,50\n300,50\n200,50\n");
 
-TEST(Response, AHistoryGivesTheShapeOfWhatIsFelt) {
+TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
   const Outcome outcome = run("forward", {"--history", kUpAndDown.path()});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const nlohmann::json result = outcome.json();
   // On the way down: behind by half the loop.
-  EXPECT_NEAR(result["felt_pressure_pa"][0].get<double>(), 200e3 + kHalfWidth, 1e-6);
-  EXPECT_NEAR(result["felt_pressure_pa"][1].get<double>(), 50e3, 1e-6);
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), 200e3 + kHalfWidth, 1e-6);
+  EXPECT_NEAR(result["effective_pressure_pa"][1].get<double>(), 50e3, 1e-6);
   EXPECT_EQ(result["pressure_pa"], (std::vector<double>{200e3, 50e3}));
   EXPECT_EQ(result["response"]["history_rows"], 4);
   EXPECT_EQ(result["response"]["memory_known"], false);
@@ -42,7 +42,8 @@ TEST(Response, AHistoryGivesTheShapeOfWhatIsFelt) {
   EXPECT_EQ(result["tip"], still["tip"]);
   ASSERT_EQ(result["history"].size(), 4U);
   EXPECT_EQ(result["history"][2]["pressure_pa"][0], 300e3);
-  EXPECT_NEAR(result["history"][2]["felt_pressure_pa"][0].get<double>(), 300e3 - kHalfWidth, 1e-6);
+  EXPECT_NEAR(result["history"][2]["effective_pressure_pa"][0].get<double>(), 300e3 - kHalfWidth,
+              1e-6);
   EXPECT_TRUE(result["history"][2]["time_s"].is_null());
   EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
 }
@@ -61,13 +62,13 @@ TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
       run("forward", {"--history", series.path()},
           {"--set", "contractions.planar_muscle.response={rise_time_constant_s: 0.5}"})
           .json();
-  const auto felt = [&](int row) {
-    return result["history"][row]["felt_pressure_pa"][0].get<double>();
+  const auto effective = [&](int row) {
+    return result["history"][row]["effective_pressure_pa"][0].get<double>();
   };
   EXPECT_EQ(result["history"][1]["time_s"], 10.5);
-  EXPECT_NEAR(felt(1), 100e3 * (1 - std::exp(-1.0)), 1e-6);
-  EXPECT_NEAR(felt(2), 100e3 * (1 - std::exp(-3.0)), 1e-6);
-  EXPECT_EQ(felt(3), 80e3);
+  EXPECT_NEAR(effective(1), 100e3 * (1 - std::exp(-1.0)), 1e-6);
+  EXPECT_NEAR(effective(2), 100e3 * (1 - std::exp(-3.0)), 1e-6);
+  EXPECT_EQ(effective(3), 80e3);
 }
 
 TEST(Response, ATimeThatGoesBackIsAFault) {
@@ -79,14 +80,15 @@ TEST(Response, ATimeThatGoesBackIsAFault) {
                     "--history gives the pressures; leave out --pressure-kpa and --input");
 }
 
-TEST(Response, WithoutAHistoryPressuresAreFeltAsTheyAreAndTheResultSaysSo) {
+TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysSo) {
   const std::vector<std::string> call{"--pressure-kpa", "200,50"};
   const nlohmann::json plain = run("forward", call, {}).json();
   nlohmann::json result = run("forward", call).json();
   EXPECT_EQ(result["response"]["history_rows"], 0);
   EXPECT_EQ(result["response"]["memory_known"], false);
   EXPECT_EQ(result["response"]["note"],
-            "at rest, with every pressure felt as it is: the middle of hysteresis loops of up to "
+            "at rest, with every effective pressure the pressure itself: the middle of hysteresis "
+            "loops of up to "
             "+-22.5 kPa");
   EXPECT_FALSE(plain.contains("response"));
   result.erase("response");
@@ -107,7 +109,7 @@ TEST(Response, TheInverseGivesThePressuresToGoToFromAHistory) {
   const nlohmann::json result = outcome.json();
   EXPECT_EQ(result["response"]["history_rows"], 4);
   const std::vector<double> pressure = numbersOf(result["pressure_pa"]);
-  EXPECT_GT(std::abs(pressure[0] - result["felt_pressure_pa"][0].get<double>()), 1e3);
+  EXPECT_GT(std::abs(pressure[0] - result["effective_pressure_pa"][0].get<double>()), 1e3);
   const TemporaryFile then(contentOf(kUpAndDown.path()) + commaList(pressure, 1e-3) + "\n");
   const nlohmann::json reached = run("forward", {"--history", then.path()}).json();
   const std::vector<double> a = numbersOf(reached["tip"]["position_m"]),
@@ -115,7 +117,7 @@ TEST(Response, TheInverseGivesThePressuresToGoToFromAHistory) {
   EXPECT_LT(std::hypot(a[0] - b[0], a[1] - b[1]), 2e-6);
 }
 
-TEST(Response, WhatCannotBeFeltIsOutOfReach) {
+TEST(Response, UnattainableEffectivePressuresAreOutOfReach) {
   // Straight at rest is out of reach on the way down from 300 kPa, where half the loop remains.
   const TemporaryFile high("pressure_1_kpa,pressure_2_kpa\n0,0\n400,0\n300,0\n");
   const nlohmann::json rest = run("forward", {"--pressure-kpa", "0,0"}, {}).json();
@@ -126,7 +128,7 @@ TEST(Response, WhatCannotBeFeltIsOutOfReach) {
   const nlohmann::json result = outcome.json();
   EXPECT_EQ(result["status"], "unreachable");
   EXPECT_EQ(result["pressure_pa"][0], 0);
-  EXPECT_NEAR(result["felt_pressure_pa"][0].get<double>(), kHalfWidth, 1e-6);
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), kHalfWidth, 1e-6);
   EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
 }
 

@@ -43,7 +43,7 @@ Series levels(const Response& truth, unsigned seed, int rows = 600) {
     out.history.input(row, 0) = pressure;
     out.history.time.push_back(kStep * row);
     out.history.starts_anew.push_back(row == 0);
-    const double w = state.felt() / kMost;
+    const double w = state.effective() / kMost;
     out.shortening(row, 0) = 0.1 * w * (0.6 + 1.2 * w - 0.8 * w * w) + kNoise * random.normal();
   }
   return out;
@@ -138,7 +138,7 @@ TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
     state.step(pressure, 1);
     series.history.input(row, 0) = pressure;
     series.history.starts_anew.push_back(row % 20 == 0);
-    series.shortening(row, 0) = 0.1 * state.felt() / kMost + kNoise * random.normal();
+    series.shortening(row, 0) = 0.1 * state.effective() / kMost + kNoise * random.normal();
   }
   const ResponseFit fit = fitResponse(series.history, series.shortening);
   EXPECT_EQ(fit.play, ResponseVerdict::kNotDetermined);
@@ -170,7 +170,7 @@ TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
   Eigen::MatrixXd position(series.history.rows(), 2);
   for (Eigen::Index row = 0; row < position.rows(); ++row) {
     state.step(series.history.input(row, 0), row == 0 ? 0 : kStep);
-    const double angle = 2 * state.felt() / kMost;  // [rad]
+    const double angle = 2 * state.effective() / kMost;  // [rad]
     position.row(row) << 0.4 * std::cos(angle) + kNoise * random.normal(),
         0.4 * std::sin(angle) + kNoise * random.normal();
   }

@@ -62,15 +62,15 @@ std::vector<double> randomInputs(Random& random, int count) {
   return inputs;
 }
 
-TEST(Response, WithoutItTheInputIsFeltBitForBit) {
+TEST(Response, WithoutItTheEffectiveInputIsTheInputBitForBit) {
   Random random(1);
   ResponseState state;
   EXPECT_TRUE(state.response().instant());
   EXPECT_FALSE(state.started());
-  EXPECT_TRUE(std::isnan(state.felt()));
+  EXPECT_TRUE(std::isnan(state.effective()));
   for (const double input : randomInputs(random, 1000)) {
     state.step(input, random.uniform(0, 1));
-    EXPECT_EQ(state.felt(), input);
+    EXPECT_EQ(state.effective(), input);
     EXPECT_EQ(state.inputFor(input, kLimits), input);
     EXPECT_TRUE(state.known());
     EXPECT_EQ(state.uncertainty(), 0);
@@ -88,7 +88,7 @@ TEST(Response, PlayDependsOnTheTurningPointsNotOnTheRate) {
       for (int step = 1; step < 50; ++step) slow.step(from + (turn - from) * step / 50, 1e-3);
       slow.step(turn, 1e-3);
       fast.step(turn, 5);
-      EXPECT_NEAR(slow.felt(), fast.felt(), kRounding);
+      EXPECT_NEAR(slow.effective(), fast.effective(), kRounding);
     }
   }
 }
@@ -106,9 +106,9 @@ TEST(Response, AStrokeOfTwiceTheLargestPlayWipesOutThePast) {
     ++strokes;
     visit(one, {from, to});
     visit(other, {from, to});
-    EXPECT_EQ(one.felt(), other.felt());
+    EXPECT_EQ(one.effective(), other.effective());
     // All plays are as far behind as they can be.
-    EXPECT_NEAR(one.felt(), one.lagged() - response.halfWidth(), kRounding);
+    EXPECT_NEAR(one.effective(), one.lagged() - response.halfWidth(), kRounding);
   }
   ASSERT_GT(strokes, 50);
 }
@@ -123,7 +123,7 @@ TEST(Response, ALargerExcursionWipesOutTheSmallerOnesWithinIt) {
     winding.step(from, kRest);
     winding.step(to, kRest);
     direct.step(to, kRest);
-    EXPECT_EQ(winding.felt(), direct.felt());
+    EXPECT_EQ(winding.effective(), direct.effective());
   }
 }
 
@@ -137,10 +137,10 @@ TEST(Response, MinorLoopsBetweenTheSameInputsAreCongruent) {
       ResponseState state = after(response, randomInputs(random, 10));
       visit(state, {low, high, low, high, low});
       std::vector<double>& loop = loops.emplace_back();
-      const double start = state.felt();
+      const double start = state.effective();
       for (int i = 1; i <= 20; ++i) {
         state.step(low + (high - low) * (i <= 10 ? i : 20 - i) / 10, kRest);
-        loop.push_back(state.felt() - start);
+        loop.push_back(state.effective() - start);
       }
       EXPECT_NEAR(loop.back(), 0, kRounding);  // it closes
       EXPECT_GE(loop[4], 0);
@@ -154,11 +154,11 @@ TEST(Response, MinorLoopsBetweenTheSameInputsAreCongruent) {
 TEST(Response, TheWayDownDiffersFromTheWayUpByTheWidthOfTheLoop) {
   ResponseState up = after(kTwoPlays, {0, 3e5});
   ResponseState down = after(kTwoPlays, {0, 5e5, 3e5});
-  EXPECT_NEAR(down.felt() - up.felt(), 2 * kTwoPlays.halfWidth(), kRounding);
+  EXPECT_NEAR(down.effective() - up.effective(), 2 * kTwoPlays.halfWidth(), kRounding);
   EXPECT_NEAR(kTwoPlays.halfWidth(), 0.3 * 2e4 + 0.4 * 6e4, kRounding);
 }
 
-TEST(Response, FeltRisesWithTheInputAndStaysWithinTheInputsVisited) {
+TEST(Response, TheEffectiveInputRisesWithTheInputAndStaysWithinTheInputsVisited) {
   Random random(6);
   for (int trial = 0; trial < 200; ++trial) {
     const Response response = randomResponse(random);
@@ -170,10 +170,10 @@ TEST(Response, FeltRisesWithTheInputAndStaysWithinTheInputsVisited) {
       state.step(input, kRest);
       lowest = std::min(lowest, input);
       highest = std::max(highest, input);
-      EXPECT_GE(state.felt(), lowest - kRounding);
-      EXPECT_LE(state.felt(), highest + kRounding);
+      EXPECT_GE(state.effective(), lowest - kRounding);
+      EXPECT_LE(state.effective(), highest + kRounding);
       const double x = random.uniform(0, 5e5), step = 1e3;
-      const double slope = (state.feltAt(x + step) - state.feltAt(x)) / step;
+      const double slope = (state.effectiveAt(x + step) - state.effectiveAt(x)) / step;
       EXPECT_GE(slope, 1 - weights - 1e-9);
       EXPECT_LE(slope, 1 + 1e-9);
     }
@@ -187,21 +187,21 @@ TEST(Response, TheInverseClosesOverRandomHistories) {
     ResponseState state(randomResponse(random));
     for (const double input : randomInputs(random, 10)) {
       state.step(input, kRest);  // the first ones of an unknown past
-      const Range range = state.feltRange(kLimits);
+      const Range range = state.effectiveRange(kLimits);
       const double wanted = random.uniform(range.lower, range.upper);
       const double x = state.inputFor(wanted, kLimits);
       ASSERT_TRUE(kLimits.contains(x));
-      EXPECT_NEAR(state.feltAt(x), wanted, kRounding);
+      EXPECT_NEAR(state.effectiveAt(x), wanted, kRounding);
       ResponseState moved = state;
       moved.step(x, kRest);
-      EXPECT_NEAR(moved.felt(), wanted, kRounding);
-      EXPECT_NEAR(state.inputFor(state.felt(), kLimits), state.lagged(), 20 * kRounding);
+      EXPECT_NEAR(moved.effective(), wanted, kRounding);
+      EXPECT_NEAR(state.inputFor(state.effective(), kLimits), state.lagged(), 20 * kRounding);
       if (x > kLimits.lower && x < kLimits.upper) ++inside;
       // Out of reach: the limit.
       EXPECT_EQ(state.inputFor(range.upper + 1, kLimits), kLimits.upper);
       EXPECT_EQ(state.inputFor(range.lower - 1, kLimits), kLimits.lower);
-      EXPECT_NEAR(state.feltAt(state.inputFor(range.upper, kLimits)), range.upper, kRounding);
-      EXPECT_NEAR(state.feltAt(state.inputFor(range.lower, kLimits)), range.lower, kRounding);
+      EXPECT_NEAR(state.effectiveAt(state.inputFor(range.upper, kLimits)), range.upper, kRounding);
+      EXPECT_NEAR(state.effectiveAt(state.inputFor(range.lower, kLimits)), range.lower, kRounding);
     }
   }
   EXPECT_GT(inside, 3000);
@@ -219,7 +219,7 @@ TEST(Response, UncertaintyBoundsWhatAnUnknownStartCanChange) {
     for (int i = 0; i < 30; ++i) {
       truth.step(x, kRest);
       state.step(x, kRest);
-      const double error = std::abs(state.felt() - truth.felt());
+      const double error = std::abs(state.effective() - truth.effective());
       EXPECT_LE(error, state.uncertainty() + kRounding);
       EXPECT_LE(state.uncertainty(), response.halfWidth() + kRounding);
       if (state.known()) {
@@ -255,11 +255,11 @@ TEST(Response, AReadingThatIsNoNumberStepsNothing) {
   response.rise_time = 1;
   response.fall_time = 2;
   ResponseState state = after(response, {1e5, 3e5, 2e5});
-  const double felt = state.felt(), x = state.lagged();
+  const double effective = state.effective(), x = state.lagged();
   for (const double bad : {kNaN, kRest, -kRest}) state.step(bad, 1);
   state.step(5e5, -1);
   state.step(5e5, kNaN);
-  EXPECT_EQ(state.felt(), felt);
+  EXPECT_EQ(state.effective(), effective);
   EXPECT_EQ(state.lagged(), x);
   ResponseState fresh(response);
   fresh.step(kNaN, 1);
@@ -286,12 +286,12 @@ TEST(Response, TheLagIsExactForStepsOfAnySize) {
         left -= dt;
       }
       many.step(to, left);
-      EXPECT_NEAR(one.felt(), expected, kRounding);
-      EXPECT_NEAR(many.felt(), expected, kRounding);
+      EXPECT_NEAR(one.effective(), expected, kRounding);
+      EXPECT_NEAR(many.effective(), expected, kRounding);
     }
     ResponseState rested(response);
     visit(rested, {from, to});
-    EXPECT_EQ(rested.felt(), to);
+    EXPECT_EQ(rested.effective(), to);
   }
 }
 
@@ -303,32 +303,32 @@ TEST(Response, PlaysFollowTheLaggedInput) {
   state.step(4e5, 0.4);
   const double x = 4e5 - 3e5 * std::exp(-0.5);
   EXPECT_NEAR(state.lagged(), x, kRounding);
-  EXPECT_NEAR(state.felt(), x - 0.3 * 2e4 - 0.4 * 6e4, kRounding);
+  EXPECT_NEAR(state.effective(), x - 0.3 * 2e4 - 0.4 * 6e4, kRounding);
 }
 
 TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
   ResponseState state = after(kTwoPlays, {0, 5e5, 3e5});
-  const double felt = state.felt();
+  const double effective = state.effective();
   state.adopt(kTwoPlays);
-  EXPECT_EQ(state.felt(), felt);
+  EXPECT_EQ(state.effective(), effective);
   EXPECT_TRUE(state.known());
 
   Response other = kTwoPlays;
   other.plays[0].weight = 0.1;
   state.adopt(other);
   EXPECT_TRUE(state.known());
-  EXPECT_NEAR(state.felt(), 3e5 + 0.1 * 2e4 + 0.4 * 6e4, kRounding);
+  EXPECT_NEAR(state.effective(), 3e5 + 0.1 * 2e4 + 0.4 * 6e4, kRounding);
 
   other.plays[1].reach = 4e4;
   state.adopt(other);
   EXPECT_FALSE(state.known());
-  EXPECT_NEAR(state.felt(), 3e5 + 0.1 * 2e4 + 0.4 * 4e4, kRounding);
+  EXPECT_NEAR(state.effective(), 3e5 + 0.1 * 2e4 + 0.4 * 4e4, kRounding);
   EXPECT_EQ(state.lagged(), 3e5);
 
   state.adopt(playsOf({{2e4, 0.3}, {6e4, 0.3}, {9e4, 0.1}}));
-  EXPECT_NEAR(state.felt(), 3e5 + 0.3 * 2e4 + 0.3 * 4e4, kRounding);  // the third starts at x
+  EXPECT_NEAR(state.effective(), 3e5 + 0.3 * 2e4 + 0.3 * 4e4, kRounding);  // the third starts at x
   state.adopt({});
-  EXPECT_EQ(state.felt(), 3e5);
+  EXPECT_EQ(state.effective(), 3e5);
 }
 
 TEST(Response, RefusesValuesThatBreakARule) {
@@ -367,75 +367,75 @@ TEST(ArmResponse, FollowsReadingsAtTheirTimes) {
   Response response = kTwoPlays;
   response.rise_time = response.fall_time = 0.5;
   const Arm arm = armWith(response);
-  ArmResponse felt(arm);
+  ArmResponse effective(arm);
   ResponseState expected(response);
-  EXPECT_FALSE(felt.instant());
+  EXPECT_FALSE(effective.instant());
   EXPECT_TRUE(ArmResponse(armWith({})).instant());
-  EXPECT_FALSE(felt.follow(100, Eigen::Vector3d(1e5, 1e5, 1e5)));
-  EXPECT_FALSE(felt.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));
-  EXPECT_FALSE(felt.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));  // a paused clock
+  EXPECT_FALSE(effective.follow(100, Eigen::Vector3d(1e5, 1e5, 1e5)));
+  EXPECT_FALSE(effective.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));
+  EXPECT_FALSE(effective.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));  // a paused clock
   expected.step(1e5, 0);
-  EXPECT_EQ(felt.felt()[1], expected.felt());
+  EXPECT_EQ(effective.effective()[1], expected.effective());
   expected.step(3e5, 0.5);
-  EXPECT_EQ(felt.felt()[0], expected.felt());
+  EXPECT_EQ(effective.effective()[0], expected.effective());
   // The channel without a reading makes up for its time.
-  EXPECT_FALSE(felt.follow(101, Eigen::Vector3d(3e5, 3e5, 3e5)));
+  EXPECT_FALSE(effective.follow(101, Eigen::Vector3d(3e5, 3e5, 3e5)));
   expected.step(3e5, 0.5);
-  EXPECT_NEAR(felt.felt()[0], expected.felt(), kRounding);
-  EXPECT_NEAR(felt.felt()[1], expected.felt(), kRounding);
+  EXPECT_NEAR(effective.effective()[0], expected.effective(), kRounding);
+  EXPECT_NEAR(effective.effective()[1], expected.effective(), kRounding);
 }
 
 TEST(ArmResponse, ATimeThatGoesBackRestarts) {
-  ArmResponse felt(armWith(kTwoPlays));
-  felt.follow(10, Eigen::Vector3d(0, 0, 0));
-  felt.follow(11, Eigen::Vector3d(3e5, 3e5, 3e5));
-  EXPECT_TRUE(felt.known());
-  EXPECT_TRUE(felt.follow(3, Eigen::Vector3d(2e5, 2e5, 2e5)));
-  EXPECT_FALSE(felt.known());
-  EXPECT_EQ(felt.felt(), Eigen::Vector3d(2e5, 2e5, 2e5));
-  EXPECT_EQ(felt.uncertainty(), Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
+  ArmResponse effective(armWith(kTwoPlays));
+  effective.follow(10, Eigen::Vector3d(0, 0, 0));
+  effective.follow(11, Eigen::Vector3d(3e5, 3e5, 3e5));
+  EXPECT_TRUE(effective.known());
+  EXPECT_TRUE(effective.follow(3, Eigen::Vector3d(2e5, 2e5, 2e5)));
+  EXPECT_FALSE(effective.known());
+  EXPECT_EQ(effective.effective(), Eigen::Vector3d(2e5, 2e5, 2e5));
+  EXPECT_EQ(effective.uncertainty(), Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
 }
 
 TEST(ArmResponse, WithoutResponsesReadingsPassBitForBit) {
-  ArmResponse felt(armWith({}));
-  felt.follow(0, Eigen::Vector3d(1e5, 2e5, kNaN));
-  felt.follow(1, Eigen::Vector3d(1.1e5, kNaN, 3e5));
-  EXPECT_EQ(felt.felt()[0], 1.1e5);
-  EXPECT_TRUE(std::isnan(felt.felt()[1]));
-  EXPECT_EQ(felt.felt()[2], 3e5);
+  ArmResponse effective(armWith({}));
+  effective.follow(0, Eigen::Vector3d(1e5, 2e5, kNaN));
+  effective.follow(1, Eigen::Vector3d(1.1e5, kNaN, 3e5));
+  EXPECT_EQ(effective.effective()[0], 1.1e5);
+  EXPECT_TRUE(std::isnan(effective.effective()[1]));
+  EXPECT_EQ(effective.effective()[2], 3e5);
 }
 
-TEST(ArmResponse, InputsGiveTheFeltOnesWithinWhatIsInReach) {
+TEST(ArmResponse, InputsGiveTheEffectiveOnesWithinWhatIsInReach) {
   const Arm arm = armWith(kTwoPlays);
-  ArmResponse felt(arm);
+  ArmResponse effective(arm);
   const double top = arm.actuator(0).limits.upper;
-  felt.step(Eigen::Vector3d(0, 0, 0), kRest);
-  felt.step(Eigen::Vector3d::Constant(top), kRest);
-  felt.step(Eigen::Vector3d::Constant(0.5 * top), kRest);
+  effective.step(Eigen::Vector3d(0, 0, 0), kRest);
+  effective.step(Eigen::Vector3d::Constant(top), kRest);
+  effective.step(Eigen::Vector3d::Constant(0.5 * top), kRest);
   Eigen::VectorXd lower(3), upper(3), input(3);
-  felt.feltLimits(arm, lower, upper);
+  effective.effectiveLimits(arm, lower, upper);
   EXPECT_NEAR(lower[0], kTwoPlays.halfWidth(), kRounding);
   EXPECT_NEAR(upper[0], top - kTwoPlays.halfWidth(), 0.3 * 2 * 2e4 + 0.4 * 2 * 6e4);
-  felt.inputsFor(arm, 0.5 * (lower + upper), input);
-  ArmResponse moved = felt;
+  effective.inputsFor(arm, 0.5 * (lower + upper), input);
+  ArmResponse moved = effective;
   moved.step(input, kRest);
-  EXPECT_LT((moved.felt() - 0.5 * (lower + upper)).cwiseAbs().maxCoeff(), kRounding);
-  EXPECT_THROW(felt.step(Eigen::Vector2d(0, 0), 1), std::invalid_argument);
+  EXPECT_LT((moved.effective() - 0.5 * (lower + upper)).cwiseAbs().maxCoeff(), kRounding);
+  EXPECT_THROW(effective.step(Eigen::Vector2d(0, 0), 1), std::invalid_argument);
 }
 
 TEST(ArmResponse, DoesNotAllocate) {
   Response response = kTwoPlays;
   response.rise_time = 0.1;
   const Arm arm = armWith(response);
-  ArmResponse felt(arm);
+  ArmResponse effective(arm);
   Eigen::VectorXd reading = Eigen::Vector3d(1e5, 2e5, kNaN), lower(3), upper(3);
   const test::AllocationCounter counter;
   for (int i = 0; i < 100; ++i) {
     reading[0] = 1e3 * i;
-    felt.follow(0.01 * (i % 50), reading);  // goes back once
-    felt.feltLimits(arm, lower, upper);
-    felt.inputsFor(arm, lower, reading.head<3>());
-    felt.adopt(arm);
+    effective.follow(0.01 * (i % 50), reading);  // goes back once
+    effective.effectiveLimits(arm, lower, upper);
+    effective.inputsFor(arm, lower, reading.head<3>());
+    effective.adopt(arm);
   }
   EXPECT_EQ(counter.count(), 0U);
 }

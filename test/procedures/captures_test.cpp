@@ -203,7 +203,7 @@ TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
 
 TEST(Captures, FreeLengthsAreInPascals) {
   const auto load = [](const std::string& text) {
-    return feltSamples(lengthSeriesOf(io::loadDataSet(test::TemporaryFile(text).path())), {});
+    return effectiveSamples(lengthSeriesOf(io::loadDataSet(test::TemporaryFile(text).path())), {});
   };
   const auto samples = load("pressure_kpa,length_m\n10.5,0.4\n0,0.41\n");
   ASSERT_EQ(samples.size(), 2u);

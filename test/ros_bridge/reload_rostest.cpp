@@ -89,8 +89,8 @@ TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
   EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
 }
 
-// Muscles with play that come down feel more than their pressure.
-TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsFelt) {
+// The effective pressure of muscles with play that come down is above their pressure.
+TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsEffective) {
   const TemporaryFile file(
       demoWith({{"contractions.fig3_muscle.response", "{play_kpa: [20], play_weight: [0.6]}"}}),
       ".yaml");
@@ -111,7 +111,7 @@ TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsFelt) {
     return (Eigen::Vector3d(tip.x, tip.y, tip.z) - wanted).norm() < 1e-3;
   }));
   const std::vector<double> command = rig_.command.last().pressure;
-  EXPECT_LT(command[0], 2e5 - 0.5 * 0.6 * 2e4) << "less than what it is felt as";
+  EXPECT_LT(command[0], 2e5 - 0.5 * 0.6 * 2e4) << "less than its effective pressure";
 }
 
 TEST_F(Reloading, AFaultyFileChangesNothing) {

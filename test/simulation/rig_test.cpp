@@ -357,8 +357,8 @@ TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   const TrueArm truth(arm, {});
   EXPECT_EQ(follows.twists(), truth.twists(follows.pressure()));
   const double p = lags.pressure()[0];
-  const Eigen::Vector3d felt(p + (2e5 - p) * std::exp(-1.0), 1e5, 0);
-  EXPECT_LT((lags.twists() - truth.twists(felt)).norm(), 1e-9);
+  const Eigen::Vector3d effective(p + (2e5 - p) * std::exp(-1.0), 1e5, 0);
+  EXPECT_LT((lags.twists() - truth.twists(effective)).norm(), 1e-9);
 }
 
 TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {

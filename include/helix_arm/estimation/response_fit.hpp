@@ -35,8 +35,8 @@ struct ResponseFit {
   std::array<Estimate, model::kMaxPlays> weight;
   /// Of the readings about the best curve without a response; of positions their distance.
   double static_rms = 0.0;
-  double rms = 0.0;      ///< with it
-  Eigen::MatrixXd felt;  ///< (rows x actuators) [Pa]
+  double rms = 0.0;           ///< with it
+  Eigen::MatrixXd effective;  ///< (rows x actuators) [Pa]
 
   bool fitted() const { return failure.empty(); }
 };

@@ -19,7 +19,7 @@ struct InputHistory {
 };
 
 /// The responses of all actuators of an arm at present: from measured inputs to the inputs that
-/// their contraction curves feel. All memory is allocated in the constructor.
+/// are effective in their contraction curves. All memory is allocated in the constructor.
 class ArmResponse {
  public:
   /// @param response  of every actuator in place of its own.
@@ -45,21 +45,22 @@ class ArmResponse {
   const ResponseState& state(int i) const { return states_[static_cast<std::size_t>(i)]; }
   /// Whether no actuator has lag or play.
   bool instant() const;
-  /// Whether felt() is independent of what came before the start.
+  /// Whether effective() is independent of what came before the start.
   bool known() const;
   /// w (n) [Pa]. Of an actuator with neither lag nor play: its last input as it was, even NaN.
-  const Eigen::VectorXd& felt() const { return felt_; }
-  /// Largest error (n) of felt() from what is unknown of the start [Pa].
+  const Eigen::VectorXd& effective() const { return effective_; }
+  /// Largest error (n) of effective() from what is unknown of the start [Pa].
   Eigen::VectorXd uncertainty() const;
 
-  /// The least and largest felt inputs (n) that inputs within the arm's limits reach from here,
-  /// within those limits. @param lower, upper  (n).
-  void feltLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
-                  Eigen::Ref<Eigen::VectorXd> upper) const noexcept;
-  /// What inputs (n) come to be felt as when they are reached in one direction from here.
-  Eigen::VectorXd feltAt(const InputRef& input) const;
-  /// Inputs (n) within the arm's limits that, reached in one direction from here, feel as wanted.
-  void inputsFor(const Arm& arm, const InputRef& felt,
+  /// The least and largest effective inputs (n) that inputs within the arm's limits reach from
+  /// here, within those limits. @param lower, upper  (n).
+  void effectiveLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
+                       Eigen::Ref<Eigen::VectorXd> upper) const noexcept;
+  /// The effective inputs (n) of inputs that are reached in one direction from here.
+  Eigen::VectorXd effectiveAt(const InputRef& input) const;
+  /// Inputs (n) within the arm's limits that, reached in one direction from here, have these
+  /// effective ones.
+  void inputsFor(const Arm& arm, const InputRef& effective,
                  Eigen::Ref<Eigen::VectorXd> input) const noexcept;
 
  private:
@@ -70,7 +71,7 @@ class ArmResponse {
   std::vector<ResponseState> states_;
   LagShare rise_, fall_;
   std::vector<double> times_;  // of the last input of each actuator; NaN before one
-  Eigen::VectorXd felt_;
+  Eigen::VectorXd effective_;
 };
 
 }  // namespace helix_arm::model

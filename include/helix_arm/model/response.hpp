@@ -78,7 +78,7 @@ class ResponseState {
   /// x [Pa]; NaN before the first input.
   double lagged() const;
   /// w [Pa]; NaN before the first input.
-  double felt() const;
+  double effective() const;
   /// Whether w is independent of what came before the start.
   bool known() const;
   /// Largest error of w from what is unknown of the start [Pa]: at first Response::halfWidth(),
@@ -86,12 +86,12 @@ class ResponseState {
   double uncertainty() const;
 
   /// w after a move of x, in one direction, to the given one: f(x), rising. Only after a start.
-  double feltAt(double x) const noexcept;
-  /// The x, within limits, with feltAt(x) = felt: the exact inverse. A felt outside of
-  /// feltRange(limits) gives the nearer limit. Only after a start.
-  double inputFor(double felt, const Range& limits) const noexcept;
+  double effectiveAt(double x) const noexcept;
+  /// The x, within limits, with effectiveAt(x) = effective: the exact inverse. A effective outside
+  /// of effectiveRange(limits) gives the nearer limit. Only after a start.
+  double inputFor(double effective, const Range& limits) const noexcept;
   /// [f(lower), f(upper)]: all that moves within limits can reach. Only after a start.
-  Range feltRange(const Range& limits) const noexcept;
+  Range effectiveRange(const Range& limits) const noexcept;
 
  private:
   struct Memory {

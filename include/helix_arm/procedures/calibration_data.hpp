@@ -16,7 +16,8 @@ namespace helix_arm::procedures {
 struct CalibrationData {
   std::vector<estimation::Capture> captures;
   ResponseSeries lengths;  ///< free lengths of one muscle
-  ResponseSeries tips;     ///< positions of the tip through motions; also tells what captures felt
+  ResponseSeries tips;     ///< positions of the tip through motions; also gives the effective
+                           ///< pressures of captures
   std::vector<io::Provenance::Data> sources;
   std::vector<std::string> warnings;
 };

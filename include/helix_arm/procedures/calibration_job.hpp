@@ -72,7 +72,7 @@ struct CalibrationOutcome {
   std::string message;  ///< resultText(), or cause and remedy
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   std::optional<CurveInArm> curve_in_arm;  ///< if one was fitted
-  /// The free lengths, at the pressures that the muscle felt, to which curves were fitted.
+  /// The free lengths, at the effective pressures, to which curves were fitted.
   std::vector<estimation::LengthSample> lengths;
   std::optional<FittedResponse> response;  ///< if one was fitted
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.

@@ -43,12 +43,13 @@ std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment)
 /// @throws DocumentError if only one of them has times.
 void append(const ResponseSeries& more, const std::string& file, ResponseSeries& to);
 
-/// The free lengths against the pressures that the muscle felt, in the same order.
-std::vector<estimation::LengthSample> feltSamples(const ResponseSeries& lengths,
-                                                  const model::Response& response);
+/// The free lengths against the effective pressures, in the same order.
+std::vector<estimation::LengthSample> effectiveSamples(const ResponseSeries& lengths,
+                                                       const model::Response& response);
 
-/// A curve of felt pressures, continued in a straight line to the largest measured one. Plays keep
-/// what is felt from reaching it, but a static computation takes every pressure as felt.
+/// A curve of effective pressures, continued in a straight line to the largest measured one. Plays
+/// keep the effective pressure from reaching it, but a static computation takes pressures
+/// themselves.
 /// @param fit  with a curve; a quintic that has to be continued becomes a table.
 estimation::ContractionFit continuedTo(double pressure, estimation::ContractionFit fit);
 

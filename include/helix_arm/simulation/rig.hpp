@@ -102,9 +102,9 @@ class SimulatedRig {
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
   /// One noisy reading of them (n), gauge, may be below 0 [Pa]; each call draws anew.
   Eigen::VectorXd measure() { return regulator_.measure(); }
-  /// The current shape, of the pressures that the arm feels. Throws as TrueArm::shape() does if no
+  /// The current shape, at the effective pressures. Throws as TrueArm::shape() does if no
   /// shape is found.
-  model::Shape shape() const { return arm_.shape(response_.felt()); }
+  model::Shape shape() const { return arm_.shape(response_.effective()); }
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.

@@ -102,8 +102,8 @@ class InverseSolver {
   void correct(const Correction& correction);
 
   /// From now on inputs are searched between lower and upper (n), which are within the limits of
-  /// the arm: for actuators with a response, what they can be made to feel
-  /// (model::ArmResponse::feltLimits()). Does not allocate.
+  /// the arm: for actuators with a response, their attainable effective pressures
+  /// (model::ArmResponse::effectiveLimits()). Does not allocate.
   /// @throws std::invalid_argument naming the actuator and the rule.
   void limit(const model::InputRef& lower, const model::InputRef& upper);
 

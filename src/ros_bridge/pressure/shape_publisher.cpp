@@ -52,7 +52,7 @@ void ShapePublisher::sendBaseFrame() {
 
 void ShapePublisher::solve() {
   const bool rests = last_reading_.isZero();  // before the first reading
-  const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.felt());
+  const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.effective());
   solution_ = scene_.model.solve(pressure);
   if (solution_.converged() || !unsolved_.add()) return;
   std::ostringstream at;
@@ -114,7 +114,7 @@ std::string ShapePublisher::unmeasuredText() const {
 
 void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
   if (!handle_) return;
-  const statics::Tip commanded = scene_.model.tip(scene_.arm.clamped(response_.feltAt(goal)));
+  const statics::Tip commanded = scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
   if (commanded.converged()) handle_->follow(commanded.tip);
 }
 
@@ -154,7 +154,7 @@ DiagnosticStatus ShapePublisher::status(const std::string& node) const {
   addValue(out, names::kUnsolvedKey, std::to_string(unsolved_.total()));
   if (response_.instant()) return out;
   addValue(out, names::kMemoryKnownKey, response_.known() ? "true" : "false");
-  addValue(out, names::kFeltUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));
+  addValue(out, names::kEffectiveUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));
   return out;
 }
 

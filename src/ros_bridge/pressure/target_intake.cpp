@@ -79,9 +79,9 @@ void TargetIntake::aimTip(const TargetSender& sender, const control::Checked<Tip
 
 Eigen::VectorXd TargetIntake::beginSearch() {
   if (response_.instant()) return commands_.goal();
-  response_.feltLimits(scene_.arm, lower_, upper_);
+  response_.effectiveLimits(scene_.arm, lower_, upper_);
   solver_.limit(lower_, upper_);
-  return response_.feltAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+  return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
 }
 
 void TargetIntake::follow(const TargetSender& sender, const statics::InverseResult& result) {

@@ -204,7 +204,7 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
 void SimulatedRigNode::publishTruth(std_msgs::Header header) {
   std::optional<Moment> moment;
   try {
-    moment = Moment{header.stamp, true_arm_.shape(response_.felt())};
+    moment = Moment{header.stamp, true_arm_.shape(response_.effective())};
   } catch (const std::runtime_error& fault) {
     if (no_truths_.add()) {
       logWarning("%s (%lu times so far): neither truth nor picture until another command or force",

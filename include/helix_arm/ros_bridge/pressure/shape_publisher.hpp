@@ -43,8 +43,8 @@ class ShapePublisher {
   /// @param measured  (n) gauge [Pa]
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
 
-  /// Brings the handle, if there is one, to the model's tip at these pressures once they are felt,
-  /// if it finds one.
+  /// Brings the handle, if there is one, to the model's tip at these pressures once they are
+  /// effective, if it finds one.
   /// @param goal  (n) gauge [Pa]
   void moveHandle(const Eigen::VectorXd& goal);
   /// The state of the arm, drawn above its base from the next drawing on.
@@ -65,7 +65,7 @@ class ShapePublisher {
   void reportSilence(diagnostic_msgs::DiagnosticStatus& status) const;
 
  private:
-  void solve();           ///< the shape at the pressures that the arm feels
+  void solve();           ///< the shape at the effective pressures
   bool measures() const;  ///< the last reading is fresh
   std::string unmeasuredText() const;
   void sendBaseFrame();
@@ -79,7 +79,7 @@ class ShapePublisher {
 
   Eigen::VectorXd measured_;  ///< last reading [Pa]
   model::ArmResponse response_;
-  statics::Solution solution_;  ///< at the felt pressures, clamped
+  statics::Solution solution_;  ///< at the effective pressures, clamped
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;

@@ -64,10 +64,10 @@ class TargetIntake {
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
   void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked);
 
-  /// Where the search begins: the present command, as it comes to be felt. Limits the search to
-  /// what can be felt.
+  /// Where the search begins: the effective pressure of the present command. Limits the search to
+  /// attainable effective pressures.
   Eigen::VectorXd beginSearch();
-  /// Goes where the result's pressures are felt.
+  /// Goes to where the result's pressures are effective.
   void follow(const TargetSender& sender, const statics::InverseResult& result);
   /// Commands it; else drops the target and returns false.
   bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
@@ -77,7 +77,7 @@ class TargetIntake {
   const model::ArmResponse& response_;
   const Commands commands_;
   statics::InverseSolver solver_;
-  Eigen::VectorXd lower_, upper_;  // of what can be felt
+  Eigen::VectorXd lower_, upper_;  // of effective pressures
   TargetAdmission admission_;
   control::UnitWatch units_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;

@@ -22,7 +22,7 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of simulated_rig.
 struct SimulatedRigOptions {
   std::string scene;  ///< ~scene: as pressure_command's; required
-  /// ~regulator: "scene" simulates the scene's; "topic": the arm feels the readings of another
+  /// ~regulator: "scene" simulates the scene's; "topic": the arm follows the readings of another
   /// regulator, on pressure_measured
   std::string regulator = "scene";
   double rate = 100.0;        ///< ~rate: of the regulator, 1 to 1000 [Hz]
@@ -95,7 +95,7 @@ class SimulatedRigNode {
   static void drop(const std::string& topic, const std::string& fault, FaultCount& count);
   void noteInput();
   void noteSilence(const ros::SteadyTime& now);
-  /// The arm at the pressures that it feels now.
+  /// The arm at its present effective pressures.
   void publishTruth(std_msgs::Header header);
   void publishClock();
   void takePictures();

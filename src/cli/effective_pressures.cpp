@@ -1,4 +1,4 @@
-#include "felt_pressures.hpp"
+#include "effective_pressures.hpp"
 
 #include <sstream>
 
@@ -23,7 +23,7 @@ model::InputHistory historyOfFile(const io::Scene& scene, const std::string& pat
 std::string noteOnResponse(const model::Arm& arm) {
   if (model::ArmResponse(arm).instant()) return {};
   std::ostringstream note;
-  note << "at rest, with every pressure felt as it is";
+  note << "at rest, with every effective pressure the pressure itself";
   const double widest = halfWidths(arm).maxCoeff();
   if (widest > 0) {
     note << ": the middle of hysteresis loops of up to +-" << 1e-3 * widest << " kPa";
