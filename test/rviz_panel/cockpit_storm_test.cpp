@@ -229,6 +229,8 @@ class Arm : public Node {
     SafetyState safety;
     safety.state = state_;
     safety.cause = "none";
+    safety.problem = "as told";
+    safety.remedy = "call enable";
     safety.reason = state_ + ": as told; call enable";
     safety.stopped = stopped_;
     safety_.publish(safety);
