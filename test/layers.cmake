@@ -56,7 +56,7 @@ foreach(layer IN LISTS layers)
         list(APPEND faults "${file}: not understood: ${include}")
         continue()
       endif()
-      set(path ${CMAKE_MATCH_1})
+      string(REGEX REPLACE "^ros_bridge/" "helix_arm/ros_bridge/" path ${CMAKE_MATCH_1})  # its headers are in src
       # Standard headers and neighbours in the same folder have no folder in their name, POSIX has netinet and sys.
       if(NOT path MATCHES "/" OR path MATCHES "^(netinet|sys)/[a-z]+\\.h$")
         continue()

@@ -61,7 +61,7 @@ class Sources:
     def included(self, name, seen):
         """Adds to `seen` what a file includes of the package, directly or not."""
         for path in INCLUDE.findall(self.text[name]):
-            for candidate in ("include/" + path, name.rpartition("/")[0] + "/" + path):
+            for candidate in ("include/" + path, "src/" + path, name.rpartition("/")[0] + "/" + path):
                 if candidate in self.text and candidate not in seen:
                     seen.add(candidate)
                     self.included(candidate, seen)

@@ -16,7 +16,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 

@@ -1,16 +1,16 @@
 #include "node_mains.hpp"
 
-#include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/run_node.hpp"
-#include "helix_arm/ros_bridge/follow/visual_servo_node.hpp"
-#include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
-#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
-#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
-#include "helix_arm/ros_bridge/tools/pressure_series_node.hpp"
-#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
-#include "helix_arm/ros_bridge/tools/workspace_cloud_node.hpp"
-#include "helix_arm/ros_bridge/vision/vision_node.hpp"
+#include "ros_bridge/calibration/calibration_node.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/run_node.hpp"
+#include "ros_bridge/follow/visual_servo_node.hpp"
+#include "ros_bridge/pressure/pressure_command_node.hpp"
+#include "ros_bridge/tools/follow_path_node.hpp"
+#include "ros_bridge/tools/monitor_node.hpp"
+#include "ros_bridge/tools/pressure_series_node.hpp"
+#include "ros_bridge/tools/simulated_rig_node.hpp"
+#include "ros_bridge/tools/workspace_cloud_node.hpp"
+#include "ros_bridge/vision/vision_node.hpp"
 
 namespace helix_arm::ros_bridge {
 

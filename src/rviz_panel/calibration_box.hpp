@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 class QComboBox;
 class QLabel;

@@ -21,7 +21,7 @@
 #include <rviz/visualization_manager.h>
 
 #include "calibration_box.hpp"
-#include "helix_arm/ros_bridge/cockpit/arm_camera.hpp"
+#include "ros_bridge/cockpit/arm_camera.hpp"
 #include "panel_parts.hpp"
 #include "pressure_box.hpp"
 #include "safety_box.hpp"

@@ -7,7 +7,7 @@
 
 #include <rviz/panel.h>
 
-#include "helix_arm/ros_bridge/cockpit/link_builder.hpp"
+#include "ros_bridge/cockpit/link_builder.hpp"
 
 class QLineEdit;
 class QPushButton;

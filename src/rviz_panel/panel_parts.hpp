@@ -7,7 +7,7 @@
 #include <string>
 
 #include "fixed_text.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 /// What the boxes of the cockpit share.
 namespace helix_arm::rviz_panel {

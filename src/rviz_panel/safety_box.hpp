@@ -5,8 +5,8 @@
 #include <functional>
 #include <string>
 
-#include "helix_arm/ros_bridge/cockpit/call_desk.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/call_desk.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 class QLabel;
 class QPushButton;

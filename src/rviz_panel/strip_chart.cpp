@@ -5,7 +5,7 @@
 #include <cmath>
 #include <functional>
 
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 #include "panel_parts.hpp"
 
 namespace helix_arm::rviz_panel {

@@ -3,8 +3,8 @@
 #include <QElapsedTimer>
 #include <QWidget>
 
-#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
-#include "helix_arm/ros_bridge/cockpit/strip_history.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/strip_history.hpp"
 
 namespace helix_arm::rviz_panel {
 

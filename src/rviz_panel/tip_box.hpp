@@ -4,7 +4,7 @@
 #include <array>
 #include <functional>
 
-#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 class QDoubleSpinBox;
 class QLabel;

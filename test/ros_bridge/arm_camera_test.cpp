@@ -1,5 +1,5 @@
 // Which views of rviz a cockpit changes, and what they then show.
-#include "helix_arm/ros_bridge/cockpit/arm_camera.hpp"
+#include "ros_bridge/cockpit/arm_camera.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>

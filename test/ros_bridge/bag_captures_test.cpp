@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
 
 #include <fstream>
 

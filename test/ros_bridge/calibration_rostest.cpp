@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/calibration_rig.hpp"
 

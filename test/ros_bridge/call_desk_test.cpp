@@ -1,5 +1,5 @@
 // Calls that hang hold up neither their caller nor other calls.
-#include "helix_arm/ros_bridge/cockpit/call_desk.hpp"
+#include "ros_bridge/cockpit/call_desk.hpp"
 
 #include <chrono>
 #include <condition_variable>

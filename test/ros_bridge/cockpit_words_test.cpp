@@ -1,9 +1,9 @@
 // What the cockpit says of an arm, and what it offers.
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

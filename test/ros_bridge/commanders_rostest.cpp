@@ -4,7 +4,7 @@
 #include <visualization_msgs/InteractiveMarkerInit.h>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "support/ros_rig.hpp"
 
 namespace helix_arm::test {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/conversions.hpp"
 
 #include <cmath>
 #include <cstdint>

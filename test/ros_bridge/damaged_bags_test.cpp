@@ -10,7 +10,7 @@
 
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
 #include "support/random.hpp"
 #include "support/recording.hpp"
 #include "support/temporary_folder.hpp"

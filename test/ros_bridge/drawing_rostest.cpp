@@ -9,7 +9,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "support/ros_rig.hpp"
 
 namespace helix_arm::test {

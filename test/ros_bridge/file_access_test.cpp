@@ -1,5 +1,5 @@
 // Which files services read and write.
-#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/file_access.hpp"
 
 #include <filesystem>
 #include <fstream>

@@ -1,5 +1,5 @@
 // What no message does: throw into roscpp, or make room for what it does not hold.
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 
 #include <filesystem>
 #include <fstream>
@@ -139,7 +139,7 @@ TEST(GuardedService, WhatItThrowsIsTheAnswer) {
 void expectNowhereBut(const char* exception, const std::string& pattern, const char* remedy) {
   const std::regex raw(pattern);
   int files = 0;
-  for (const char* folder : {"/src/ros_bridge", "/src/nodes", "/include/helix_arm/ros_bridge"}) {
+  for (const char* folder : {"/src/ros_bridge", "/src/nodes"}) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(
              std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
       if (!entry.is_regular_file() || entry.path().filename() == exception) continue;

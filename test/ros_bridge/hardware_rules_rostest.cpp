@@ -11,7 +11,7 @@
 
 #include "helix_arm/FollowTipPathActionGoal.h"
 #include "helix_arm/Reload.h"
-#include "helix_arm/ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_loop.hpp"
 
 namespace helix_arm::test {

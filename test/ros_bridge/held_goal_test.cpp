@@ -1,5 +1,5 @@
 // When the cockpit stops repeating its target.
-#include "helix_arm/ros_bridge/cockpit/held_goal.hpp"
+#include "ros_bridge/cockpit/held_goal.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
+#include "ros_bridge/follow/loop_diagnostics.hpp"
 
 #include <gtest/gtest.h>
 

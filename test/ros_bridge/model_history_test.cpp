@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/model_history.hpp"
 
 #include <gtest/gtest.h>
 

@@ -11,8 +11,8 @@
 #include "helix_arm/Reload.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/ros_bridge/common/reload_server.hpp"
-#include "helix_arm/ros_bridge/vision/vision_status_publisher.hpp"
+#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/vision/vision_status_publisher.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_file.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/path_checker.hpp"
+#include "ros_bridge/follow/path_checker.hpp"
 
 #include <algorithm>
 #include <cstring>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/vision/picture_mailbox.hpp"
+#include "ros_bridge/vision/picture_mailbox.hpp"
 
 #include <future>
 

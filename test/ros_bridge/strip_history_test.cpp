@@ -1,5 +1,5 @@
 // What a strip chart remembers.
-#include "helix_arm/ros_bridge/cockpit/strip_history.hpp"
+#include "ros_bridge/cockpit/strip_history.hpp"
 
 #include <cmath>
 #include <stdexcept>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/tag_matcher.hpp"
+#include "ros_bridge/follow/tag_matcher.hpp"
 
 #include <gtest/gtest.h>
 

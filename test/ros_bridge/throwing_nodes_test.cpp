@@ -6,15 +6,15 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
-#include "helix_arm/ros_bridge/follow/visual_servo_node.hpp"
-#include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
-#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
-#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
-#include "helix_arm/ros_bridge/tools/pressure_series_node.hpp"
-#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
-#include "helix_arm/ros_bridge/tools/workspace_cloud_node.hpp"
-#include "helix_arm/ros_bridge/vision/vision_node.hpp"
+#include "ros_bridge/calibration/calibration_node.hpp"
+#include "ros_bridge/follow/visual_servo_node.hpp"
+#include "ros_bridge/pressure/pressure_command_node.hpp"
+#include "ros_bridge/tools/follow_path_node.hpp"
+#include "ros_bridge/tools/monitor_node.hpp"
+#include "ros_bridge/tools/pressure_series_node.hpp"
+#include "ros_bridge/tools/simulated_rig_node.hpp"
+#include "ros_bridge/tools/workspace_cloud_node.hpp"
+#include "ros_bridge/vision/vision_node.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 

@@ -9,7 +9,7 @@
 
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "support/ros_rig.hpp"
 
 namespace helix_arm::test {

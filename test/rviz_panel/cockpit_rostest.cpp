@@ -34,7 +34,7 @@
 #include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_folder.hpp"

@@ -38,9 +38,9 @@
 #include "helix_arm/Save.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/names.hpp"
 #include "panel_window.hpp"
 #include "support/process.hpp"
 

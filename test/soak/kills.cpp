@@ -18,7 +18,7 @@
 #include "helix_arm/Reload.h"
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/Save.h"
-#include "helix_arm/ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_loop.hpp"
 #include "support/vision_rig.hpp"
 

@@ -14,8 +14,8 @@
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/vision/pictures.hpp"
 #include "support/ros_rig.hpp"
 
 namespace helix_arm::test {

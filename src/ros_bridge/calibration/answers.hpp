@@ -7,7 +7,7 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/log.hpp"
 
 /// What the services of calibration and its action answer.
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
 
 #include <array>
 #include <map>
@@ -9,7 +9,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/names.hpp"
 
 /// What bag_reader, a process of its own, writes of a recording on its stdout, and loadBag() reads:
 /// one record after another, each a RecordHead and its bytes.

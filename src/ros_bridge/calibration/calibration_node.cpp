@@ -1,11 +1,11 @@
-#include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
+#include "ros_bridge/calibration/calibration_node.hpp"
 
 #include <utility>
 
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/calibration_services.hpp"
+#include "ros_bridge/calibration/calibration_services.hpp"
 
 #include <cstdint>
 #include <filesystem>
@@ -12,8 +12,8 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

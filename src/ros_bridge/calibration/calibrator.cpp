@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/calibrator.hpp"
+#include "ros_bridge/calibration/calibrator.hpp"
 
 #include <exception>
 #include <filesystem>
@@ -8,8 +8,8 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/content_hash.hpp"
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

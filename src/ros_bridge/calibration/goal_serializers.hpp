@@ -1,7 +1,7 @@
 #pragma once
 
 #include "helix_arm/RunCalibrationActionGoal.h"
-#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/goal_serializers.hpp"
 
 namespace ros::serialization {
 

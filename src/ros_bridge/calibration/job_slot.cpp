@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/job_slot.hpp"
+#include "ros_bridge/calibration/job_slot.hpp"
 
 #include "helix_arm/basics/requirement.hpp"
 

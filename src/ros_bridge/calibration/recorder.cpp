@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/recorder.hpp"
+#include "ros_bridge/calibration/recorder.hpp"
 
 #include <string>
 #include <utility>
@@ -8,12 +8,12 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
-#include "helix_arm/ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/common/reload_server.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

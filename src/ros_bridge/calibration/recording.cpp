@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/calibration/recording.hpp"
+#include "ros_bridge/calibration/recording.hpp"
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
+#include "ros_bridge/common/file_access.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

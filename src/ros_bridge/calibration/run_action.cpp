@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/calibration/run_action.hpp"
+#include "ros_bridge/calibration/run_action.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -20,10 +20,10 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/end_request.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

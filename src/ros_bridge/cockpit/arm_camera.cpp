@@ -1,7 +1,7 @@
-#include "helix_arm/ros_bridge/cockpit/arm_camera.hpp"
+#include "ros_bridge/cockpit/arm_camera.hpp"
 
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/side_view.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/side_view.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
 
 #include <algorithm>
 #include <cctype>
@@ -16,9 +16,9 @@
 #include "helix_arm/Save.h"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

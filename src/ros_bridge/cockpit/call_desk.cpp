@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/call_desk.hpp"
+#include "ros_bridge/cockpit/call_desk.hpp"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/cockpit_link.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,11 +10,11 @@
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
-#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -5,11 +5,11 @@
 
 #include <ros/this_node.h>
 
-#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_link.hpp"
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 #include <array>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/held_goal.hpp"
+#include "ros_bridge/cockpit/held_goal.hpp"
 
 #include <utility>
 

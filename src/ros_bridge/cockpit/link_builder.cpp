@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/link_builder.hpp"
+#include "ros_bridge/cockpit/link_builder.hpp"
 
 #include <chrono>
 #include <exception>
@@ -9,7 +9,7 @@
 #include <ros/master.h>
 
 #include "helix_arm/basics/mutex.hpp"
-#include "helix_arm/ros_bridge/common/master_watch.hpp"
+#include "ros_bridge/common/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/cockpit/strip_history.hpp"
+#include "ros_bridge/cockpit/strip_history.hpp"
 
 #include <algorithm>
 #include <cmath>

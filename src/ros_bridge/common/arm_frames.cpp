@@ -1,9 +1,9 @@
-#include "helix_arm/ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/callers_folder.hpp"
+#include "ros_bridge/common/callers_folder.hpp"
 
 #include <cstdlib>
 #include <fstream>
@@ -8,7 +8,7 @@
 
 #include <unistd.h>
 
-#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/file_access.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

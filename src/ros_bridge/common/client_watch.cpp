@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/client_watch.hpp"
 
 #include <chrono>
 #include <cstdint>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/clock_gate.hpp"
+#include "ros_bridge/common/clock_gate.hpp"
 
 #include <cstdint>
 #include <vector>
@@ -7,9 +7,9 @@
 #include <ros/master.h>
 #include <ros/this_node.h>
 
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 
 #include <cstdio>
 

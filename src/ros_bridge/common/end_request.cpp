@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/end_request.hpp"
 
 #include <atomic>
 #include <csignal>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/end_watch.hpp"
+#include "ros_bridge/common/end_watch.hpp"
 
 #include <chrono>
 #include <cstring>
@@ -6,8 +6,8 @@
 #include <poll.h>
 #include <unistd.h>
 
-#include "helix_arm/ros_bridge/common/end_request.hpp"
-#include "helix_arm/ros_bridge/common/exit_code.hpp"
+#include "ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/exit_code.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

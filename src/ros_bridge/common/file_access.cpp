@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/file_access.hpp"
 
 #include <algorithm>
 #include <cerrno>

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/frame_lookup.hpp"
+#include "ros_bridge/common/frame_lookup.hpp"
 
 #include <Eigen/Geometry>
 #include <utility>
@@ -6,10 +6,10 @@
 #include <tf2/exceptions.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/ros_bridge/common/arm_frames.hpp"
-#include "helix_arm/ros_bridge/common/clock_gate.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/clock_gate.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,9 +1,9 @@
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 
 #include <exception>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

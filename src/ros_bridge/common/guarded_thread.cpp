@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/guarded_thread.hpp"
+#include "ros_bridge/common/guarded_thread.hpp"
 
 #include <utility>
 

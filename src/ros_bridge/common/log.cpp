@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/log.hpp"
 
 #include <chrono>
 #include <cstdarg>

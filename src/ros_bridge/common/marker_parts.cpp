@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
-#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/conversions.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/master_watch.hpp"
+#include "ros_bridge/common/master_watch.hpp"
 
 #include <string>
 
@@ -8,8 +8,8 @@
 #include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
-#include "helix_arm/ros_bridge/common/end_request.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/moving_clock.hpp"
+#include "ros_bridge/common/moving_clock.hpp"
 
 namespace helix_arm::ros_bridge {
 

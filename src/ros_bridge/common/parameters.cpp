@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,9 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/ros_bridge/common/callers_folder.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/callers_folder.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

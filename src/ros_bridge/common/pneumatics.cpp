@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
 
 #include <stdexcept>
 

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/reload_server.hpp"
 
 #include <exception>
 #include <stdexcept>
@@ -8,11 +8,11 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/common/rest_request.hpp"
+#include "ros_bridge/common/rest_request.hpp"
 
 #include <string>
 
@@ -8,9 +8,9 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/ros_bridge/common/end_request.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 void CommandTrace::sent(const ros::Time& stamp) {

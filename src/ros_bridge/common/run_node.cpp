@@ -1,12 +1,12 @@
-#include "helix_arm/ros_bridge/common/run_node.hpp"
+#include "ros_bridge/common/run_node.hpp"
 
 #include <stdexcept>
 
 #include <ros/callback_queue.h>
 
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,12 +1,12 @@
-#include "helix_arm/ros_bridge/common/side_view.hpp"
+#include "ros_bridge/common/side_view.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/command_link.hpp"
+#include "ros_bridge/follow/command_link.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -8,10 +8,10 @@
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

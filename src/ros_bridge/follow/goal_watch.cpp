@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/goal_watch.hpp"
+#include "ros_bridge/follow/goal_watch.hpp"
 
 #include <algorithm>
 #include <cmath>

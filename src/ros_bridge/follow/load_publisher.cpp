@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/load_publisher.hpp"
+#include "ros_bridge/follow/load_publisher.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -7,8 +7,8 @@
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/ExternalLoad.h"
 #include "helix_arm/procedures/budget_table.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
+#include "ros_bridge/follow/loop_diagnostics.hpp"
 
 #include <cmath>
 #include <cstddef>
 
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

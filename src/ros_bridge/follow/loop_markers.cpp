@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/follow/loop_markers.hpp"
+#include "ros_bridge/follow/loop_markers.hpp"
 
 #include <utility>
 
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/marker_parts.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

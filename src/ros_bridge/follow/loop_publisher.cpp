@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/loop_publisher.hpp"
+#include "ros_bridge/follow/loop_publisher.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -10,9 +10,9 @@
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/follow/loop_targets.hpp"
+#include "ros_bridge/follow/loop_targets.hpp"
 
 #include <variant>
 
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

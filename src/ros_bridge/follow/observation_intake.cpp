@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/observation_intake.hpp"
+#include "ros_bridge/follow/observation_intake.hpp"
 
 #include <cstddef>
 #include <optional>
@@ -6,9 +6,9 @@
 #include <variant>
 
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

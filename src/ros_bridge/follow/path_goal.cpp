@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/path_goal.hpp"
+#include "ros_bridge/follow/path_goal.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/model_history.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

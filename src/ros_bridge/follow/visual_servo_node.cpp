@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/follow/visual_servo_node.hpp"
+#include "ros_bridge/follow/visual_servo_node.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -12,12 +12,12 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

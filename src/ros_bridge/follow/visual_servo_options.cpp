@@ -1,7 +1,7 @@
-#include "helix_arm/ros_bridge/follow/visual_servo_options.hpp"
+#include "ros_bridge/follow/visual_servo_options.hpp"
 
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/pressure/model_server.hpp"
+#include "ros_bridge/pressure/model_server.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -10,9 +10,9 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/unit_watch.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
+#include "ros_bridge/pressure/pressure_command_node.hpp"
 
 #include <stdexcept>
 #include <utility>
@@ -9,12 +9,12 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/realtime.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
-#include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/pressure/regulator_setup.hpp"
 
 namespace helix_arm::ros_bridge {
 

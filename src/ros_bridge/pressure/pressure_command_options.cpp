@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/pressure/pressure_command_options.hpp"
+#include "ros_bridge/pressure/pressure_command_options.hpp"
 
 #include <algorithm>
 
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,7 +1,7 @@
-#include "helix_arm/ros_bridge/pressure/pressure_diagnostics.hpp"
+#include "ros_bridge/pressure/pressure_diagnostics.hpp"
 
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

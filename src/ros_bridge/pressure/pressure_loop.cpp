@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
+#include "ros_bridge/pressure/pressure_loop.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -9,9 +9,9 @@
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/regulator/realtime.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
+#include "ros_bridge/pressure/regulator_setup.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,7 @@
 
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/pressure/shape_publisher.hpp"
+#include "ros_bridge/pressure/shape_publisher.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,10 +6,10 @@
 #include <utility>
 
 #include "helix_arm/ArmShape.h"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

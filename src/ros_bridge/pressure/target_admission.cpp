@@ -1,12 +1,12 @@
-#include "helix_arm/ros_bridge/pressure/target_admission.hpp"
+#include "ros_bridge/pressure/target_admission.hpp"
 
 #include <cstdio>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,11 +1,11 @@
-#include "helix_arm/ros_bridge/pressure/target_intake.hpp"
+#include "ros_bridge/pressure/target_intake.hpp"
 
 #include <algorithm>
 #include <utility>
 
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,8 +1,8 @@
-#include "helix_arm/ros_bridge/pressure/target_ledger.hpp"
+#include "ros_bridge/pressure/target_ledger.hpp"
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 

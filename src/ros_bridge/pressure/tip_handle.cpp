@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/pressure/tip_handle.hpp"
+#include "ros_bridge/pressure/tip_handle.hpp"
 
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

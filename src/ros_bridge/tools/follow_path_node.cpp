@@ -1,16 +1,16 @@
-#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
+#include "ros_bridge/tools/follow_path_node.hpp"
 
 #include <cstddef>
 #include <vector>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

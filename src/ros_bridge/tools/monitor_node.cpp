@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
+#include "ros_bridge/tools/monitor_node.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -13,12 +13,12 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
-#include "helix_arm/ros_bridge/vision/vision_ledger.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/vision/vision_ledger.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

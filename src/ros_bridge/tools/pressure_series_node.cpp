@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/tools/pressure_series_node.hpp"
+#include "ros_bridge/tools/pressure_series_node.hpp"
 
 #include <algorithm>
 #include <sstream>
@@ -11,11 +11,11 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/procedures/pressure_tour.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/tools/run_recorder.hpp"
+#include "ros_bridge/tools/run_recorder.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,11 +14,11 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
+#include "ros_bridge/tools/simulated_rig_node.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -12,14 +12,14 @@
 #include <sensor_msgs/Image.h>
 
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
-#include "helix_arm/ros_bridge/common/pneumatics.hpp"
-#include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/pneumatics.hpp"
+#include "ros_bridge/pressure/regulator_setup.hpp"
+#include "ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

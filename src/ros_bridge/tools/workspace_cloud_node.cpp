@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/tools/workspace_cloud_node.hpp"
+#include "ros_bridge/tools/workspace_cloud_node.hpp"
 
 #include <algorithm>
 #include <cstring>
@@ -7,11 +7,11 @@
 
 #include <sensor_msgs/PointCloud2.h>
 
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/vision/measurement_publisher.hpp"
+#include "ros_bridge/vision/measurement_publisher.hpp"
 
 #include <utility>
 
@@ -6,10 +6,10 @@
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/vision/overlay.hpp"
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/vision/overlay.hpp"
+#include "ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,11 +1,11 @@
-#include "helix_arm/ros_bridge/vision/model_matcher.hpp"
+#include "ros_bridge/vision/model_matcher.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,12 +1,12 @@
-#include "helix_arm/ros_bridge/vision/observations.hpp"
+#include "ros_bridge/vision/observations.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/vision/overlay.hpp"
+#include "ros_bridge/vision/overlay.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,11 +1,11 @@
-#include "helix_arm/ros_bridge/vision/picture_measurer.hpp"
+#include "ros_bridge/vision/picture_measurer.hpp"
 
 #include <utility>
 #include <variant>
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
+#include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 

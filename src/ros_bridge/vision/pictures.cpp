@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
+#include "ros_bridge/vision/pictures.hpp"
 
 #include <algorithm>
 #include <array>

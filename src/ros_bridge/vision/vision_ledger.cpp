@@ -1,10 +1,10 @@
-#include "helix_arm/ros_bridge/vision/vision_ledger.hpp"
+#include "ros_bridge/vision/vision_ledger.hpp"
 
 #include <numeric>
 
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/vision/observations.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/vision/observations.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,13 +1,13 @@
-#include "helix_arm/ros_bridge/vision/vision_markers.hpp"
+#include "ros_bridge/vision/vision_markers.hpp"
 
 #include <array>
 #include <cstddef>
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/marker_parts.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

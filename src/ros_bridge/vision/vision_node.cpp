@@ -1,13 +1,13 @@
-#include "helix_arm/ros_bridge/vision/vision_node.hpp"
+#include "ros_bridge/vision/vision_node.hpp"
 
 #include <optional>
 #include <stdexcept>
 #include <utility>
 #include <variant>
 
-#include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/log.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

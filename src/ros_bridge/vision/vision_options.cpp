@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/vision/vision_options.hpp"
+#include "ros_bridge/vision/vision_options.hpp"
 
 #include <algorithm>
 #include <filesystem>
@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/ros_bridge/common/callers_folder.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/callers_folder.hpp"
+#include "ros_bridge/common/file_access.hpp"
+#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,12 +1,12 @@
-#include "helix_arm/ros_bridge/vision/vision_status_publisher.hpp"
+#include "ros_bridge/vision/vision_status_publisher.hpp"
 
 #include <algorithm>
 #include <utility>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

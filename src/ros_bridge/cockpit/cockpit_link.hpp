@@ -1,0 +1,162 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <actionlib/client/simple_action_client.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/callback_queue.h>
+#include <ros/node_handle.h>
+#include <ros/spinner.h>
+#include <ros/steady_timer.h>
+
+#include "helix_arm/ArmShape.h"
+#include "helix_arm/ErrorBudget.h"
+#include "helix_arm/LoopStatus.h"
+#include "helix_arm/ModelError.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/cockpit/call_desk.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/held_goal.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// One arm, as a user of its topics and services: what the cockpit shows, and what its buttons do.
+///
+/// Once it is made, no call blocks. Topics have a thread of their own, services are called through
+/// a CallDesk, and the target that is held is repeated at 10 Hz for as long as view() is called.
+///
+/// Calls may overtake each other, and one that hangs may arrive late. None of them undoes a stop or
+/// a vent that was asked for after it: what has not been sent yet is not sent, and what has is
+/// followed by another stop or vent.
+///
+/// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
+/// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
+/// tells the limits. Publishes pressure_target and tip_target.
+class CockpitLink {
+ public:
+  /// Waits for the ROS master, without end where that is gone or hangs; see LinkBuilder.
+  /// @param ns  Namespace of the arm's nodes, such as left; empty: that of this node.
+  /// @throws ros::InvalidNameException if the namespace is no name.
+  explicit CockpitLink(const std::string& ns);
+  /// The same namespace from the root, such as / or /left. Asks nobody.
+  /// @throws ros::InvalidNameException if it is no name.
+  static std::string resolved(const std::string& ns);
+  ~CockpitLink();
+  CockpitLink(const CockpitLink&) = delete;
+  CockpitLink& operator=(const CockpitLink&) = delete;
+
+  /// The present moment; also tells that somebody still looks.
+  CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Answers of the services that came since the last call.
+  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_);
+
+  /// Without effect while such a call waits for its answer, as for Release and useCalibration().
+  void enable();
+  void vent() HELIX_ARM_EXCLUDES(mutex_);
+  void emergencyStop(bool engage) HELIX_ARM_EXCLUDES(mutex_);
+  /// True: holds the present command. False: lets go of the arm, which ramps down to rest.
+  void hold(bool on) HELIX_ARM_EXCLUDES(mutex_);
+  /// Holds the present command, with this one changed.
+  /// @param channel  index in scene order.
+  void setPressure(std::size_t channel, double pressure) HELIX_ARM_EXCLUDES(mutex_);
+  /// Holds this tip, base frame [m].
+  void aimTip(const std::array<double, 3>& position) HELIX_ARM_EXCLUDES(mutex_);
+  /// @param fit  as in RunCalibration.
+  void startCalibration(const std::vector<std::string>& fit) HELIX_ARM_EXCLUDES(mutex_);
+  void cancelCalibration();
+  /// Saves the calibrated scene and loads it in all nodes of the arm.
+  void useCalibration();
+
+ private:
+  using Client = actionlib::SimpleActionClient<RunCalibrationAction>;
+
+  /// How often a stop, and a vent or stop, was asked for. Shared with calls that hang.
+  struct Asked {
+    std::atomic<std::uint64_t> stops{0}, vents{0};
+  };
+
+  static double now() { return ros::SteadyTime::now().toSec(); }
+
+  /// A value and when it came [s].
+  template <class T>
+  struct Dated {
+    T value{};
+    double time = -1e9;
+    void set(T next) {
+      value = std::move(next);
+      time = now();
+    }
+    bool isFresh(double longest) const { return now() - time < longest; }
+  };
+
+  void onCommand(const PressureArrayConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onPressures(const PressureArrayConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onSafety(const SafetyStateConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onStatus(const TargetStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onMeasured(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onModel(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onError(const ModelErrorConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onLoop(const LoopStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
+      HELIX_ARM_EXCLUDES(mutex_);
+  void onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback)
+      HELIX_ARM_EXCLUDES(mutex_);
+  /// @param run  of which it is, as runs_ was at its start.
+  void onResult(std::uint64_t run, const RunCalibrationResult* result,
+                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
+  void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
+
+  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_);
+  void send() HELIX_ARM_REQUIRES(mutex_);
+  std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
+  void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
+  std::string serviceOf(const std::string& node, const std::string& name) const;
+
+  basics::Mutex answers_mutex_;
+  std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
+  CallDesk desk_;
+  const std::shared_ptr<Asked> asked_ = std::make_shared<Asked>();
+  const std::string ns_;  ///< resolved
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+  ros::Publisher pressure_publisher_, tip_publisher_;
+
+  basics::Mutex mutex_;
+  Dated<PressureArray> command_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<PressureArray> pressures_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<CockpitSafety> safety_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<std::vector<double>> measured_tip_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<std::vector<double>> model_tip_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string base_frame_ HELIX_ARM_GUARDED_BY(mutex_);
+  double arm_length_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;  ///< [m]
+  Dated<double> tip_error_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<CockpitLoop> loop_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<double> budget_sd_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
+  double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                     ///< [s]
+  HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
+  CockpitCalibration calibration_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started
+  double calibrator_seen_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< when its node was there [s]
+
+  std::vector<ros::Subscriber> subscribers_;
+  std::unique_ptr<Client> client_;
+  ros::SteadyTimer timer_;
+  ros::AsyncSpinner spinner_;
+};
+
+}  // namespace helix_arm::ros_bridge

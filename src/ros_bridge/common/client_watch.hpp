@@ -1,0 +1,121 @@
+#pragma once
+
+#include <atomic>
+#include <list>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include <boost/weak_ptr.hpp>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+
+#include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/common/master_watch.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Whether another node is still there: an arm that it set in motion has a living commander.
+///
+/// Asks the node itself (getPid of its XML-RPC interface) from a thread of its own, kPeriod after
+/// each answer. It is gone after kMisses questions in a row without an answer, which is within 1 s
+/// after its process has ended, since nobody listens on its port; and kLongestSilence after its
+/// last answer, where it was stopped, or its machine or the network was cut off. Thread-safe.
+class ClientWatch {
+ public:
+  static constexpr double kPeriod = 0.25;  ///< [s]
+  static constexpr int kMisses = 3;
+  static constexpr double kLongestSilence = 7.0;  ///< [s]
+
+  ClientWatch();
+  /// Waits for at most MasterWatch::kPatience.
+  ~ClientWatch();
+  ClientWatch(const ClientWatch&) = delete;
+  ClientWatch& operator=(const ClientWatch&) = delete;
+
+  /// Watches this node from now on, in place of another. @param node  its name; empty: gone.
+  void watch(const std::string& node);
+  /// Watches no node.
+  void release();
+
+  /// Whether the watched node is gone. Takes no lock.
+  bool isGone() const;
+  /// What is wrong, and the remedy.
+  std::string whyGone() const;
+
+ private:
+  void run();
+  /// Asks it. @param uri  of its interface; empty: still to be looked up.
+  static bool answers(const std::string& node, std::string& uri);
+
+  mutable basics::Mutex mutex_;
+  basics::Condition wake_;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  std::string node_ HELIX_ARM_GUARDED_BY(mutex_);     ///< empty: none
+  unsigned number_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< of watched nodes so far
+  std::atomic<bool> gone_{false};
+  std::atomic<double> last_answer_;  ///< of the steady clock; infinite while no node is watched [s]
+  std::thread thread_;
+};
+
+/// Watches the node that sent the goal of an action. Thread-safe.
+///
+/// actionlib does not tell who sent a goal: this hears the same messages. It is made before the
+/// server of the action with the same node handle, so that it hears each of them first.
+template <class ActionGoal>
+class GoalClient {
+ public:
+  using Goal = typename ActionGoal::_goal_type;
+
+  GoalClient(ros::NodeHandle& node, const std::string& action) {
+    subscriber_ = listen(node, action + "/goal", kQueue, &GoalClient::onGoal, this);
+  }
+
+  /// Watches the sender of the next goal, which the server has handed out and not copied, beside
+  /// that of the present one: a goal may be checked for long before it begins.
+  void watchNext(const Goal& goal) { next().watch(senderOf(goal)); }
+  bool nextIsGone() const { return watches_[1 - present_].isGone(); }
+  std::string whyNextGone() const { return watches_[1 - present_].whyGone(); }
+  void releaseNext() { next().release(); }
+  /// The next goal becomes the present one.
+  void beginNext() {
+    watches_[present_].release();
+    present_ = 1 - present_;
+  }
+
+  void release() { watches_[present_].release(); }
+  bool isGone() const { return watches_[present_].isGone(); }           ///< as ClientWatch
+  std::string whyGone() const { return watches_[present_].whyGone(); }  ///< as ClientWatch
+
+ private:
+  using Event = ros::MessageEvent<const ActionGoal>;
+
+  static constexpr int kQueue = 50;  // that of actionlib
+
+  ClientWatch& next() { return watches_[1 - present_]; }
+
+  void onGoal(const Event& event) {
+    const basics::MutexLock lock(mutex_);
+    senders_.remove_if([](const auto& sender) { return sender.first.expired(); });
+    senders_.emplace_back(event.getConstMessage(), event.getPublisherName());
+  }
+  std::string senderOf(const Goal& goal) {
+    const basics::MutexLock lock(mutex_);
+    for (const auto& [message, sender] : senders_) {
+      const auto held = message.lock();
+      if (held && &held->goal == &goal) return sender;
+    }
+    return {};
+  }
+
+  basics::Mutex mutex_;
+  /// Of the goals that somebody still has.
+  std::list<std::pair<boost::weak_ptr<const ActionGoal>, std::string>> senders_
+      HELIX_ARM_GUARDED_BY(mutex_);
+  ClientWatch watches_[2];
+  int present_ = 0;
+  ros::Subscriber subscriber_;
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,228 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <typeinfo>
+#include <utility>
+
+#include <boost/make_shared.hpp>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+
+#include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/common/checked_stream.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+
+/// Guarded callbacks for all nodes: no message can end a node.
+///
+/// Exceptions of callbacks, and messages that cannot be deserialised, are dropped, counted and
+/// warned of with their sender: at the first one, then once every five seconds. Arrays get no more
+/// memory than their messages have bytes for (CheckedStream).
+namespace helix_arm::ros_bridge {
+
+/// Catches the exceptions of one source of work. Thread-safe.
+class FaultGuard {
+ public:
+  using Log = std::function<void(const std::string& line)>;
+
+  /// @param source  named in the warnings, such as "a message on /tip_target".
+  /// @param log     receives the warnings; default: logWarning().
+  explicit FaultGuard(std::string source, Log log = {});
+
+  /// @param culprit  the sender; empty if there is none.
+  /// @return whether the body returned without throwing; otherwise *why is set to what it threw.
+  template <class Body>
+  bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
+    try {
+      body();
+      return true;
+    } catch (...) {
+      caught(culprit, why);
+      return false;
+    }
+  }
+
+ private:
+  /// In a handler.
+  void caught(const std::string& culprit, std::string* why) noexcept;
+
+  const std::string source_;
+  const Log log_;
+  basics::Mutex mutex_;
+  FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
+};
+
+/// Passes the messages of one topic from roscpp to a callback.
+template <class Message>
+class GuardedSubscription : public ros::SubscriptionCallbackHelper {
+ public:
+  using Event = ros::MessageEvent<const Message>;
+  using Callback = std::function<void(const Event&)>;
+
+  GuardedSubscription(const std::string& topic, Callback callback, FaultGuard::Log log)
+      : guard_("a message on " + topic, std::move(log)), callback_(std::move(callback)) {}
+
+  ros::VoidConstPtr deserialize(
+      const ros::SubscriptionCallbackHelperDeserializeParams& params) override {
+    boost::shared_ptr<Message> message;
+    const auto& header = params.connection_header;
+    const bool sound = guard_.run(header ? (*header)["callerid"] : "", [&] {
+      message = boost::make_shared<Message>();
+      CheckedStream stream(params.buffer, params.length);
+      stream.next(*message);
+    });
+    return sound ? message : nullptr;
+  }
+
+  void call(ros::SubscriptionCallbackHelperCallParams& params) override {
+    const Event event(params.event, ros::DefaultMessageCreator<Message>());
+    guard_.run(event.getPublisherName(), [&] { callback_(event); });
+  }
+
+  const std::type_info& getTypeInfo() override { return typeid(Message); }
+  bool isConst() override { return true; }
+  bool hasHeader() override { return ros::message_traits::hasHeader<Message>(); }
+
+ private:
+  FaultGuard guard_;
+  const Callback callback_;
+};
+
+/// Passes the calls of one service from roscpp to a callback. If it throws, the caller receives the
+/// message of the exception.
+template <class Request, class Response>
+class GuardedService : public ros::ServiceCallbackHelper {
+ public:
+  using Callback = std::function<bool(const std::string& caller, Request&, Response&)>;
+
+  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log)
+      : guard_("a call of " + service, std::move(log)), callback_(std::move(callback)) {}
+
+  bool call(ros::ServiceCallbackHelperCallParams& params) override {
+    Request request;
+    Response response;
+    bool ok = false;
+    std::string why;
+    const auto& header = params.connection_header;
+    const std::string caller = header ? (*header)["callerid"] : "";
+    const bool sound = guard_.run(
+        caller,
+        [&] {
+          const ros::SerializedMessage& bytes = params.request;
+          CheckedStream stream(bytes.message_start,
+                               static_cast<std::uint32_t>(bytes.num_bytes -
+                                                          (bytes.message_start - bytes.buf.get())));
+          stream.next(request);
+          ok = callback_(caller, request, response);
+        },
+        &why);
+    params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
+                            : ros::serialization::serializeServiceResponse(false, why);
+    // roscpp sends this response only if this returns true; the response itself says that the call
+    // failed.
+    return !sound || ok;
+  }
+
+ private:
+  FaultGuard guard_;
+  const Callback callback_;
+};
+
+/// Subscribes with TCP_NODELAY; called by listen().
+template <class Message>
+ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic,
+                                 std::uint32_t queue,
+                                 typename GuardedSubscription<Message>::Callback callback,
+                                 FaultGuard::Log log) {
+  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
+                                ros::message_traits::datatype<Message>());
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(
+      node.resolveName(topic), std::move(callback), std::move(log));
+  options.transport_hints = ros::TransportHints().tcpNoDelay();
+  return node.subscribe(options);
+}
+
+/// Subscribes with TCP_NODELAY. The callback takes the message, or the event, which also has its
+/// sender.
+template <class Node, class Message>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       void (Node::*callback)(const ros::MessageEvent<const Message>&), Node* owner,
+                       FaultGuard::Log log = {}) {
+  return subscribeGuarded<Message>(
+      node, topic, queue,
+      [owner, callback](const ros::MessageEvent<const Message>& event) {
+        (owner->*callback)(event);
+      },
+      std::move(log));
+}
+template <class Node, class Message>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       void (Node::*callback)(const boost::shared_ptr<const Message>&), Node* owner,
+                       FaultGuard::Log log = {}) {
+  return subscribeGuarded<Message>(
+      node, topic, queue,
+      [owner, callback](const ros::MessageEvent<const Message>& event) {
+        (owner->*callback)(event.getConstMessage());
+      },
+      std::move(log));
+}
+
+/// Advertises a service; called by serve().
+template <class Request, class Response>
+ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& service,
+                                typename GuardedService<Request, Response>::Callback callback,
+                                FaultGuard::Log log) {
+  ros::AdvertiseServiceOptions options;
+  options.service = service;
+  options.md5sum = ros::service_traits::md5sum<Request>();
+  options.datatype = ros::service_traits::datatype<Request>();
+  options.req_datatype = ros::message_traits::datatype<Request>();
+  options.res_datatype = ros::message_traits::datatype<Response>();
+  options.helper = boost::make_shared<GuardedService<Request, Response>>(
+      node.resolveName(service), std::move(callback), std::move(log));
+  return node.advertiseService(options);
+}
+
+/// Advertises a service. The callback may take the name of the calling node first.
+template <class Node, class Request, class Response>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(Request&, Response&), Node* owner,
+                         FaultGuard::Log log = {}) {
+  return serveGuarded<Request, Response>(
+      node, service,
+      [owner, callback](const std::string&, Request& request, Response& response) {
+        return (owner->*callback)(request, response);
+      },
+      std::move(log));
+}
+template <class Node, class Request, class Response>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(const std::string&, Request&, Response&),
+                         Node* owner, FaultGuard::Log log = {}) {
+  return serveGuarded<Request, Response>(
+      node, service,
+      [owner, callback](const std::string& caller, Request& request, Response& response) {
+        return (owner->*callback)(caller, request, response);
+      },
+      std::move(log));
+}
+
+/// Calls back periodically, on a steady clock.
+/// @param what    activity named in the warnings, such as "drawing".
+/// @param period  [s]
+template <class Node>
+ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
+                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner,
+                        FaultGuard::Log log = {}) {
+  // Caught here: roscpp removes a timer whose callback throws.
+  const auto guard = std::make_shared<FaultGuard>("a turn of " + what, std::move(log));
+  return node.createSteadyTimer(ros::WallDuration(period),
+                                [guard, owner, callback](const ros::SteadyTimerEvent& event) {
+                                  guard->run("", [&] { (owner->*callback)(event); });
+                                });
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/time.h>
+
+#include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/vision/measurement.hpp"
+#include "ros_bridge/vision/observations.hpp"
+#include "ros_bridge/vision/pictures.hpp"
+#include "ros_bridge/vision/vision_ledger.hpp"
+#include "ros_bridge/vision/vision_markers.hpp"
+#include "ros_bridge/vision/vision_options.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Whose intrinsics are used, in words, while no camera_info holds.
+inline constexpr char kSceneCalibration[] = "the scene's camera";
+
+/// Knows the state of the vision node, and publishes vision_status, /diagnostics and
+/// measured_markers: the markers are shown only in state `measured`. From any thread.
+class VisionStatusPublisher {
+ public:
+  /// @param node_name   as in the names of the diagnostics.
+  /// @param base_frame  of the arm; the markers' frame.
+  VisionStatusPublisher(ros::NodeHandle& node, const VisionOptions& options, std::string node_name,
+                        const std::string& base_frame);
+
+  /// A picture has come.
+  void arrived() HELIX_ARM_EXCLUDES(mutex_);
+  /// A picture that waited was replaced by a newer one.
+  void skipped() HELIX_ARM_EXCLUDES(mutex_);
+  /// Counts a refusal; the state stays.
+  void count(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
+  /// A picture is not taken: counts this, except a bad camera_info, which was counted when it came.
+  /// The state is camera_fault from now on.
+  void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
+  /// How far the models' stamps are behind the last picture's [s]; nothing without models.
+  void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_);
+  /// A picture was measured: the state follows from what was seen in it.
+  void saw(const Measurement& measurement, const ObservationReport& report)
+      HELIX_ARM_EXCLUDES(mutex_);
+  /// The arm whose shape is shown from now on.
+  void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_);
+  /// Shows a measured shape. Nothing is shown once another state was entered.
+  void drawMarkers(const Measurement& measurement, const std::string& tip_text)
+      HELIX_ARM_EXCLUDES(mutex_);
+  /// The state from now on: one of VisionStatus.
+  void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
+  /// Enters the state camera_fault for good: none is entered afterwards.
+  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Enters the state stale if no picture has come for VisionOptions::stale_after, by a steady
+  /// clock; to be called often. Not before the first picture, after the end of a file, while the
+  /// source has a fault, or after stopWatching().
+  void watch() HELIX_ARM_EXCLUDES(mutex_);
+  void stopWatching() HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Publishes status and diagnostics; to be called once a second.
+  /// @param scene  name of the scene.
+  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  /// Does nothing after fail().
+  void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
+  void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_);
+
+  const std::string node_name_;
+  const double stale_after_;
+
+  // Locked while publishing, too: the last message on a topic tells of the last state.
+  basics::Mutex mutex_;
+  VisionMarkers markers_ HELIX_ARM_GUARDED_BY(mutex_);
+  VisionLedger ledger_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
+  bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
+  ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
+  ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher status_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher marker_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher diagnostics_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+};
+
+}  // namespace helix_arm::ros_bridge
