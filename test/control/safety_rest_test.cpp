@@ -172,6 +172,23 @@ TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {
   EXPECT_FALSE(bench.core.mayEnableItself());
 }
 
+// Noise shows channels empty one after the other while their last pressure leaves.
+TEST(SafetyRest, PressureThatStandsIsCountedFromTheRestOn) {
+  Bench bench = restingBench();
+  int k = 0;
+  bench.spoil = [&k](Eigen::VectorXd& reading) {
+    reading.setZero();
+    reading[1] = k == 10 || k >= 22 ? 0 : 2e4;
+    reading[2] = k >= 16 ? 0 : 2e4;
+  };
+  bench.run(1);
+  for (; k < 100; ++k) {
+    bench.turn();
+    ASSERT_EQ(bench.state(), k < 16 ? State::kEnabled : State::kDisabled)
+        << k << ": " << bench.core.reason();
+  }
+}
+
 TEST(SafetyRest, ACancelledRampRestartsItsVentTime) {
   Bench bench = restingBench();
   bench.readsAs(1, 2e4);

@@ -67,6 +67,7 @@ class ChannelWatch {
   bool notFollowing() const { return not_following_.lasts(); }
   bool leaks() const { return leak_.lasts(); }
   bool standing() const { return standing_.lasts(); }  ///< pressure is present
+  void forgetStanding() { standing_.forget(); }
 
  private:
   void pass(double now, const SafetyRules& rules);
