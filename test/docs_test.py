@@ -147,7 +147,7 @@ class Package:
 
     def ros_names(self):
         topics, services, into = set(), set(), None
-        for path in (self.root / "include").rglob("names.hpp"):
+        for path in (self.root / "src/ros_bridge").rglob("names.hpp"):
             for line in path.read_text(encoding="utf-8").split("\n"):
                 if line.startswith("// "):
                     into = topics if line.startswith("// Topics") else services if line.startswith("// Services") else None
