@@ -16,9 +16,9 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "ros_bridge/calibration/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
+#include "ros_bridge/calibration/bag_captures.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -21,9 +21,9 @@
 #include <rviz/visualization_manager.h>
 
 #include "calibration_box.hpp"
-#include "ros_bridge/cockpit/arm_camera.hpp"
 #include "panel_parts.hpp"
 #include "pressure_box.hpp"
+#include "ros_bridge/cockpit/arm_camera.hpp"
 #include "safety_box.hpp"
 #include "strip_chart.hpp"
 #include "tip_box.hpp"

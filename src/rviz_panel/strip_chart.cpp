@@ -5,8 +5,8 @@
 #include <cmath>
 #include <functional>
 
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 #include "panel_parts.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {

@@ -7,8 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "ros_bridge/cockpit/calibration_use.hpp"
 #include "helix_arm/simulation/rig.hpp"
+#include "ros_bridge/cockpit/calibration_use.hpp"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {

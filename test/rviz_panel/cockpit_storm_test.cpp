@@ -38,10 +38,10 @@
 #include "helix_arm/Save.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
+#include "panel_window.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/names.hpp"
-#include "panel_window.hpp"
 #include "support/process.hpp"
 
 namespace helix_arm::test {

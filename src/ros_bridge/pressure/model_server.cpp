@@ -10,10 +10,10 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/unit_watch.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/names.hpp"
-#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -13,8 +13,8 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "ros_bridge/pressure/target_ledger.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "ros_bridge/pressure/target_ledger.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -16,9 +16,9 @@
 #include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
-#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -14,12 +14,12 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "nlohmann/json.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/names.hpp"
-#include "nlohmann/json.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -12,10 +12,10 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_thread.hpp"
 #include "ros_bridge/common/run_node.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -7,9 +7,9 @@
 #include <ros/steady_timer.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/statics/workspace.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
-#include "helix_arm/statics/workspace.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -6,8 +6,8 @@
 #include <opencv2/core.hpp>
 #include <ros/time.h>
 
-#include "ros_bridge/common/model_history.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "ros_bridge/common/model_history.hpp"
 
 namespace helix_arm::ros_bridge {
 

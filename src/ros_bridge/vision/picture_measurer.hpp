@@ -9,14 +9,14 @@
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frozen_watch.hpp"
+#include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/vision/measurement.hpp"
 #include "ros_bridge/vision/model_matcher.hpp"
 #include "ros_bridge/vision/picture_source.hpp"
 #include "ros_bridge/vision/pictures.hpp"
-#include "helix_arm/vision/arm_localizer.hpp"
-#include "helix_arm/vision/frozen_watch.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -14,13 +14,13 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/frame_source.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_thread.hpp"
 #include "ros_bridge/vision/picture_mailbox.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 #include "ros_bridge/vision/vision_options.hpp"
 #include "ros_bridge/vision/vision_status_publisher.hpp"
-#include "helix_arm/vision/frame_source.hpp"
 
 namespace helix_arm::ros_bridge {
 

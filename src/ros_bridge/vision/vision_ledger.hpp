@@ -8,9 +8,9 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 
 #include "helix_arm/VisionStatus.h"
+#include "helix_arm/vision/arm_localizer.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/vision/pictures.hpp"
-#include "helix_arm/vision/arm_localizer.hpp"
 
 namespace helix_arm::ros_bridge {
 
