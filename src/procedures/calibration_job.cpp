@@ -175,10 +175,243 @@ std::string joinedNames(const std::vector<std::string>& names) {
   return out;
 }
 
-CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& message) {
-  outcome.success = false;
-  outcome.message = message;
-  return outcome;
+// A calibration in its phases. Each of them says why the request is refused, or nothing.
+class CalibrationJob {
+ public:
+  CalibrationJob(const std::string& path, const std::vector<io::Override>& overrides,
+                 const CalibrationRequest& request, const CalibrationData& data,
+                 const std::vector<CompanionArm>& companions)
+      : path_(path),
+        overrides_(overrides),
+        request_(request),
+        data_(data),
+        companions_(companions),
+        fitted_(fittedOf(request, data)),
+        timed_(std::any_of(data.captures.begin(), data.captures.end(),
+                           [](const auto& capture) { return capture.time.has_value(); })) {}
+
+  CalibrationOutcome run();
+
+ private:
+  using Refusal = std::optional<std::string>;
+
+  Refusal gatherSources();
+  Refusal readScene();
+  Refusal fitResponse();
+  Refusal fitCurve();
+  Refusal fitArm();
+  void write();
+
+  void putCurves();
+  Refusal gatherArms();
+  void decideOnCurve(const CalibrationOptions& options);
+  void compareTips();
+
+  bool fits(FitParameter parameter) const { return fitted_.count(parameter) > 0; }
+  bool fitsCurve() const { return fits(FitParameter::kContraction); }
+  bool fitsResponse() const { return fits(FitParameter::kResponse); }
+  bool fitsArm() const { return std::any_of(fitted_.begin(), fitted_.end(), isOfArm); }
+  void warn(const std::vector<std::string>& warnings) {
+    outcome_.warnings.insert(outcome_.warnings.end(), warnings.begin(), warnings.end());
+  }
+  io::Provenance provenance() const {
+    return provenanceOf(path_, sha256_, overrides_, request_, sources_, outcome_);
+  }
+
+  const std::string& path_;
+  const std::vector<io::Override>& overrides_;
+  const CalibrationRequest& request_;
+  const CalibrationData& data_;
+  const std::vector<CompanionArm>& companions_;
+  const std::set<FitParameter> fitted_;
+  const bool timed_;  // some captures know their times
+
+  std::vector<io::Provenance::Data> sources_;
+  std::optional<io::Scene> scene_;  // with its new curves, once the arm is fitted
+  std::string sha256_;
+  std::optional<std::string> name_;  // of the curve that is fitted
+  bool remembers_ = false;           // the muscle of this curve
+  std::vector<estimation::Capture> captures_;
+  io::SceneCalibration curves_, changes_;
+  CalibrationOutcome outcome_;
+};
+
+CalibrationOutcome CalibrationJob::run() {
+  using Job = CalibrationJob;
+  for (const auto phase :
+       {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitCurve, &Job::fitArm}) {
+    if (const Refusal refusal = (this->*phase)()) {
+      outcome_.message = *refusal;
+      return std::move(outcome_);
+    }
+  }
+  write();
+  return std::move(outcome_);
+}
+
+CalibrationJob::Refusal CalibrationJob::gatherSources() {
+  outcome_.warnings = data_.warnings;
+  sources_ = data_.sources;
+  for (const CompanionArm& one : companions_) {
+    sources_.insert(sources_.end(), one.data.sources.begin(), one.data.sources.end());
+    warn(one.data.warnings);
+    if (!one.data.lengths.empty()) {
+      return "the data of " + one.scene.name +
+             " holds free lengths; give only those of the scene's own arm";
+    }
+  }
+  return repeatedSource(sources_);
+}
+
+CalibrationJob::Refusal CalibrationJob::readScene() {
+  scene_ = io::loadScene(path_, overrides_);
+  sha256_ = scene_->sha256;
+  captures_ = data_.captures;
+  if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
+    return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
+           "contraction as well";
+  }
+  // A series also gives the effective pressures of captures whose times are known.
+  if (!fitsResponse() && !data_.tips.empty() && !timed_) {
+    return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
+           "response as well";
+  }
+  const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
+  if (!fitsCurve() && !of_curve) return std::nullopt;
+  std::string message;
+  name_ = curveName(*scene_, request_.contraction, message);
+  return name_ ? Refusal() : message;
+}
+
+CalibrationJob::Refusal CalibrationJob::fitResponse() {
+  if (!fitsResponse()) return std::nullopt;
+  std::vector<std::string> names;
+  for (const auto& [one, response] : scene_->contractions) {
+    if (!name_ || one == *name_) names.push_back(one);
+  }
+  if (auto fault = fitResponseOf(*scene_, request_, data_, names, outcome_)) return fault;
+  for (const std::string& one : names) {
+    curves_.responses.emplace_back(one, outcome_.response->response);
+  }
+  return std::nullopt;
+}
+
+CalibrationJob::Refusal CalibrationJob::fitCurve() {
+  if (!fitsCurve()) return std::nullopt;
+  const model::Response response =
+      outcome_.response ? outcome_.response->response : scene_->contractions.at(*name_);
+  remembers_ = !response.instant();
+  const bool with_arm = fitsArm() && !data_.captures.empty();
+  const estimation::CurveKind usual =
+      with_arm && !remembers_ ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
+  outcome_.lengths = effectiveSamples(data_.lengths, response);
+  estimation::ContractionFit fit = estimation::fitContraction(
+      outcome_.lengths, {request_.curve.value_or(usual), request_.branch});
+  if (fit.curve && remembers_) {
+    fit = continuedTo(data_.lengths.history.input.maxCoeff(), std::move(fit));
+  }
+  outcome_.contractions.emplace_back(*name_, fit);
+  if (fit.status != estimation::ContractionFitStatus::kFitted) {
+    return "contraction " + *name_ + ": " + fit.reason;
+  }
+  curves_.contractions = outcome_.contractions;
+  return std::nullopt;
+}
+
+// From here on, the arm has its new curves.
+void CalibrationJob::putCurves() {
+  curves_.contractions = outcome_.contractions;
+  curves_.provenance = provenance();
+  scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, curves_, sha256_), path_);
+}
+
+CalibrationJob::Refusal CalibrationJob::gatherArms() {
+  if (timed_ && !data_.tips.empty()) {
+    EffectiveCaptures effective = effectiveCaptures(scene_->arm, data_.tips, data_.captures);
+    captures_ = std::move(effective.captures);
+    if (!effective.unknown.empty()) {
+      warn(
+          {"captures that the series of the tip does not cover are taken "
+           "at their measured pressures: " +
+           io::listOf(effective.unknown)});
+    }
+  }
+  addArm(*scene_, captures_, outcome_);
+  for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures, outcome_);
+  for (const ArmCaptures& arm : outcome_.arms) {
+    if (arm.captures.empty()) return "no capture of " + arm.name + " was given";
+  }
+  return std::nullopt;
+}
+
+CalibrationJob::Refusal CalibrationJob::fitArm() {
+  if (!fitsArm()) {
+    if (companions_.empty()) return std::nullopt;
+    return "other arms share the stiffness, but it is not fitted; fit it, or leave out the other "
+           "arms";
+  }
+  const model::Arm before = scene_->arm;
+  if (fitsCurve() || fitsResponse()) putCurves();
+  if (auto refusal = gatherArms()) return refusal;
+  CalibrationOptions options = optionsOf(*scene_, request_, fitted_, data_);
+  // The effective pressures of the captures are unknown where the muscle remembers.
+  const bool in_arm = fitsCurve() && !remembers_ && !options.free_shapes &&
+                      outcome_.contractions.front().second.spline.has_value();
+  std::vector<std::string> others;
+  for (std::size_t a = 1; a < outcome_.arms.size(); ++a) others.push_back(outcome_.arms[a].name);
+  options.errors = request_.errors || in_arm;
+  if (in_arm) others = shareCurve(before, outcome_.contractions.front().second, outcome_.arms);
+  if (fitsCurve() && !others.empty()) {
+    warn({"these arms keep the contraction curves of their own scenes: " + joinedNames(others)});
+  }
+  outcome_.calibration = estimation::calibrate(outcome_.arms, options);
+  if (in_arm && outcome_.calibration->status == CalibrationStatus::kCalibrated) {
+    decideOnCurve(options);
+  }
+  const Calibration& calibration = *outcome_.calibration;
+  warn(calibration.warnings);
+  if (calibration.status != CalibrationStatus::kCalibrated) {
+    return std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason;
+  }
+  outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
+  changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
+  return std::nullopt;
+}
+
+// The curve that captures and free lengths have in common is taken where it explains both.
+void CalibrationJob::decideOnCurve(const CalibrationOptions& options) {
+  estimation::ContractionFit& curve = outcome_.contractions.front().second;
+  CurveFit fit = fitCurveInArm(outcome_.arms, options, curve, outcome_.lengths, request_.branch,
+                               *outcome_.calibration);
+  outcome_.curve_in_arm = fit.verdict;
+  if (!fit.verdict.taken) {
+    warn({"contraction " + outcome_.contractions.front().first +
+          " keeps the curve of the free lengths alone: " + fit.verdict.reason});
+    return;
+  }
+  curve = std::move(fit.contraction);
+  outcome_.calibration = std::move(fit.calibration);
+  putCurves();
+  outcome_.arms.front().arm = scene_->arm;
+}
+
+void CalibrationJob::compareTips() {
+  outcome_.tip_error_before = medianTipError(*scene_, data_.captures);
+  const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
+  const std::vector<estimation::Capture> captures =
+      seenFrom(calibrated, *scene_, std::move(captures_));
+  outcome_.tip_error_after = medianTipError(calibrated, captures);
+  warn(warningsOfScatter(calibrated, captures));
+}
+
+void CalibrationJob::write() {
+  changes_.contractions = curves_.contractions;
+  changes_.responses = curves_.responses;
+  changes_.provenance = provenance();
+  outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
+  if (fitsArm()) compareTips();
+  outcome_.success = true;
+  outcome_.message = resultText(scene_->name, outcome_);
 }
 
 }  // namespace
@@ -187,162 +420,7 @@ CalibrationOutcome runCalibration(const std::string& path,
                                   const std::vector<io::Override>& overrides,
                                   const CalibrationRequest& request, const CalibrationData& data,
                                   const std::vector<CompanionArm>& companions) {
-  const std::set<FitParameter> fitted = fittedOf(request, data);
-  CalibrationOutcome outcome;
-  outcome.warnings = data.warnings;
-  std::vector<io::Provenance::Data> sources = data.sources;
-  for (const CompanionArm& one : companions) {
-    sources.insert(sources.end(), one.data.sources.begin(), one.data.sources.end());
-    outcome.warnings.insert(outcome.warnings.end(), one.data.warnings.begin(),
-                            one.data.warnings.end());
-    if (!one.data.lengths.empty()) {
-      return refused(outcome, "the data of " + one.scene.name +
-                                  " holds free lengths; give only those of the scene's own arm");
-    }
-  }
-  if (const auto twice = repeatedSource(sources)) return refused(outcome, *twice);
-  io::Scene scene = io::loadScene(path, overrides);
-  const std::string sha256 = scene.sha256;
-  io::SceneCalibration curves;
-  const bool fits_arm = std::any_of(fitted.begin(), fitted.end(), isOfArm);
-  const bool fits_curve = fitted.count(FitParameter::kContraction) > 0;
-  const bool fits_response = fitted.count(FitParameter::kResponse) > 0;
-  if (!fits_curve && !fits_response && !data.lengths.empty()) {
-    return refused(outcome,
-                   "the data holds free lengths, but no contraction is fitted; leave it out, "
-                   "or fit contraction as well");
-  }
-  // A series also gives the effective pressures of captures whose times are known.
-  const bool timed = std::any_of(data.captures.begin(), data.captures.end(),
-                                 [](const auto& capture) { return capture.time.has_value(); });
-  if (!fits_response && !data.tips.empty() && !timed) {
-    return refused(outcome,
-                   "the data holds a series of the tip, but no response is fitted; leave it out, "
-                   "or fit response as well");
-  }
-  std::optional<std::string> name;
-  if (fits_curve || (fits_response && (data.tips.empty() || !request.contraction.empty()))) {
-    std::string message;
-    name = curveName(scene, request.contraction, message);
-    if (!name) return refused(outcome, message);
-  }
-  if (fits_response) {
-    std::vector<std::string> names;
-    for (const auto& [one, response] : scene.contractions) {
-      if (!name || one == *name) names.push_back(one);
-    }
-    if (const auto fault = fitResponseOf(scene, request, data, names, outcome)) {
-      return refused(outcome, *fault);
-    }
-    for (const std::string& one : names) {
-      curves.responses.emplace_back(one, outcome.response->response);
-    }
-  }
-  bool remembers = false;  // the muscle whose curve is fitted
-  if (fits_curve) {
-    const model::Response response =
-        outcome.response ? outcome.response->response : scene.contractions.at(*name);
-    remembers = !response.instant();
-    const bool with_arm = fits_arm && !data.captures.empty();
-    const estimation::CurveKind usual =
-        with_arm && !remembers ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
-    outcome.lengths = effectiveSamples(data.lengths, response);
-    estimation::ContractionFit fit = estimation::fitContraction(
-        outcome.lengths, {request.curve.value_or(usual), request.branch});
-    if (fit.curve && remembers) {
-      fit = continuedTo(data.lengths.history.input.maxCoeff(), std::move(fit));
-    }
-    outcome.contractions.emplace_back(*name, fit);
-    if (fit.status != estimation::ContractionFitStatus::kFitted) {
-      return refused(outcome, "contraction " + *name + ": " + fit.reason);
-    }
-    curves.contractions = outcome.contractions;
-  }
-  if (!fits_arm && !companions.empty()) {
-    return refused(outcome,
-                   "other arms share the stiffness, but it is not fitted; fit it, or leave out the "
-                   "other arms");
-  }
-  io::SceneCalibration changes;
-  std::vector<estimation::Capture> captures = data.captures;
-  if (fits_arm) {
-    // From here on, the arm has its new curves.
-    const model::Arm before = scene.arm;
-    const auto putCurves = [&] {
-      curves.contractions = outcome.contractions;
-      curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
-      scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
-    };
-    if (fits_curve || fits_response) putCurves();
-    if (timed && !data.tips.empty()) {
-      EffectiveCaptures effective = effectiveCaptures(scene.arm, data.tips, data.captures);
-      captures = std::move(effective.captures);
-      if (!effective.unknown.empty()) {
-        outcome.warnings.push_back(
-            "captures that the series of the tip does not cover are taken "
-            "at their measured pressures: " +
-            io::listOf(effective.unknown));
-      }
-    }
-    addArm(scene, captures, outcome);
-    for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
-    for (const ArmCaptures& arm : outcome.arms) {
-      if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
-    }
-    CalibrationOptions options = optionsOf(scene, request, fitted, data);
-    // The effective pressures of the captures are unknown.
-    const bool in_arm = fits_curve && !remembers && !options.free_shapes &&
-                        outcome.contractions.front().second.spline.has_value();
-    std::vector<std::string> others;
-    for (std::size_t a = 1; a < outcome.arms.size(); ++a) others.push_back(outcome.arms[a].name);
-    options.errors = request.errors || in_arm;
-    if (in_arm) others = shareCurve(before, outcome.contractions.front().second, outcome.arms);
-    if (fits_curve && !others.empty()) {
-      outcome.warnings.push_back("these arms keep the contraction curves of their own scenes: " +
-                                 joinedNames(others));
-    }
-    outcome.calibration = estimation::calibrate(outcome.arms, options);
-    if (in_arm && outcome.calibration->status == CalibrationStatus::kCalibrated) {
-      estimation::ContractionFit& curve = outcome.contractions.front().second;
-      CurveFit fit = fitCurveInArm(outcome.arms, options, curve, outcome.lengths, request.branch,
-                                   *outcome.calibration);
-      outcome.curve_in_arm = fit.verdict;
-      if (fit.verdict.taken) {
-        curve = std::move(fit.contraction);
-        outcome.calibration = std::move(fit.calibration);
-        putCurves();
-        outcome.arms.front().arm = scene.arm;
-      } else {
-        outcome.warnings.push_back(
-            "contraction " + outcome.contractions.front().first +
-            " keeps the curve of the free lengths alone: " + fit.verdict.reason);
-      }
-    }
-    const Calibration& calibration = *outcome.calibration;
-    outcome.warnings.insert(outcome.warnings.end(), calibration.warnings.begin(),
-                            calibration.warnings.end());
-    if (calibration.status != CalibrationStatus::kCalibrated) {
-      return refused(
-          outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
-    }
-    outcome.least_tip_error = leastTipError(scene, outcome.arms.front(), calibration, options);
-    changes = io::changesOf(scene, calibration, fitted, areCorners(data.captures));
-  }
-  changes.contractions = curves.contractions;
-  changes.responses = curves.responses;
-  changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
-  outcome.scene_text = io::calibratedSceneText(path, overrides, changes, sha256);
-  if (fits_arm) {
-    outcome.tip_error_before = medianTipError(scene, data.captures);
-    const io::Scene calibrated = io::sceneOfText(outcome.scene_text, path);
-    captures = seenFrom(calibrated, scene, std::move(captures));
-    outcome.tip_error_after = medianTipError(calibrated, captures);
-    const std::vector<std::string> apart = warningsOfScatter(calibrated, captures);
-    outcome.warnings.insert(outcome.warnings.end(), apart.begin(), apart.end());
-  }
-  outcome.success = true;
-  outcome.message = resultText(scene.name, outcome);
-  return outcome;
+  return CalibrationJob(path, overrides, request, data, companions).run();
 }
 
 std::string utcNow() {
