@@ -42,6 +42,67 @@ void setPowers(double x, int degree, Row&& row) {
   for (int k = 0; k <= degree; ++k, power *= x) row[k] = power;
 }
 
+// Least squares min |columns c - target| in which the first `free` coefficients have any sign and
+// the few others none below zero: of all sets of the others, the best whose coefficients are >= 0.
+class NonNegativeLeastSquares {
+ public:
+  struct Solution {
+    double rss = std::numeric_limits<double>::infinity();
+    std::vector<int> columns;       // of those beyond the free ones, which have a weight
+    Eigen::VectorXd weight, error;  // theirs, with standard errors
+  };
+
+  NonNegativeLeastSquares(const Eigen::MatrixXd& columns, const Eigen::VectorXd& target,
+                          Eigen::Index free)
+      : gram_(columns.transpose() * columns),
+        projected_(columns.transpose() * target),
+        target2_(target.squaredNorm()),
+        rows_(columns.rows()),
+        free_(free) {}
+
+  // @param allowed  bits of the columns beyond the free ones that may have a weight.
+  Solution solve(unsigned allowed) const {
+    Solution best;
+    for (unsigned set = 0; set <= allowed; ++set) {
+      if ((set & ~allowed) != 0) continue;
+      Solution next = solveSet(set);
+      if (next.rss < best.rss) best = std::move(next);
+    }
+    return best;
+  }
+
+ private:
+  Solution solveSet(unsigned set) const {
+    Solution out;
+    std::vector<Eigen::Index> index;
+    for (Eigen::Index k = 0; k < free_; ++k) index.push_back(k);
+    for (Eigen::Index j = 0; free_ + j < gram_.cols(); ++j) {
+      if ((set >> j & 1U) == 0) continue;
+      out.columns.push_back(static_cast<int>(j));
+      index.push_back(free_ + j);
+    }
+    const auto n = static_cast<Eigen::Index>(index.size());
+    const Eigen::MatrixXd G = gram_(index, index);
+    const Eigen::VectorXd z = projected_(index);
+    const Eigen::LDLT<Eigen::MatrixXd> normal(G);
+    const Eigen::VectorXd solution = normal.solve(z);
+    const Eigen::Index weights = n - free_;
+    out.weight = solution.tail(weights);
+    if (weights > 0 && out.weight.minCoeff() < 0) return out;
+    out.rss = std::max(target2_ - z.dot(solution), 0.0);
+    const double variance = out.rss / static_cast<double>(std::max<Eigen::Index>(rows_ - n, 1));
+    out.error = (variance * normal.solve(Eigen::MatrixXd::Identity(n, n)).diagonal().tail(weights))
+                    .cwiseMax(0)
+                    .cwiseSqrt();
+    return out;
+  }
+
+  const Eigen::MatrixXd gram_;
+  const Eigen::VectorXd projected_;
+  const double target2_;
+  const Eigen::Index rows_, free_;
+};
+
 }  // namespace
 
 ResponseReadings::ResponseReadings(const model::InputHistory& history,
@@ -203,95 +264,61 @@ ResponseReadings::Motion ResponseReadings::motion() const {
   return motion;
 }
 
-model::Response ResponseReadings::withWeights(const model::Response& lags,
-                                              const std::vector<double>& reaches) const {
-  model::Response only_lags = lags;
-  only_lags.play_count = 0;
-  const Eigen::MatrixXd x = effective(only_lags);
+// The reading as a polynomial of itself and the plays' share of the effective pressure: columns
+// whose combination is the pressure behind the lags.
+ResponseReadings::WeightProblem ResponseReadings::weightProblem(
+    const model::Response& lags, const std::vector<double>& reaches) const {
+  const Eigen::MatrixXd x = effective(lags);
   const int curve = degree_ + 1;
   const auto rows = static_cast<Eigen::Index>(usable_.size());
-  Eigen::MatrixXd columns(rows, curve + static_cast<Eigen::Index>(reaches.size()));
-  Eigen::VectorXd target(rows);
+  WeightProblem out{Eigen::MatrixXd(rows, curve + static_cast<Eigen::Index>(reaches.size())),
+                    Eigen::VectorXd(rows)};
   const double low = reading_.minCoeff(), high = reading_.maxCoeff();
   for (Eigen::Index k = 0; k < rows; ++k) {
     const Entry& entry = usable_[static_cast<std::size_t>(k)];
-    setPowers((2 * reading_(k, 0) - low - high) / (high - low), degree_, columns.row(k));
-    target[k] = x(entry.row, entry.actuator) / range_;
+    setPowers((2 * reading_(k, 0) - low - high) / (high - low), degree_, out.columns.row(k));
+    out.target[k] = x(entry.row, entry.actuator) / range_;
   }
   for (std::size_t j = 0; j < reaches.size(); ++j) {
-    model::Response play = only_lags;
+    model::Response play = lags;
     play.play_count = 1;
     play.plays[0] = {reaches[j], 0.5};
-    const Eigen::MatrixXd effective = this->effective(play);  // x + (y - x) / 2
+    const Eigen::MatrixXd behind = effective(play);  // x + (y - x) / 2
     for (Eigen::Index k = 0; k < rows; ++k) {
       const Entry& entry = usable_[static_cast<std::size_t>(k)];
-      columns(k, curve + static_cast<Eigen::Index>(j)) =
-          -2 * (effective(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
+      out.columns(k, curve + static_cast<Eigen::Index>(j)) =
+          -2 * (behind(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
     }
   }
-  // At most 16 sets of plays: the best one whose weights are all >= 0 is the solution.
-  const Eigen::MatrixXd gram = columns.transpose() * columns;
-  const Eigen::VectorXd projected = columns.transpose() * target;
-  struct Choice {
-    double rss = std::numeric_limits<double>::infinity();
-    std::vector<int> plays;
-    Eigen::VectorXd weight, error;
-  };
-  const auto solve = [&](unsigned set) {
-    Choice choice;
-    std::vector<Eigen::Index> index;
-    for (Eigen::Index k = 0; k < curve; ++k) index.push_back(k);
-    for (std::size_t j = 0; j < reaches.size(); ++j) {
-      if ((set >> j & 1U) == 0) continue;
-      choice.plays.push_back(static_cast<int>(j));
-      index.push_back(curve + static_cast<Eigen::Index>(j));
-    }
-    const auto n = static_cast<Eigen::Index>(index.size());
-    Eigen::MatrixXd G(n, n);
-    Eigen::VectorXd z(n);
-    for (Eigen::Index r = 0; r < n; ++r) {
-      z[r] = projected[index[static_cast<std::size_t>(r)]];
-      for (Eigen::Index c = 0; c < n; ++c) {
-        G(r, c) = gram(index[static_cast<std::size_t>(r)], index[static_cast<std::size_t>(c)]);
-      }
-    }
-    const Eigen::LDLT<Eigen::MatrixXd> normal(G);
-    const Eigen::VectorXd solution = normal.solve(z);
-    const Eigen::Index plays = n - curve;
-    choice.weight = solution.tail(plays);
-    if (plays > 0 && choice.weight.minCoeff() < 0) return choice;
-    choice.rss = std::max(target.squaredNorm() - z.dot(solution), 0.0);
-    const double variance = choice.rss / static_cast<double>(std::max<Eigen::Index>(rows - n, 1));
-    choice.error = (variance * normal.solve(Eigen::MatrixXd::Identity(n, n)).diagonal().tail(plays))
-                       .cwiseMax(0)
-                       .cwiseSqrt();
-    return choice;
-  };
+  return out;
+}
+
+model::Response ResponseReadings::withWeights(const model::Response& lags,
+                                              const std::vector<double>& reaches) const {
+  model::Response out = lags;
+  out.play_count = 0;
+  const WeightProblem problem = weightProblem(out, reaches);
+  const NonNegativeLeastSquares fit(problem.columns, problem.target, degree_ + 1);
+  // The least significant play is left out until all are significant.
   unsigned allowed = (1U << reaches.size()) - 1;
-  Choice best;
+  NonNegativeLeastSquares::Solution best;
   for (;;) {
-    best = {};
-    for (unsigned set = 0; set <= allowed; ++set) {
-      if ((set & ~allowed) != 0) continue;
-      Choice next = solve(set);
-      if (next.rss < best.rss) best = std::move(next);
-    }
+    best = fit.solve(allowed);
     Eigen::Index weakest = 0;
-    if (best.plays.empty() ||
+    if (best.columns.empty() ||
         (best.weight - kSignificantWeight * best.error).minCoeff(&weakest) > 0)
       break;
     allowed = 0;
-    for (std::size_t j = 0; j < best.plays.size(); ++j) {
-      if (static_cast<Eigen::Index>(j) != weakest) allowed |= 1U << best.plays[j];
+    for (std::size_t j = 0; j < best.columns.size(); ++j) {
+      if (static_cast<Eigen::Index>(j) != weakest) allowed |= 1U << best.columns[j];
     }
   }
-  model::Response out = only_lags;
-  const double sum = best.plays.empty() ? 0.0 : best.weight.sum();
+  const double sum = best.columns.empty() ? 0.0 : best.weight.sum();
   const double most = 0.99 * model::Response::kMostWeight;
-  for (std::size_t j = 0; j < best.plays.size(); ++j) {
+  for (std::size_t j = 0; j < best.columns.size(); ++j) {
     const double weight = best.weight[static_cast<Eigen::Index>(j)];
     out.plays[static_cast<std::size_t>(out.play_count++)] = {
-        reaches[static_cast<std::size_t>(best.plays[j])],
+        reaches[static_cast<std::size_t>(best.columns[j])],
         sum > most ? weight * most / sum : weight};
   }
   return out;

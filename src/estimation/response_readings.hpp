@@ -54,7 +54,13 @@ class ResponseReadings {
     Eigen::Index row, actuator;  // -1: all
     int trial;
   };
+  struct WeightProblem {
+    Eigen::MatrixXd columns;  // (usable x (degree + 1 + plays))
+    Eigen::VectorXd target;
+  };
   Eigen::MatrixXd basis(const Eigen::MatrixXd& effective) const;
+  WeightProblem weightProblem(const model::Response& lags,
+                              const std::vector<double>& reaches) const;
 
   const model::InputHistory& history_;
   Kind kind_;
