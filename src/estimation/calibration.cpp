@@ -246,6 +246,42 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
   return std::nullopt;
 }
 
+// Whether the stiffness of a fit predicts what is left out, and what came of leaving it out.
+struct HeldOutCheck {
+  const std::vector<ArmCaptures>& read;
+  const Groups& groups;
+  ReadingKind kind;
+  double robust_scale;
+  bool leave_out;
+
+  CrossValidation left_out = {};
+  std::optional<Jackknife> of_asked = {};  // if its stiffness seemed to be identified
+
+  bool holdsUp(const CalibrationFit& fit) {
+    const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
+    if (!leave_out || unexplained(comparisons, robust_scale)) return true;
+    left_out = crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons);
+    if (fit.problem == fit.asked) of_asked = left_out.jackknife;
+    return groups.pressure.size() < kFewestPressures ||
+           stiffnessHolds(*fit.problem, left_out.variance);
+  }
+};
+
+std::optional<Verdict> unfinished(const CalibrationFit& fit) {
+  if (!fit.determined) {
+    return Verdict{
+        CalibrationStatus::kNotConverged,
+        "readings and priors leave some combination of the parameters undetermined, to rounding; "
+        "check the standard errors of the readings and the priors, or fit fewer parameters"};
+  }
+  if (!fit.converged) {
+    return Verdict{CalibrationStatus::kNotConverged,
+                   "the fit did not converge; check the poses of camera and tags in the scene, and "
+                   "that the captures are of this arm"};
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 bool ArmCaptures::isLoaded() const {
@@ -313,36 +349,14 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
-  std::vector<Comparison> comparisons;
-  CrossValidation left_out;
-  std::optional<Jackknife> of_asked;  // if its stiffness seemed to be identified
-  const auto holdsUp = [&](const CalibrationFit& one) {
-    comparisons = one.problem->compare(one.noise_scale);
-    if (!leave_out || unexplained(comparisons, options.robust_scale)) return true;
-    left_out = crossValidate(read, groups, kind, *one.problem, one.noise_scale, comparisons);
-    if (one.problem == one.asked) of_asked = left_out.jackknife;
-    return groups.pressure.size() < kFewestPressures ||
-           stiffnessHolds(*one.problem, left_out.variance);
-  };
+  HeldOutCheck check{read, groups, kind, options.robust_scale, leave_out};
+  const auto holdsUp = [&check](const CalibrationFit& one) { return check.holdsUp(one); };
   const Selection wanted = wantedOf(options);
   const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, holdsUp)
                                             : fitRequested(read, options, wanted, kind);
-  if (!fit.determined) {
-    return refused(std::move(out),
-                   {CalibrationStatus::kNotConverged,
-                    "readings and priors leave some combination of the parameters undetermined, to "
-                    "rounding; check the standard errors of the readings and the priors, or fit "
-                    "fewer parameters"});
-  }
-  if (!fit.converged) {
-    return refused(
-        std::move(out),
-        {CalibrationStatus::kNotConverged,
-         "the fit did not converge; check the poses of camera and tags in the scene, and "
-         "that the captures are of this arm"});
-  }
+  if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
   addFit(fit, out);
-  comparisons = fit.problem->compare(fit.noise_scale);
+  const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
   out.noise_scale = fit.noise_scale;
   addResiduals(read, *fit.problem, comparisons, options.robust_scale, out);
   if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
@@ -352,11 +366,13 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   if (nothing) return refused(std::move(out), *nothing);
   std::vector<Jackknife> jackknives;
   if (leave_out && groups.pressure.size() >= kFewestPressures) {
-    if (of_asked && fit.problem != fit.asked) jackknives.push_back(std::move(*of_asked));
-    jackknives.push_back(left_out.jackknife);
+    if (check.of_asked && fit.problem != fit.asked) {
+      jackknives.push_back(std::move(*check.of_asked));
+    }
+    jackknives.push_back(check.left_out.jackknife);
   }
   if (leave_out) {
-    addHeldOut(fit, groups, std::move(left_out), out);
+    addHeldOut(fit, groups, std::move(check.left_out), out);
     if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
   }
   Gains gains;
