@@ -110,7 +110,7 @@ TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
   io::Scene scene = io::loadScene(kDemo, {{"tags.placement_prior.translation_m", "0.003"},
                                           {"tags.placement_prior.rotation_deg", "2"}});
   const double degree = std::acos(-1.0) / 180;
-  const auto deviations = [&scene] { return loopConfigOf(scene).vision->deviations; };
+  const auto deviations = [&scene] { return loopConfigOf(scene).placed->deviations; };
   EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);
   EXPECT_NEAR(deviations().tags[7][4], 2 * degree, 1e-12);
   EXPECT_TRUE(deviations().tags[0].isZero(0));
@@ -134,7 +134,7 @@ TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
   EXPECT_NEAR(deviations().tags[8][0], 0.003, 1e-12);
 
   scene.camera.reset();
-  EXPECT_FALSE(loopConfigOf(scene).vision);
+  EXPECT_FALSE(loopConfigOf(scene).placed);
 }
 
 }  // namespace

@@ -48,14 +48,14 @@ inline estimation::ArmView sampleView(double distance = 0.8, int sections = 1, i
 
 /// What a camera sees of some tags, each coordinate of a corner off by normal noise.
 inline std::vector<estimation::CornerObservation> observe(
-    const estimation::ArmView& view, const std::vector<estimation::TagImage>& observations,
-    double noise, Random& random) {
+    const estimation::ArmView& view, const std::vector<estimation::TagImage>& images, double noise,
+    Random& random) {
   std::vector<estimation::CornerObservation> seen;
-  for (const estimation::TagImage& observation : observations) {
-    estimation::CornerObservation observation{observation.tag, {}};
+  for (const estimation::TagImage& image : images) {
+    estimation::CornerObservation observation{image.tag, {}};
     for (int c = 0; c < 4; ++c) {
       const Eigen::Vector2d pixel =
-          observation.corners.col(c) + noise * Eigen::Vector2d(random.normal(), random.normal());
+          image.corners.col(c) + noise * Eigen::Vector2d(random.normal(), random.normal());
       observation.direction.col(c) = view.camera.directionOf(pixel).value();
     }
     seen.push_back(observation);
