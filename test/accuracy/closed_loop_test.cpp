@@ -326,7 +326,8 @@ TEST(ClosedLoop, TipsFromRenderedPicturesAfterACalibrationOfThePlacements) {
   EXPECT_LT(figures.steady_rms, before.steady_rms);
 }
 
-// Pictures that move by 62 px in ten seconds, as those of a camera that slips.
+// Pictures that move by 62 px, as those of a camera that slips. What moves fast is first taken for
+// a contact, and what moves faster still may look like an arm that bends the wrong way.
 TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
   const io::Scene scene = demo();
   FollowPlan plan;
@@ -335,11 +336,21 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
                tips[5], tips[5], tips[5], tips[5], tips[5], tips[5], tips[5]};
   plan.seconds = 56;
   constexpr double kBegin = 30;
-  const Eigen::Vector2d sides[] = {{62, 0}, {-62, 0}, {0, 62}, {0, -62}};
-  for (const Eigen::Vector2d& pixels : sides) {
-    plan.drift = procedures::PictureDrift{kBegin, 10, pixels};
-    const FollowResult result = run(scene, plan);
-    const double said = doubtedAt(result).value_or(INFINITY);
+  struct Slip {
+    double seconds;
+    Eigen::Vector2d pixels;
+  };
+  const Slip slips[] = {{10, {62, 0}}, {10, {-62, 0}}, {10, {0, 62}}, {10, {0, -62}},
+                        {1, {62, 0}},  {1, {0, 62}},   {3, {62, 0}},  {20, {0, 62}}};
+  for (const Slip& slip : slips) {
+    plan.drift = procedures::PictureDrift{kBegin, slip.seconds, slip.pixels};
+    const FollowResult result = procedures::runFollow(scene, plan);
+    double said = INFINITY;
+    for (const procedures::FollowState& state : result.states) {
+      const bool tells = state.state == follow::LoopState::kDoubtful ||
+                         state.state == follow::LoopState::kDiverging;
+      if (tells && state.time >= kBegin) said = std::min(said, state.time);
+    }
     double then = INFINITY, most = 0;
     for (const procedures::FollowRow& row : result.rows) {
       if (row.time < kBegin) continue;
@@ -348,18 +359,14 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
       if (row.time <= said) then = error;
     }
     std::printf(
-        "[  FIGURE  ] a camera that moves by %.0f, %.0f px in 10 s: doubted after %.1f s, the tip "
-        "then %.1f mm off; %.1f mm at most\n",
-        pixels.x(), pixels.y(), said - kBegin, kMm * then, kMm * most);
-    for (const auto& state : result.states) {
-      std::printf("   %.2f %s\n", state.time, follow::nameOf(state.state));
-    }
-    for (const auto& alarm : result.alarms) {
-      std::printf("   contact at %.2f, %.2f N\n", alarm.time, alarm.force.norm());
-    }
+        "[  FIGURE  ] a camera that moves by %.0f, %.0f px in %.0f s: told after %.1f s, the tip "
+        "then %.1f mm off; %.1f mm at most, %s at the end\n",
+        slip.pixels.x(), slip.pixels.y(), slip.seconds, said - kBegin, kMm * then, kMm * most,
+        follow::nameOf(result.states.back().state));
     EXPECT_LT(said, kBegin + 10);
-    EXPECT_LT(then, 0.012);
-    EXPECT_LT(most, 0.015);
+    EXPECT_LT(then, 0.018);
+    EXPECT_LT(most, 0.018);
+    EXPECT_NE(result.states.back().state, follow::LoopState::kClosed);
   }
 }
 

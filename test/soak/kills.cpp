@@ -213,7 +213,8 @@ class InTheDemo {
   /// @param promised  what is to hold after its end.
   Kill node(const std::string& killed, Random& random, const std::function<bool()>& promised) {
     if (!isClosed()) return broken("the loop is not closed after the kill before: " + words());
-    spin(random.between(0, 1));
+    const double moment = regulator::steadyNow() + random.between(0, 1);
+    until([&] { return regulator::steadyNow() >= moment; });
     const double begin = regulator::steadyNow();
     processes_.at(killed)->signal(SIGKILL);
     Kill out = until(promised) ? Kill{regulator::steadyNow() - begin, ""} : broken(words());
