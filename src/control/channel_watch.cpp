@@ -94,11 +94,18 @@ void ChannelWatch::measured(double now, double asked, double reading, const Chan
   if (!has_pressure) empty_at_ = asked;
   arrived_ = arrived_ || std::abs(reading - set_point_) <= rules.leak_drop / 2;
   standing_.look(now, has_pressure, rules.spike_time);
+  gone_.look(now, !has_pressure, rules.spike_time);
+  was_empty_ = was_empty_ || gone_.lasts();
   over_limit_.look(
       now, reading > highestReading(channel, rules) || reading < lowestReading(channel, rules),
       rules.spike_time);
   not_following_.look(now, deviation() > rules.follow_tolerance, rules.follow_time);
   leak_.look(now, arrived_ && drop() > rules.leak_drop, rules.spike_time);
+}
+
+void ChannelWatch::waitForEmpty() {
+  standing_.forget();
+  was_empty_ = gone_.lasts();
 }
 
 bool ChannelWatch::empty(double now, const SafetyRules& rules) const {

@@ -171,7 +171,7 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
   // Noise may show an arm empty whose last pressure has hardly left: what stands, stands from now
   // on.
   if (state != SafetyState::kDisabled && state != SafetyState::kVented) return;
-  for (ChannelWatch& watch : watch_) watch.forgetStanding();
+  for (ChannelWatch& watch : watch_) watch.waitForEmpty();
 }
 
 // Handles a cause that occurs in a state in which it counts.
@@ -285,7 +285,8 @@ void SafetyCore::watchReadings() {
   // Once the readings have shown an empty arm.
   const auto emptied = [this] { return report_.state == SafetyState::kVented || rested_; };
   for (int i = 0; emptied() && i < count(); ++i) {
-    if (!watch_[i].standing()) continue;
+    const bool leaves = !watch_[i].wasEmpty() && now_ - vents_since_[i] <= rules_.vent_time;
+    if (!watch_[i].standing() || leaves) continue;
     raise(SafetyCause::kNotVenting, i, reading_[i], rules_.vented_below);
   }
   for (int i = 0; report_.state == SafetyState::kEnabled && i < count(); ++i) {

@@ -438,13 +438,21 @@ class CockpitStorm : public PanelWindow {
     })) << text("state")
         << text("answer");
   }
+  // Enables the arm again if a call that was made before is carried out late and vents it.
   void holdPressure() {
-    enable();
-    const int before = record_.came("pressures");
     auto* const slider = find<QSlider>("slider_0");
-    const int wanted = slider->value() == 1000 ? 900 : 1000;  // [100 Pa]
-    slider->setValue(wanted);
+    int before = 0, wanted = 0;  // [100 Pa]
     ASSERT_TRUE(until([&] {
+      if (isOffered("enable")) {
+        click("enable");
+        wanted = 0;
+      }
+      if (!says("state", "ENABLED") || !isOffered("slider_0")) return false;
+      if (wanted == 0) {
+        before = record_.came("pressures");
+        wanted = slider->value() == 1000 ? 900 : 1000;
+        slider->setValue(wanted);
+      }
       return record_.came("pressures") > before && arm_->pressure() == 100.0 * wanted;
     })) << text("goal");
   }

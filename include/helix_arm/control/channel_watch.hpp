@@ -67,7 +67,11 @@ class ChannelWatch {
   bool notFollowing() const { return not_following_.lasts(); }
   bool leaks() const { return leak_.lasts(); }
   bool standing() const { return standing_.lasts(); }  ///< pressure is present
-  void forgetStanding() { standing_.forget(); }
+  /// Whether all readings of a time as long as a spike's have shown no pressure, since
+  /// waitForEmpty() or just before it. Noise alone may show a channel empty() whose last pressure
+  /// is leaving.
+  bool wasEmpty() const { return was_empty_; }
+  void waitForEmpty();
 
  private:
   void pass(double now, const SafetyRules& rules);
@@ -81,7 +85,8 @@ class ChannelWatch {
   double reference_at_ = -std::numeric_limits<double>::infinity();  // time of reference_
   bool arrived_ = false;  // has reached the set point since it last changed
   SpikeFilter over_limit_, leak_;
-  Persistence not_following_, standing_;
+  Persistence not_following_, standing_, gone_;
+  bool was_empty_ = false;
 };
 
 /// The limits, extended to the atmosphere: the range of set points at these limits or on the way to
