@@ -11,6 +11,9 @@
 namespace helix_arm::control {
 namespace {
 
+// Of the pressure that counts as empty: what may still be there when noise shows a channel empty.
+constexpr double kLeaving = 2.0;
+
 // After a longer pause of the loop, the ramps continue with at most this step [s].
 constexpr double kLongestStep = 0.1;
 
@@ -285,7 +288,8 @@ void SafetyCore::watchReadings() {
   // Once the readings have shown an empty arm.
   const auto emptied = [this] { return report_.state == SafetyState::kVented || rested_; };
   for (int i = 0; emptied() && i < count(); ++i) {
-    const bool leaves = !watch_[i].wasEmpty() && now_ - vents_since_[i] <= rules_.vent_time;
+    const bool leaves = !watch_[i].wasEmpty() && now_ - vents_since_[i] <= rules_.vent_time &&
+                        std::abs(reading_[i]) < kLeaving * rules_.vented_below;
     if (!watch_[i].standing() || leaves) continue;
     raise(SafetyCause::kNotVenting, i, reading_[i], rules_.vented_below);
   }
