@@ -103,10 +103,7 @@ void ChannelWatch::measured(double now, double asked, double reading, const Chan
   leak_.look(now, arrived_ && drop() > rules.leak_drop, rules.spike_time);
 }
 
-void ChannelWatch::waitForEmpty() {
-  standing_.forget();
-  was_empty_ = gone_.lasts();
-}
+void ChannelWatch::waitForEmpty() { was_empty_ = gone_.lasts(); }
 
 bool ChannelWatch::empty(double now, const SafetyRules& rules) const {
   return silence(now) <= rules.reading_timeout && !standing() &&

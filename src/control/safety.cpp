@@ -171,8 +171,7 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
   report_.resting = false;
   rested_ = false;
   ++report_.changes;
-  // Noise may show an arm empty whose last pressure has hardly left: what stands, stands from now
-  // on.
+  // Noise may show an arm empty whose last pressure has hardly left.
   if (state != SafetyState::kDisabled && state != SafetyState::kVented) return;
   for (ChannelWatch& watch : watch_) watch.waitForEmpty();
 }
