@@ -8,7 +8,6 @@
 #include <cstring>
 #include <fstream>
 #include <map>
-#include <random>
 #include <set>
 
 #include <actionlib/client/simple_action_client.h>
@@ -20,6 +19,7 @@
 #include "helix_arm/Save.h"
 #include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_loop.hpp"
+#include "support/random.hpp"
 #include "support/vision_rig.hpp"
 
 namespace helix_arm::test {
@@ -27,17 +27,9 @@ namespace {
 
 using Line = EmulatedRegulator::Line;
 
-class Random {
- public:
-  explicit Random(unsigned seed) : engine_(seed) {}
-  double between(double low, double high) {
-    return std::uniform_real_distribution<double>(low, high)(engine_);
-  }
-  Eigen::Vector3d pressures() { return {between(2e4, 2e5), between(2e4, 2e5), between(2e4, 2e5)}; }
-
- private:
-  std::mt19937 engine_;
-};
+Eigen::Vector3d pressures(Random& random) {  // [Pa]
+  return {random.uniform(2e4, 2e5), random.uniform(2e4, 2e5), random.uniform(2e4, 2e5)};
+}
 
 /// One kill: how long after it the promise came true [s], or what was broken.
 struct Kill {
@@ -80,14 +72,14 @@ class OnALine {
 
   Kill commandNode(Random& random) {
     HardwareRig rig(device_, name_);
-    if (random.between(0, 1) < 0.3) {  // while it starts
-      rig.command(random.pressures());
-      spin(random.between(0, 1.5));
-    } else if (!rig.bringTo(random.pressures())) {
+    if (random.uniform(0, 1) < 0.3) {  // while it starts
+      rig.command(pressures(random));
+      spin(random.uniform(0, 1.5));
+    } else if (!rig.bringTo(pressures(random))) {
       return broken("not enabled after the kill before: " + rig.node.outputNow());
     }
-    rig.command(random.pressures());
-    spin(random.between(0, 0.5));
+    rig.command(pressures(random));
+    spin(random.uniform(0, 0.5));
     const double begin = regulator::steadyNow();
     rig.node.signal(SIGKILL);
     return vents(rig, begin, 0);
@@ -97,7 +89,7 @@ class OnALine {
   Kill commandNodeInReload(Random& random) {
     HardwareRig rig(device_, name_,
                     {"_scene_folder:=" + std::filesystem::temp_directory_path().string()});
-    if (!rig.bringTo(random.pressures())) return broken("not enabled: " + rig.node.outputNow());
+    if (!rig.bringTo(pressures(random))) return broken("not enabled: " + rig.node.outputNow());
     std::atomic<bool> ends{false};
     std::atomic<int> taken{0};
     std::thread caller([&] {
@@ -115,7 +107,7 @@ class OnALine {
       }
     });
     const bool took = waitFor([&] { return taken > 0; });
-    spin(random.between(0, 0.3));
+    spin(random.uniform(0, 0.3));
     const double begin = regulator::steadyNow();
     rig.node.signal(SIGKILL);
     Kill kill = vents(rig, begin, 0);
@@ -126,11 +118,11 @@ class OnALine {
 
   Kill guard(Random& random) {
     if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
-    if (!rig_->bringTo(random.pressures())) {
+    if (!rig_->bringTo(pressures(random))) {
       return broken("not enabled after the kill before: " + rig_->safety.last().reason);
     }
-    rig_->command(random.pressures());
-    spin(random.between(0, 1));
+    rig_->command(pressures(random));
+    spin(random.uniform(0, 1));
     const std::vector<pid_t> guards = guardsOf(device_.scene());
     if (guards.size() != 1) return broken(std::to_string(guards.size()) + " guards");
     const double begin = regulator::steadyNow();
@@ -148,7 +140,7 @@ class OnALine {
       return device_.pressure().maxCoeff() > 3e4;
     });
     if (!moves) return broken("it does not move the arm: " + series.outputNow());
-    spin(random.between(0, 2));
+    spin(random.uniform(0, 2));
     const double begin = regulator::steadyNow();
     series.signal(SIGKILL);
     return ventsBecauseOf(*rig_, "stale_target", begin, kTargetTimeout);
@@ -159,7 +151,7 @@ class OnALine {
     if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
     arm.follow(30);
     if (!arm.isUnderWay()) return broken("it does not move the arm: " + arm.loop.outputNow());
-    spin(random.between(0, 1));
+    spin(random.uniform(0, 1));
     const double begin = regulator::steadyNow();
     arm.loop.signal(SIGKILL);
     return ventsBecauseOf(arm.rig, "stale_target", begin, kTargetTimeout);
@@ -170,7 +162,7 @@ class OnALine {
     HardwareLoop arm(device_, name_);
     if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
     arm.follow(30);
-    spin(random.between(0, 4));
+    spin(random.uniform(0, 4));
     const double begin = regulator::steadyNow();
     arm.client->signal(SIGKILL);
     constexpr double kLease =
@@ -213,7 +205,7 @@ class InTheDemo {
   /// @param promised  what is to hold after its end.
   Kill node(const std::string& killed, Random& random, const std::function<bool()>& promised) {
     if (!isClosed()) return broken("the loop is not closed after the kill before: " + words());
-    const double moment = regulator::steadyNow() + random.between(0, 1);
+    const double moment = regulator::steadyNow() + random.uniform(0, 1);
     until([&] { return regulator::steadyNow() >= moment; });
     const double begin = regulator::steadyNow();
     processes_.at(killed)->signal(SIGKILL);
@@ -263,7 +255,7 @@ class InTheDemo {
     if (!waitFor([&] { return runs.isServerConnected(); })) return broken("no action server");
     if (!waitFor([this] { return !isIn(safety_, "enabled"); })) return broken(words());
     RunCalibrationGoal goal;
-    goal.loop = random.between(0, 1) < 0.5;
+    goal.loop = random.uniform(0, 1) < 0.5;
     goal.fit = {goal.loop ? "response" : "K_kappa"};
     goal.plan = {2e5, 0, 0, 0, 2e5, 0, 0, 0, 2e5};
     // A node that has just started refuses until it has heard from the others.
@@ -276,7 +268,7 @@ class InTheDemo {
     if (!waitFor(begins)) {
       return broken("no run: " + (runs.getResult() ? runs.getResult()->message : words()));
     }
-    spin(random.between(0, 6));
+    spin(random.uniform(0, 6));
     const double begin = regulator::steadyNow();
     processes_.at("calibration")->signal(SIGKILL);
     const auto isDown = [this] { return !isIn(safety_, "enabled") && highest() < 3e4; };
@@ -307,7 +299,7 @@ class InTheDemo {
       Save again = first;
       while (ros::service::call(service + names::kSave, again)) continue;
     });
-    spin(random.between(0, 0.3));
+    spin(random.uniform(0, 0.3));
     processes_.at("calibration")->signal(SIGKILL);
     caller.join();
     const std::string left = OnALine::readText(first.request.path);
