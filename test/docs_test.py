@@ -136,7 +136,8 @@ class Package:
         self.types = {path.stem for kind in ("msg", "srv", "action") for path in (root / kind).iterdir()}
         self.types |= {name for path in root.glob("*_plugins.xml")
                        for name in re.findall(r'class name="helix_arm/(\w+)"', path.read_text(encoding="utf-8"))}
-        self.nodes = {path.stem for path in (root / "src/nodes").glob("*.cpp")}
+        build = (root / "CMakeLists.txt").read_text(encoding="utf-8")
+        self.nodes = set(re.search(r"set\(helix_arm_nodes\s+([^)]+)\)", build).group(1).split())
         self.topics, self.services = self.ros_names()
         self.cases = set()
         for path in (root / "test").rglob("*.cpp"):

@@ -1,11 +1,622 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <iomanip>
 #include <iostream>
 #include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
 
 #include "arguments.hpp"
-#include "camera_actions.hpp"
+#include "command.hpp"
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/calibrated_scene.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/camera_placing.hpp"
+#include "helix_arm/vision/camera_calibration.hpp"
+#include "helix_arm/vision/charuco_reader.hpp"
+#include "helix_arm/vision/frame_source.hpp"
+#include "nlohmann/json.hpp"
+#include "output.hpp"
 
 namespace helix_arm::cli {
+
+/// The word in place of files that means a camera at this machine.
+inline constexpr char kWebcam[] = "webcam";
+
+/// What `helix_arm camera` reads pictures from.
+struct CameraSource {
+  std::vector<std::string> sources;  ///< files and folders, or kWebcam alone
+  vision::WebcamConfig webcam;
+  std::optional<cv::Size> expected;  ///< size of pictures in files; absent: any
+  double seconds = 120;              ///< longest time for a webcam [s]
+
+  bool isWebcam() const { return sources.size() == 1 && sources[0] == kWebcam; }
+};
+
+/// Why a picture could not be used, without its name.
+struct PictureFault {
+  explicit PictureFault(const vision::Frame& frame);
+  std::string name;
+  std::string reason;
+};
+
+/// How reading ended.
+struct PicturesRead {
+  int pictures = 0;
+  std::vector<PictureFault> faults;
+  bool interrupted = false;  ///< by Ctrl-C
+};
+
+/// Why there is not a single picture, naming the first file or device; nothing if there is one.
+std::optional<std::string> whyNoPicture(const PicturesRead& read);
+
+/// Reads pictures until they end, until `take` wants no more, until the time is over or until
+/// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
+/// @param take  gets each picture and whether it follows the last one in time; returns false if it
+///     wants no more.
+/// @throws CallerError on kWebcam beside files, std::invalid_argument on a missing file.
+PicturesRead readPictures(const CameraSource& source,
+                          const std::function<bool(const vision::Frame&, bool)>& take);
+
+// What `helix_arm camera` can do.
+
+struct CameraArguments {
+  std::string scene;  ///< calibrate: empty for none
+  std::vector<std::string> sources;
+  std::string out;           ///< empty: nothing is written
+  BoardArguments board;      ///< calibrate
+  std::string device, size;  ///< calibrate: of a webcam without scene
+  std::optional<int> focus;  ///< calibrate: likewise
+  int coefficients = 5;      ///< calibrate
+  int views = 25;            ///< calibrate: of a webcam or a video
+  std::optional<double> seconds;
+  std::string pressure_kpa, input;  ///< place
+};
+
+int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
+int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
+
+/// Faults of pictures as text on stderr.
+void tellFaults(const PicturesRead& read);
+nlohmann::json faultsJson(const PicturesRead& read);
+
+namespace {
+
+constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
+constexpr std::chrono::milliseconds kBetweenTries(20);
+
+double steadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void readWebcam(const CameraSource& source,
+                const std::function<bool(const vision::Frame&, bool)>& take, PicturesRead& read) {
+  const auto camera = vision::FrameSource::webcam(source.webcam);
+  const double begin = steadySeconds();
+  double last = begin, retry = begin;
+  vision::Frame frame;
+  while (!interrupted() && steadySeconds() - begin < source.seconds) {
+    if (steadySeconds() < retry) {
+      std::this_thread::sleep_for(kBetweenTries);
+      continue;
+    }
+    if (camera->next(frame) == vision::FrameStatus::kFrame) {
+      last = steadySeconds();
+      ++read.pictures;
+      if (!take(frame, true)) return;
+      continue;
+    }
+    retry = steadySeconds() + frame.retry_after;
+    if (steadySeconds() - last < kPatience) continue;
+    read.faults.emplace_back(frame);
+    return;
+  }
+  // The time was shorter than the patience.
+  if (read.pictures == 0 && !frame.fault.empty()) read.faults.emplace_back(frame);
+}
+
+}  // namespace
+
+PictureFault::PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
+  // Of a video, the name has the number of the frame behind #, which the fault may lack.
+  for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
+    if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
+    reason.erase(0, prefix.size() + 2);
+    return;
+  }
+}
+
+std::optional<std::string> whyNoPicture(const PicturesRead& read) {
+  if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
+  const PictureFault& first = read.faults.front();
+  const std::size_t others = read.faults.size() - 1;
+  return "no picture could be read: " + first.name + ": " + first.reason +
+         (others > 0 ? ", and " + std::to_string(others) + " others" : "");
+}
+
+PicturesRead readPictures(const CameraSource& source,
+                          const std::function<bool(const vision::Frame&, bool)>& take) {
+  PicturesRead read;
+  const InterruptWatch watch;
+  if (source.isWebcam()) {
+    readWebcam(source, take, read);
+    read.interrupted = interrupted();
+    return read;
+  }
+  if (std::find(source.sources.begin(), source.sources.end(), kWebcam) != source.sources.end()) {
+    throw CallerError("--source has webcam beside files; give either");
+  }
+  std::vector<std::unique_ptr<vision::FrameSource>> files;
+  for (const std::string& path : source.sources) {
+    files.push_back(vision::FrameSource::files(path, source.expected));
+  }
+  vision::Frame frame;
+  for (const auto& file : files) {
+    for (;;) {
+      const vision::FrameStatus status = file->next(frame);
+      if (status == vision::FrameStatus::kEnd) break;
+      read.interrupted = interrupted();
+      if (read.interrupted) return read;
+      if (status == vision::FrameStatus::kFault) {
+        read.faults.emplace_back(frame);
+        continue;
+      }
+      ++read.pictures;
+      if (!take(frame, file->continuous())) return read;
+    }
+  }
+  return read;
+}
+
+namespace {
+
+using nlohmann::json;
+using vision::CalibratedView;
+using vision::CameraCalibration;
+using vision::CameraParameter;
+
+constexpr double kPerDegree = 180 / basics::kPi;
+
+CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::Scene>& scene) {
+  CameraSource source;
+  source.sources = arguments.sources;
+  if (arguments.seconds) source.seconds = *arguments.seconds;
+  const bool given = !arguments.device.empty() || !arguments.size.empty() || arguments.focus;
+  if (given && !source.isWebcam()) {
+    throw CallerError("--device, --size and --focus go with --source webcam");
+  }
+  if (scene) {
+    source.webcam.width = scene->camera->model.width;
+    source.webcam.height = scene->camera->model.height;
+    if (scene->camera->webcam) source.webcam = *scene->camera->webcam;
+  }
+  if (!arguments.device.empty()) source.webcam.device = arguments.device;
+  if (arguments.focus) source.webcam.focus = *arguments.focus;
+  if (!arguments.size.empty()) {
+    const std::vector<double> size = numberList("--size", arguments.size, 2);
+    const auto fits = [](double side) {
+      return side >= 1 && side <= estimation::Camera::kMaxSide && side == std::floor(side);
+    };
+    if (!fits(size[0]) || !fits(size[1])) {
+      throw CallerError("--size is " + arguments.size + "; expected whole numbers from 1 to " +
+                        std::to_string(estimation::Camera::kMaxSide));
+    }
+    source.webcam.width = static_cast<int>(size[0]);
+    source.webcam.height = static_cast<int>(size[1]);
+  }
+  return source;
+}
+
+// Finds a board of either kind in a picture.
+class BoardFinder {
+ public:
+  explicit BoardFinder(const CalibrationBoard& board) : board_(board) {
+    const auto* tags = std::get_if<vision::TagBoard>(&board);
+    if (tags == nullptr) return;
+    vision::DetectorConfig config;
+    config.family = tags->family;
+    config.quad_decimate = 1;  // time does not matter here, corners do
+    detector_.emplace(config);
+  }
+
+  vision::BoardObservation find(const vision::Frame& frame) {
+    if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
+      return vision::boardObservation(*tags, frame.name, frame.gray.size(),
+                                      detector_->detect(frame.gray));
+    }
+    return vision::charucoObservation(std::get<vision::CharucoBoard>(board_), frame.name,
+                                      frame.gray);
+  }
+
+ private:
+  const CalibrationBoard& board_;
+  std::optional<vision::TagDetector> detector_;  // of a board of tags
+};
+
+// Collects the boards of all pictures.
+class Views {
+ public:
+  Views(const CalibrationBoard& board, int wanted)
+      : board_(board), finder_(board), parts_(partsOf(board)), wanted_(wanted) {}
+
+  // False once there are enough.
+  bool take(const vision::Frame& frame, bool continuous) {
+    if (!size_) {
+      size_ = frame.gray.size();
+      picker_.emplace(*size_, parts_);
+    }
+    if (*size_ != frame.gray.size()) {
+      other_size_ = frame.name;
+      return false;
+    }
+    const vision::BoardObservation observation = finder_.find(frame);
+    if (static_cast<int>(observation.corners.size()) >= parts_.leastCorners()) {
+      seen_ = true;
+      without_.clear();
+    } else if (!seen_) {
+      without_.push_back(frame.gray.clone());
+      if (without_.size() > kMostWithout) without_.erase(without_.begin());
+    }
+    if (!continuous) {
+      single_.push_back(observation);
+      return true;
+    }
+    if (picker_->offer(observation)) {
+      std::cerr << "view " << picker_->chosen().size() << " of " << wanted_ << ": "
+                << std::lround(100 * picker_->coverage().fraction())
+                << " % covered, missing most: " << picker_->coverage().emptiest() << "\n";
+    }
+    return static_cast<int>(picker_->chosen().size()) < wanted_;
+  }
+
+  // With the likely cause as remedy, if no picture shows the board.
+  vision::BoardParts parts() const {
+    vision::BoardParts parts = parts_;
+    if (seen_ || without_.empty()) return parts;
+    if (const auto* charuco = std::get_if<vision::CharucoBoard>(&board_)) {
+      parts.remedy = vision::whyNoCharuco(*charuco, without_);
+    } else {
+      parts.remedy += "; a ChArUco board is read with --board charuco";
+    }
+    return parts;
+  }
+  std::vector<vision::BoardObservation> all() const {
+    std::vector<vision::BoardObservation> observations = single_;
+    if (picker_)
+      observations.insert(observations.end(), picker_->chosen().begin(), picker_->chosen().end());
+    return observations;
+  }
+  cv::Size size() const { return size_.value_or(cv::Size()); }
+  // A picture whose size is not that of the first; empty if there is none.
+  const std::string& otherSize() const { return other_size_; }
+
+ private:
+  static constexpr std::size_t kMostWithout = 3;
+
+  static vision::BoardParts partsOf(const CalibrationBoard& board) {
+    return std::visit([](const auto& one) { return one.parts(); }, board);
+  }
+
+  const CalibrationBoard& board_;
+  BoardFinder finder_;
+  const vision::BoardParts parts_;
+  const int wanted_;
+  std::optional<cv::Size> size_;
+  std::optional<vision::BoardViews> picker_;
+  std::vector<vision::BoardObservation> single_;
+  std::string other_size_;
+  bool seen_ = false;             // a board, in any picture
+  std::vector<cv::Mat> without_;  // the last pictures, until one is seen
+};
+
+struct Calibrated {
+  CalibrationBoard board;
+  std::optional<io::Scene> scene;
+  PicturesRead read;
+  cv::Size size;
+  CameraCalibration calibration;
+  std::string out;
+};
+
+json reportOf(const Calibrated& result) {
+  const CameraCalibration& calibration = result.calibration;
+  const bool charuco = std::holds_alternative<vision::CharucoBoard>(result.board);
+  json parameters = json::object(), views = json::array();
+  for (const CameraParameter& one : calibration.parameters) {
+    parameters[one.name] = {
+        {"value", one.value}, {"standard_error", one.standard_error}, {"unit", one.unit}};
+  }
+  for (const CalibratedView& view : calibration.views) {
+    const bool fitted = view.distance > 0;
+    views.push_back({{"file", view.name},
+                     {"tags", charuco ? json() : json(view.parts)},
+                     {"corners", view.corners},
+                     {"used", view.used},
+                     {"reason", view.reason.empty() ? json() : json(view.reason)},
+                     {"rms_px", fitted ? json(view.rms) : json()},
+                     {"distance_m", fitted ? json(view.distance) : json()},
+                     {"tilt_deg", fitted ? json(kPerDegree * view.tilt) : json()}});
+  }
+  return {{"scene", result.scene ? json(result.scene->name) : json()},
+          {"board", charuco ? "charuco" : "tags"},
+          {"charuco", charuco ? boardJson(result.board) : json()},
+          {"success", calibration.success},
+          {"reason", calibration.reason.empty() ? json() : json(calibration.reason)},
+          {"size_px", {result.size.width, result.size.height}},
+          {"pictures", result.read.pictures},
+          {"faults", faultsJson(result.read)},
+          {"parameters", parameters},
+          {"rms_px", calibration.rms},
+          {"coverage", calibration.coverage},
+          {"reach", calibration.reach},
+          {"tilted_views", calibration.tilted_views},
+          {"views", views},
+          {"warnings", calibration.warnings},
+          {"out", result.out.empty() ? json() : json(result.out)}};
+}
+
+void printText(const Calibrated& result) {
+  const CameraCalibration& calibration = result.calibration;
+  if (!calibration.success) std::cout << "not calibrated: " << calibration.reason << "\n";
+  int used = 0;
+  for (const CalibratedView& view : calibration.views) {
+    used += view.used ? 1 : 0;
+    if (!view.used) std::cout << view.name << " is left out: " << view.reason << "\n";
+  }
+  if (calibration.parameters.empty()) return;
+  std::cout << used << " of " << calibration.views.size() << " views, RMS " << std::setprecision(3)
+            << calibration.rms << " px, " << std::lround(100 * calibration.coverage)
+            << " % of the picture covered, " << calibration.tilted_views << " views tilted\n";
+  for (const CameraParameter& one : calibration.parameters) {
+    std::cout << one.name << " = " << std::setprecision(7) << one.value << " +- "
+              << std::setprecision(2) << one.standard_error << " " << one.unit << "\n";
+  }
+  for (const std::string& warning : calibration.warnings)
+    std::cout << "warning: " << warning << "\n";
+  if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
+}
+
+void printCsv(const CameraCalibration& calibration) {
+  CsvTable table;
+  for (const CameraParameter& one : calibration.parameters) {
+    table.add({{"parameter", one.name},
+               {"value", exact(one.value)},
+               {"standard_error", exact(one.standard_error)},
+               {"unit", one.unit}});
+  }
+  table.print(std::cout);
+}
+
+void write(const CameraArguments& arguments, const GlobalOptions& global,
+           const estimation::Camera& camera) {
+  const std::string text =
+      arguments.scene.empty()
+          ? io::cameraInfoText(camera, "camera")
+          : io::sceneTextWithCamera(arguments.scene, overridesOf(global), {camera, std::nullopt});
+  io::writeFileAtomically(arguments.out, text);
+}
+
+}  // namespace
+
+int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
+  Calibrated result;
+  if (arguments.scene.empty() && !global.overrides.empty()) {
+    throw CallerError("--set changes a key of a scene, and none is given; leave out --set");
+  }
+  if (!arguments.scene.empty()) {
+    result.scene = loadScene(arguments.scene, global);
+    if (!result.scene->camera) {
+      throw CallerError("scene " + result.scene->name +
+                        " has no camera; add the section camera, with its approximate pose and "
+                        "focal length");
+    }
+  }
+  if (!arguments.out.empty()) requireYaml(arguments.out);
+  result.board = boardOf(arguments.board);
+  Views views(result.board, arguments.views);
+  result.read = readPictures(
+      sourceOf(arguments, result.scene),
+      [&views](const vision::Frame& frame, bool next) { return views.take(frame, next); });
+  tellFaults(result.read);
+  if (result.read.interrupted) return kInterrupted;
+  result.size = views.size();
+  if (!views.otherSize().empty()) {
+    throw CallerError(views.otherSize() + " is not of the first picture's size, " +
+                      std::to_string(result.size.width) + " x " +
+                      std::to_string(result.size.height) +
+                      " px; a camera is calibrated at one size");
+  }
+  vision::CameraCalibrationOptions options;
+  options.coefficients = arguments.coefficients;
+  if (const auto reason = whyNoPicture(result.read)) {
+    result.calibration.reason = *reason;
+  } else {
+    result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
+  }
+  if (result.calibration.success && !arguments.out.empty()) {
+    write(arguments, global, result.calibration.camera);
+    result.out = arguments.out;
+  }
+  if (global.format == Format::kJson) printJson(reportOf(result));
+  if (global.format == Format::kCsv) printCsv(result.calibration);
+  if (global.format == Format::kText) printText(result);
+  if (!result.calibration.success && global.format == Format::kCsv) {
+    std::cerr << result.calibration.reason << "\n";
+  }
+  return result.calibration.success ? kDone : kNotPossible;
+}
+
+namespace {
+
+using nlohmann::json;
+using procedures::CameraPlacing;
+
+constexpr int kWebcamPictures = 20;
+constexpr double kDegrees = 180 / basics::kPi;
+
+struct Placed {
+  const io::Scene& scene;
+  PicturesRead read;
+  CameraPlacing placing;
+  std::string out;
+
+  Eigen::VectorXd errors() const { return placing.covariance.diagonal().cwiseMax(0).cwiseSqrt(); }
+};
+
+// Any shape balances an arm at rest, or the caller must say another pressure.
+model::Shape shapeOf(const io::Scene& scene, const Eigen::VectorXd& inputs) {
+  const statics::Solution solution = scene.model.solve(inputs);
+  if (solution.converged()) return solution.shape;
+  throw CallerError("no shape of scene " + scene.name +
+                    " balances its load at these pressures; take the pictures at others, and give "
+                    "them with --pressure-kpa");
+}
+
+json reportOf(const Placed& result) {
+  const CameraPlacing& placing = result.placing;
+  json tags = json::array();
+  for (std::size_t i = 0; i < placing.fit.tags.size(); ++i) {
+    tags.push_back({{"id", placing.tags[i]}, {"rms_px", placing.fit.tags[i].rms}});
+  }
+  json out{{"scene", result.scene.name},
+           {"success", placing.success},
+           {"reason", placing.reason.empty() ? json() : json(placing.reason)},
+           {"pictures", result.read.pictures},
+           {"faults", faultsJson(result.read)},
+           {"tags", tags},
+           {"outlier_tags", placing.outliers},
+           {"warnings", placing.warnings},
+           {"out", result.out.empty() ? json() : json(result.out)}};
+  for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
+                          "moved_m", "turned_rad", "bleed_m", "rms_px", "shape_deviations"}) {
+    out[key] = nullptr;
+  }
+  if (!placing.success) return out;
+  const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
+  const Eigen::VectorXd errors = result.errors();
+  out["position_m"] = toJson(Eigen::VectorXd(place.position));
+  out["rpy_deg"] = toJson(Eigen::VectorXd(place.rpy_deg));
+  out["pose"] = toJson(placing.X_WC);
+  out["standard_error"] = {{"position_m", toJson(Eigen::VectorXd(errors.head(3)))},
+                           {"rotation_rad", toJson(Eigen::VectorXd(errors.tail(3)))}};
+  out["covariance"] = rowsJson(placing.covariance);
+  out["moved_m"] = placing.moved;
+  out["turned_rad"] = placing.turned;
+  out["bleed_m"] = placing.fit.bleed;
+  out["rms_px"] = placing.fit.rms;
+  out["shape_deviations"] = placing.fit.shape_deviations;
+  return out;
+}
+
+void printText(const Placed& result) {
+  const CameraPlacing& placing = result.placing;
+  if (!placing.success) {
+    std::cout << "not placed: " << placing.reason << "\n";
+    return;
+  }
+  const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
+  const Eigen::VectorXd errors = result.errors();
+  std::cout << result.scene.name << ": camera placed by " << placing.tags.size() << " tags in "
+            << result.read.pictures << (result.read.pictures == 1 ? " picture" : " pictures")
+            << ", RMS " << std::setprecision(2) << placing.fit.rms << " px\n"
+            << "position_m: " << bracketed(place.position) << " +- " << std::fixed
+            << std::setprecision(1) << 1e3 * errors.head(3).maxCoeff() << " mm\n"
+            << "rpy_deg: " << bracketed(place.rpy_deg) << " +- " << std::setprecision(2)
+            << kDegrees * errors.tail(3).maxCoeff() << " deg\n"
+            << "from the scene's pose: " << std::setprecision(1) << 1e3 * placing.moved << " mm, "
+            << std::setprecision(2) << kDegrees * placing.turned << " deg\n";
+  for (const std::string& warning : placing.warnings) std::cout << "warning: " << warning << "\n";
+  if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
+}
+
+void printCsv(const Placed& result) {
+  CsvTable table;
+  if (!result.placing.success) {
+    std::cerr << result.placing.reason << "\n";
+    return;
+  }
+  const io::CameraPlace place = io::cameraPlaceOf(result.placing.X_WC);
+  const Eigen::VectorXd errors = result.errors();
+  CsvTable::Row row{{"scene", result.scene.name}};
+  const char* const axes[] = {"x", "y", "z"};
+  const char* const angles[] = {"roll_deg", "pitch_deg", "yaw_deg"};
+  for (int i = 0; i < 3; ++i) {
+    row.emplace_back(std::string("position_") + axes[i] + "_m", exact(place.position[i]));
+  }
+  for (int i = 0; i < 3; ++i) row.emplace_back(angles[i], exact(place.rpy_deg[i]));
+  for (int i = 0; i < 3; ++i) {
+    row.emplace_back(std::string("error_") + axes[i] + "_m", exact(errors[i]));
+  }
+  for (int i = 0; i < 3; ++i) {
+    row.emplace_back(std::string("error_about_") + axes[i] + "_rad", exact(errors[3 + i]));
+  }
+  row.emplace_back("rms_px", exact(result.placing.fit.rms));
+  table.add(row);
+  table.print(std::cout);
+}
+
+CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) {
+  CameraSource source;
+  source.sources = arguments.sources;
+  if (arguments.seconds) source.seconds = *arguments.seconds;
+  source.expected = cv::Size(scene.camera->model.width, scene.camera->model.height);
+  if (source.isWebcam()) {
+    if (!scene.camera->webcam) {
+      throw CallerError("scene " + scene.name +
+                        " has no camera.webcam; add it, or give pictures as --source");
+    }
+    source.webcam = *scene.camera->webcam;
+  }
+  return source;
+}
+
+}  // namespace
+
+int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(arguments.scene, global);
+  if (!scene.camera || !scene.tags) {
+    throw CallerError("scene " + scene.name + " has no " + (scene.camera ? "tags" : "camera") +
+                      "; expected a scene with the sections camera and tags");
+  }
+  if (!arguments.out.empty()) requireYaml(arguments.out);
+  const bool at_rest = arguments.pressure_kpa.empty() && arguments.input.empty();
+  const Eigen::VectorXd inputs = at_rest ? scene.arm.inputAt(0)
+                                         : inputsOf(scene, "--pressure-kpa", arguments.pressure_kpa,
+                                                    "--input", arguments.input);
+  const model::Shape shape = shapeOf(scene, inputs);
+  const CameraSource source = sourceOf(arguments, scene);
+  vision::TagDetector detector(scene.vision.detector);
+  std::vector<std::vector<vision::TagDetection>> pictures;
+  Placed result{scene, {}, {}, {}};
+  result.read = readPictures(source, [&](const vision::Frame& frame, bool) {
+    pictures.push_back(detector.detect(frame.gray));
+    return !source.isWebcam() || pictures.size() < kWebcamPictures;
+  });
+  tellFaults(result.read);
+  if (result.read.interrupted) return kInterrupted;
+  if (const auto reason = whyNoPicture(result.read)) {
+    result.placing.reason = *reason;
+  } else {
+    result.placing = procedures::placeCamera(scene, shape, pictures);
+  }
+  if (result.placing.success && !arguments.out.empty()) {
+    io::writeFileAtomically(arguments.out,
+                            io::sceneTextWithCamera(arguments.scene, overridesOf(global),
+                                                    {std::nullopt, result.placing.X_WC}));
+    result.out = arguments.out;
+  }
+  if (global.format == Format::kJson) printJson(reportOf(result));
+  if (global.format == Format::kCsv) printCsv(result);
+  if (global.format == Format::kText) printText(result);
+  return result.placing.success ? kDone : kNotPossible;
+}
+
 namespace {
 
 using nlohmann::json;

@@ -10,7 +10,7 @@
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "output.hpp"
-#include "regulator_actions.hpp"
+#include "regulator.hpp"
 
 namespace helix_arm::cli {
 namespace {

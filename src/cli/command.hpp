@@ -1,9 +1,12 @@
 #pragma once
 
+#include <array>
 #include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include <signal.h>
 
 #include "CLI/CLI.hpp"
 
@@ -51,5 +54,24 @@ Subcommand addSimulate(CLI::App& app);
 Subcommand addTags(CLI::App& app);
 Subcommand addTrade(CLI::App& app);
 Subcommand addWorkspace(CLI::App& app);
+
+/// Exit code of a command that was interrupted, as a shell gives it for Ctrl-C.
+inline constexpr int kInterrupted = 130;
+
+/// While it lives, Ctrl-C and the like are noted instead of ending the process.
+class InterruptWatch {
+ public:
+  InterruptWatch();
+  ~InterruptWatch();
+  InterruptWatch(const InterruptWatch&) = delete;
+  InterruptWatch& operator=(const InterruptWatch&) = delete;
+
+ private:
+  static constexpr std::array<int, 3> kSignals{SIGINT, SIGTERM, SIGHUP};
+  std::array<struct sigaction, kSignals.size()> before_{};
+};
+
+/// Whether one was noted since the last watch began.
+bool interrupted();
 
 }  // namespace helix_arm::cli

@@ -9,10 +9,9 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "effective_pressures.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "measurements.hpp"
 #include "output.hpp"
-#include "table_rows.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -4,7 +4,7 @@
 #include <map>
 #include <optional>
 
-#include "board_arguments.hpp"
+#include "arguments.hpp"
 #include "command.hpp"
 #include "completion.hpp"
 #include "helix_arm/basics/quote.hpp"

@@ -5,9 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
+#include "output.hpp"
 
 namespace helix_arm::cli {
 
@@ -69,5 +70,41 @@ std::optional<double> median(std::vector<double> values);
 
 /// "6 7 9".
 std::string joined(const std::vector<int>& numbers);
+
+/// The text of an option `--history` of a subcommand.
+inline constexpr char kHistoryHelp[] =
+    "data set with the measured pressures in the order taken: pressure_1_kpa, .., and optionally "
+    "time_s and trial; the arm's response follows them";
+
+/// The history of a file. @throws CallerError if the arm has tendons, io::DocumentError on faults.
+model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
+
+/// What a result without history leaves out; empty for an arm without responses.
+std::string noteOnResponse(const model::Arm& arm);
+
+/// Adds `response` {history_rows, memory_known, half_width_pa, uncertainty_pa, note} to a result;
+/// nothing for an arm without responses.
+/// @param rows  of the history; 0 without one.
+void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eigen::Index rows,
+                 nlohmann::json& result);
+
+/// The table of an option: that of a file, or of stdin where the path is "-".
+/// Columns of words that forward and inverse print are left out.
+/// @throws io::DocumentError on a table with faults.
+io::DataSet tableOf(const std::string& path);
+
+/// Inputs (rows x actuators) [Pa or rad] of the columns pressure_1_kpa or pressure_1_pa and so on
+/// (a missing one is 0), or, where the table has one of them, of all of input_1 and so on in SI
+/// units.
+/// @throws CallerError naming the line, the actuator and its limits; io::DocumentError
+/// on missing columns.
+Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data);
+
+/// Names of the columns of positions x_m, y_m, z_m, or, where the table has qx, of poses; with the
+/// prefix tip_ where the table has those of a result alone.
+std::vector<std::string> poseColumns(const io::DataSet& data);
+
+/// Numbers (rows x names) of the named columns. @throws CallerError naming those that are missing.
+Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string>& names);
 
 }  // namespace helix_arm::cli

@@ -4,7 +4,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "output.hpp"

@@ -1,21 +1,458 @@
+#include "regulator.hpp"
+
+#include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <functional>
 #include <iomanip>
 #include <iostream>
 #include <limits>
+#include <memory>
 #include <sstream>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/device_fault.hpp"
-#include "interrupt_watch.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/serial_device.hpp"
 #include "output.hpp"
-#include "regulator_actions.hpp"
 
 namespace helix_arm::cli {
+namespace {
+
+using control::Valve;
+using regulator::steadyNow;
+using simulation::DeviceFault;
+
+constexpr double kBetweenReports = 1;  // [s]
+constexpr double kSupplyAbove = 1.25;  // relative to the largest pressure limit
+constexpr double kNoise = 500;         // [Pa]
+
+// An emulated device of either kind, through the functions that this command needs.
+struct Emulated {
+  std::shared_ptr<void> device;
+  std::vector<int> channels;  // (actuators) positions in the device
+  std::function<Eigen::VectorXd()> pressure, setPoint;
+  std::function<std::vector<Valve>()> valves;
+  std::function<void(DeviceFault)> setFault;
+};
+
+template <class Device>
+Emulated wrap(const std::shared_ptr<Device>& device, std::vector<int> channels) {
+  return {device,
+          std::move(channels),
+          [device] { return device->pressure(); },
+          [device] { return device->setPoint(); },
+          [device] { return device->valves(); },
+          [device](DeviceFault fault) { device->setFault(fault); }};
+}
+
+regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
+  regulator::SimulatedRegulatorConfig config;
+  config.supply_pressure =
+      std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
+  config.noise = kNoise;
+  return config;
+}
+
+Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) {
+  if (config.host != "127.0.0.1" && config.host != "localhost") {
+    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
+                      config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
+  }
+  simulation::ModbusDeviceConfig device;
+  device.profile = config.profile;
+  device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
+  device.regulator = emulatedConfigOf(scene);
+  device.port = config.port;
+  const auto made = std::make_shared<simulation::ModbusDevice>(device);
+  return wrap(made, config.slots);
+}
+
+Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) {
+  simulation::SerialDeviceConfig device;
+  device.profile = config.profile;
+  device.addresses = config.addresses;
+  device.channels = scene.arm.actuatorCount();
+  device.regulator = emulatedConfigOf(scene);
+  device.link = config.device;
+  const auto made = std::make_shared<simulation::SerialDevice>(device);
+  std::vector<int> channels;
+  for (int i = 0; i < device.channels; ++i) channels.push_back(i);
+  return wrap(made, channels);
+}
+
+[[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
+  throw CallerError("scene " + scene.name +
+                    " has a simulated regulator, hence no device to emulate; expected "
+                    "regulator.ascii_serial or regulator.modbus_tcp");
+}
+
+const char* wordOf(Valve valve) {
+  switch (valve) {
+    case Valve::kVent:
+      return "vents";
+    case Valve::kRegulate:
+      return "regulates";
+    case Valve::kClose:
+      break;
+  }
+  return "is closed";
+}
+
+void tell(const Emulated& emulated, const io::Scene& scene) {
+  const Eigen::VectorXd pressure = emulated.pressure();
+  const Eigen::VectorXd set_point = emulated.setPoint();
+  const std::vector<Valve> valves = emulated.valves();
+  std::ostringstream line;
+  line << std::fixed << std::setprecision(1);
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const int k = emulated.channels[static_cast<std::size_t>(i)];
+    line << (i > 0 ? ", " : "") << scene.arm.actuator(i).name << " "
+         << wordOf(valves[static_cast<std::size_t>(k)]) << ": set " << set_point[k] / 1e3
+         << ", has " << pressure[k] / 1e3 << " kPa";
+  }
+  std::cout << line.str() << std::endl;
+}
+
+void obey(const std::string& word, const Emulated& emulated) {
+  if (const auto fault = simulation::parseDeviceFault(word)) {
+    emulated.setFault(*fault);
+    std::cout << "fault: " << word << std::endl;
+    return;
+  }
+  std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
+            << "\n";
+}
+
+// Reads stdin line by line, until its end.
+class Lines {
+ public:
+  // Waits for lines, at most this long [s].
+  std::vector<std::string> await(double seconds) {
+    pollfd waited{open_ ? STDIN_FILENO : -1, POLLIN, 0};
+    if (poll(&waited, 1, static_cast<int>(std::ceil(1e3 * std::max(seconds, 0.0)))) <= 0) return {};
+    char bytes[256];
+    const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
+    if (size == 0 || (size < 0 && errno != EINTR)) open_ = false;
+    if (size > 0) begun_.append(bytes, static_cast<std::size_t>(size));
+    std::vector<std::string> lines;
+    for (std::size_t end; (end = begun_.find('\n')) != std::string::npos;) {
+      if (end > 0) lines.push_back(begun_.substr(0, end));
+      begun_.erase(0, end + 1);
+    }
+    return lines;
+  }
+
+ private:
+  bool open_ = true;
+  std::string begun_;
+};
+
+}  // namespace
+
+int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  if (global.format != Format::kText)
+    throw CallerError("emulate prints only text; leave out --format");
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const InterruptWatch watch;
+  const Emulated emulated =
+      std::visit([&scene](const auto& config) { return emulate(config, scene); }, *scene.regulator);
+  std::cout << "emulates " << regulator::describe(*scene.regulator)
+            << "; faults by name on stdin, Ctrl-C ends" << std::endl;
+  const double end =
+      steadyNow() + options.seconds.value_or(std::numeric_limits<double>::infinity());
+  Lines lines;
+  double next = steadyNow();
+  while (!interrupted() && steadyNow() < end) {
+    if (steadyNow() >= next) {
+      tell(emulated, scene);
+      next += kBetweenReports;
+    }
+    for (const std::string& line : lines.await(std::min(next, end) - steadyNow())) {
+      obey(line, emulated);
+    }
+  }
+  return kDone;
+}
+
+namespace {
+
+using regulator::steadyNow;
+
+constexpr double kTrying = 10;  // [s]
+constexpr std::chrono::milliseconds kBetweenTries(50);
+
+// How the process that moves the arm (the ward) ended.
+enum class End { kDismissesGuard, kIsGone, kStandsStill };
+
+// Reads and answers stdin until then. Counts whole periods without a beat rather than time, so that
+// a machine that was suspended has lost only one period.
+End awaitEnd() {
+  using regulator::GuardProcess;
+  constexpr int kBeatMs = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
+  bool beats = false;
+  int missed = 0;
+  for (;;) {
+    pollfd waited{STDIN_FILENO, POLLIN, 0};
+    const int ready = poll(&waited, 1, beats ? kBeatMs : -1);
+    if (ready == 0 && ++missed == GuardProcess::kMissedBeats) return End::kStandsStill;
+    if (ready <= 0) continue;
+    char bytes[64];
+    const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
+    if (size < 0 && errno == EINTR) continue;
+    if (size <= 0) return End::kIsGone;
+    // The answer is only for a ward behind a socket that reads it.
+    send(STDIN_FILENO, bytes, static_cast<std::size_t>(size), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
+      return End::kDismissesGuard;
+    }
+    beats = true;
+    missed = 0;
+  }
+}
+
+// The ward must neither keep the line nor wake up and move the arm.
+void endWard() {
+  ucred ward{};
+  socklen_t size = sizeof ward;
+  if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
+}
+
+// Connects and vents, for at most kTrying.
+Vented vent(regulator::Driver& driver, const io::Scene& scene) {
+  const double end = steadyNow() + kTrying;
+  for (;;) {
+    Vented result;
+    try {
+      driver.connect();
+      result = ventAll(driver, scene);
+    } catch (const regulator::LinkError& error) {
+      result.reason = error.what();
+    }
+    if (result.reason.empty() || steadyNow() >= end) return result;
+    std::this_thread::sleep_for(kBetweenTries);
+  }
+}
+
+}  // namespace
+
+int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const auto driver = makeDriver(scene);  // early, so that a fault shows before it is needed
+  driver->ignoreOthers();  // the ward may still be exiting and hold the lock of the device
+  // After the slow preparations. A refusal is not printed here: the node that started the guard
+  // prints its own.
+  regulator::scheduleRealtime(options.realtime_priority);
+  if (options.realtime_priority > 0) regulator::lockMemory();
+  const End end = awaitEnd();
+  if (end == End::kDismissesGuard) return kDone;
+  if (end == End::kStandsStill) endWard();
+  const double begin = steadyNow();
+  const Vented result = vent(*driver, scene);
+  std::ostringstream line;
+  line << "guard: the process that moved the arm "
+       << (end == End::kStandsStill ? "did not respond and was killed; "
+                                    : "ended without venting it; ")
+       << regulator::describe(*scene.regulator);
+  if (result.reason.empty()) {
+    line << " is vented, after " << steadyNow() - begin << " s\n";
+  } else {
+    line << " is NOT vented: " << result.reason
+         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
+            "`helix_arm regulator "
+         << options.scene << " vent`\n";
+  }
+  std::cerr << line.str();
+  return result.reason.empty() ? kDone : kNotPossible;
+}
+
+namespace {
+
+using control::SafetyCause;
+using control::SafetyState;
+using nlohmann::json;
+using regulator::steadyNow;
+
+constexpr double kStay = 5;            // [s]
+constexpr double kBetweenLines = 0.5;  // [s]
+constexpr double kLinkTime = 5;        // for a regulator to answer [s]
+constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr std::chrono::milliseconds kTurn(5);
+
+struct Outcome {
+  Eigen::VectorXd pressure;  // before it vented [Pa]
+  SafetyState state = SafetyState::kDisabled;
+  std::string reason;  // cause of failure; empty on success
+};
+
+class Session {
+ public:
+  // guard: null if none is needed.
+  Session(const io::Scene& scene, std::shared_ptr<const regulator::GuardProcess> guard, bool talks)
+      : scene_(scene),
+        guard_(std::move(guard)),
+        talks_(talks),
+        path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
+              std::make_unique<regulator::RegulatorIo>(makeDriver(scene), scene.arm.actuatorCount(),
+                                                       regulator::ioRulesOf(scene.safety.rules))) {
+    path_.guardedBy(guard_);
+  }
+
+  Outcome run(const Eigen::VectorXd& target, double seconds) {
+    Outcome outcome;
+    outcome.reason = enable();
+    if (outcome.reason.empty()) outcome.reason = stay(target, seconds);
+    outcome.pressure = path_.core().reading();
+    const std::string pressure_left = vent();
+    if (outcome.reason.empty()) outcome.reason = pressure_left;
+    outcome.state = path_.core().state();
+    return outcome;
+  }
+
+ private:
+  // Runs turns until the condition holds; false on a timeout.
+  template <class Condition>
+  bool turnUntil(double deadline, const Condition& condition) {
+    for (;;) {
+      path_.turn(steadyNow());
+      tell();
+      if (condition()) return true;
+      if (steadyNow() >= deadline) return false;
+      std::this_thread::sleep_for(kTurn);
+    }
+  }
+
+  // @return the reason for refusal; empty on success.
+  std::string enable() {
+    // Pressure that is left from before the connection is vented first.
+    const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
+    turnUntil(deadline, [this] {
+      const bool unguarded = guard_ && control::isGone(guard_->state());
+      return interrupted() || unguarded || path_.core().refusal(steadyNow()).empty();
+    });
+    if (interrupted()) return "interrupted";
+    return path_.enable(steadyNow());
+  }
+
+  // The time starts when the set points are reached.
+  std::string stay(const Eigen::VectorXd& target, double seconds) {
+    control::SafetyCore& core = path_.core();
+    double end = kNever;
+    turnUntil(kNever, [&] {
+      if (interrupted() || !core.target(steadyNow(), target)) return true;
+      if (end == kNever && core.orders().set_point == core.goal()) end = steadyNow() + seconds;
+      return steadyNow() >= end;
+    });
+    if (core.state() != SafetyState::kEnabled) return path_.reason();
+    return interrupted() ? "interrupted" : "";
+  }
+
+  std::string vent() {
+    path_.core().vent(steadyNow());
+    const control::SafetyRules& rules = scene_.safety.rules;
+    const bool vented =
+        turnUntil(steadyNow() + rules.vent_time + rules.hold_time + kLinkTime, [this] {
+          return path_.core().state() != SafetyState::kFault || path_.core().report().vent_overdue;
+        });
+    const bool overdue = path_.core().report().vent_overdue;
+    return vented && !overdue ? "" : path_.reason();
+  }
+
+  void tell() {
+    if (!talks_ || steadyNow() - told_ < kBetweenLines) return;
+    told_ = steadyNow();
+    const control::SafetyReport& report = path_.core().report();
+    const bool vents =
+        report.state == SafetyState::kFault && report.cause == SafetyCause::kVentRequested;
+    std::cout << (vents ? "vents" : control::nameOf(report.state)) << ": "
+              << pressureText(scene_, path_.core().reading()) << std::endl;
+  }
+
+  const io::Scene& scene_;
+  const std::shared_ptr<const regulator::GuardProcess> guard_;
+  const bool talks_;
+  regulator::PressurePath path_;
+  double told_ = 0;
+};
+
+void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::VectorXd& target,
+                  Format format) {
+  if (format == Format::kJson) {
+    printJson({{"target_pa", toJson(target)},
+               {"pressure_pa", readingsJson(outcome.pressure)},
+               {"state", control::nameOf(outcome.state)},
+               {"reason", outcome.reason.empty() ? json(nullptr) : json(outcome.reason)}});
+  }
+  if (format == Format::kCsv) {
+    CsvTable table;
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      table.add({{"name", scene.arm.actuator(i).name},
+                 {"target_pa", exact(target[i])},
+                 {"pressure_pa", readingCell(outcome.pressure[i])},
+                 {"state", control::nameOf(outcome.state)}});
+    }
+    table.print(std::cout);
+  }
+  if (format == Format::kText) {
+    std::cout << "reached " << pressureText(scene, outcome.pressure) << ", then "
+              << control::nameOf(outcome.state) << "\n";
+  }
+}
+
+std::vector<std::string> guardCommand(const RegulatorOptions& options,
+                                      const GlobalOptions& global) {
+  std::vector<std::string> out = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                                  "regulator", options.scene, "guard"};
+  for (const std::string& change : global.overrides) {
+    out.insert(out.end(), {"--set", change});
+  }
+  return out;
+}
+
+}  // namespace
+
+int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const Eigen::VectorXd target =
+      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
+  if (regulator::isHardware(*scene.regulator) && !options.yes) {
+    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
+                      "; add --yes once nobody is within the arm's reach");
+  }
+  const InterruptWatch watch;
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
+  std::shared_ptr<regulator::GuardProcess> guard;
+  if (regulator::isHardware(*scene.regulator)) {
+    guard = std::make_shared<regulator::GuardProcess>(guardCommand(options, global));
+  }
+  const Outcome outcome = Session(scene, guard, global.format == Format::kText)
+                              .run(target, options.seconds.value_or(kStay));
+  const bool never_enabled = outcome.state == SafetyState::kDisabled;
+  if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();
+  printOutcome(outcome, scene, target, global.format);
+  if (outcome.reason.empty()) return kDone;
+  std::cerr << outcome.reason << "\n";
+  return kNotPossible;
+}
+
 namespace {
 
 using nlohmann::json;

@@ -13,11 +13,10 @@
 #include <stdexcept>
 
 #include "arguments.hpp"
-#include "board_arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/io/tag_corners.hpp"
+#include "helix_arm/io/tag_table.hpp"
+#include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/board.hpp"
 #include "helix_arm/simulation/camera.hpp"

@@ -1,20 +1,60 @@
-#include "trade.hpp"
-
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <sstream>
+#include <string>
+#include <vector>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
+#include "helix_arm/statics/tier.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
+
+/// What one way to compute, draw or measure the arm's shape costs, and how far it is off.
+struct TradeRow {
+  std::string part;     ///< model, curve, sight or fit: rows of one part compete with each other
+  std::string tier;     ///< of the part
+  std::string setting;  ///< of the tier; empty where it has none
+  double time;          ///< median of one answer [s]
+  double error;         ///< as a part of the arm's length; infinite where there is no answer
+  bool on_frontier = false;
+};
+
+/// Marks the rows that no other row of their part beats in time without being worse in error.
+void markFrontier(std::vector<TradeRow>& rows);
+
+/// Every tier and order: largest error of the tip against the exact tier, at sampled inputs. No
+/// rows where the load finds no balance at any of them.
+std::vector<TradeRow> modelRows(const io::Scene& scene);
+
+/// Curves and tubes of muscles drawn from ever more points: largest distance of what is drawn from
+/// what is meant.
+std::vector<TradeRow> drawingRows(const io::Scene& scene);
+
+/// Every way to search a picture, and to fit the shape to what it found: median error of the tip
+/// over rendered pictures of the moving arm, against the true one. No rows where the scene's tier
+/// finds no shape at any picture.
+/// @param pictures  > 0; of a scene with camera and tags.
+std::vector<TradeRow> visionRows(const io::Scene& scene, int pictures);
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -202,6 +242,267 @@ Subcommand addTrade(CLI::App& app) {
       "csv: the rows. Exit code 1, without rows or files, if no shape balances the load at any\n"
       "sampled input.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+namespace {
+
+using statics::Tier;
+
+constexpr int kCorners = 100;
+constexpr int kInner = 300;
+constexpr int kDrawnShapes = 8;
+constexpr int kDenseFactor = 16;  // reference points per segment of a drawn line
+
+// For a scene without load: the loaded tiers are measured all the same.
+statics::Load loadOf(const io::Scene& scene) {
+  if (scene.model.load()) return *scene.model.load();
+  statics::Load none;
+  none.mass.assign(scene.arm.sectionCount(), 0.0);
+  none.K_eps.assign(scene.arm.sectionCount(), 1.0);
+  return none;
+}
+
+std::vector<statics::TierSetting> settingsOf(const io::Scene& scene, const statics::Load& load) {
+  std::vector<statics::TierSetting> out;
+  if (scene.planar && statics::inPlane(load)) out.push_back({Tier::kPlanar, 0});
+  out.push_back({Tier::kLinear, 0});
+  for (int order = statics::kLeastOrder; order <= statics::kMostOrder; ++order) {
+    out.push_back({Tier::kLoaded, order});
+  }
+  out.push_back({Tier::kExact, 0});
+  return out;
+}
+
+// Largest distance of the reference points from the line through every kDenseFactor-th of them.
+double lineError(const std::vector<Eigen::Vector3d>& meant) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i + kDenseFactor < meant.size(); i += kDenseFactor) {
+    const Eigen::Vector3d from = meant[i], along = meant[i + kDenseFactor] - from;
+    for (int j = 1; j < kDenseFactor; ++j) {
+      const Eigen::Vector3d there = meant[i + j] - from;
+      const double t = std::clamp(there.dot(along) / along.squaredNorm(), 0.0, 1.0);
+      largest = std::max(largest, (there - t * along).norm());
+    }
+  }
+  return largest;
+}
+
+// Points of the curve, and of each muscle along it, at `points` positions per section.
+void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie::SE3>>& curve,
+                 int points, std::vector<std::vector<Eigen::Vector3d>>& lines) {
+  lines.resize(arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      lines[i].clear();
+      for (int j = k * points; j <= (k + 1) * points; ++j) {
+        lines[i].push_back(
+            curve[j].X *
+            model::poseAlong(arm.actuator(i), static_cast<double>(j - k * points) / points)
+                .translation);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<TradeRow> modelRows(const io::Scene& scene) {
+  const statics::Load load = loadOf(scene);
+  const statics::ExactArm exact(scene.arm, load);
+  std::vector<Eigen::VectorXd> inputs;
+  std::vector<Eigen::Vector3d> tips;
+  for (const Eigen::VectorXd& q : statics::sampleInputs(scene.arm, kCorners, kInner)) {
+    const statics::Solution solution = exact.solve(statics::unloadedUnder(scene.arm, load, q));
+    if (!solution.converged()) continue;
+    inputs.push_back(q);
+    tips.push_back(solution.tip.translation);
+  }
+  std::vector<TradeRow> rows;
+  if (inputs.empty()) return rows;
+  for (const statics::TierSetting& setting : settingsOf(scene, load)) {
+    const statics::ArmModel tier(scene.arm, scene.planar, load, setting);
+    double error = 0.0;
+    for (std::size_t i = 0; i < inputs.size(); ++i) {
+      const statics::Tip found = tier.tip(inputs[i]);
+      error = std::max(error, found.converged() ? (found.tip.translation - tips[i]).norm()
+                                                : std::numeric_limits<double>::infinity());
+    }
+    std::size_t next = 0;
+    const double time = basics::medianTime([&] {
+      tier.tip(inputs[next]);
+      next = next + 1 < inputs.size() ? next + 1 : 0;
+    });
+    rows.push_back({"model", nameOf(setting.tier),
+                    setting.tier == Tier::kLoaded ? "order " + std::to_string(setting.order) : "",
+                    time, error / scene.arm.restLength()});
+  }
+  return rows;
+}
+
+std::vector<TradeRow> drawingRows(const io::Scene& scene) {
+  const model::Arm& arm = scene.arm;
+  std::vector<model::Shape> shapes;
+  for (const Eigen::VectorXd& q : statics::sampleInputs(arm, 0, kDrawnShapes)) {
+    statics::Solution solution = scene.model.solve(q);
+    if (solution.converged()) shapes.push_back(std::move(solution.shape));
+  }
+  std::vector<TradeRow> rows, markers;
+  if (shapes.empty()) return rows;
+  std::vector<std::vector<Eigen::Vector3d>> lines;
+  for (const int points : {4, 8, 16, 24, 48, 96}) {
+    const int sections = arm.sectionCount();
+    double curve_error = 0.0, muscle_error = 0.0;
+    for (const model::Shape& shape : shapes) {
+      const auto dense = model::sampleCurve(shape, sections * points * kDenseFactor + 1);
+      std::vector<Eigen::Vector3d> curve;
+      for (const auto& point : dense) curve.push_back(point.X.translation);
+      curve_error = std::max(curve_error, lineError(curve));
+      drawMuscles(arm, dense, points * kDenseFactor, lines);
+      for (const auto& line : lines) muscle_error = std::max(muscle_error, lineError(line));
+    }
+    const double curve_time =
+        basics::medianTime([&] { model::sampleCurve(shapes.back(), sections * points + 1); });
+    const double muscle_time = basics::medianTime([&] {
+      drawMuscles(arm, model::sampleCurve(shapes.back(), sections * points + 1), points, lines);
+    });
+    const std::string setting = std::to_string(points) + " points per section";
+    rows.push_back({"curve", "base curve", setting, curve_time, curve_error / arm.restLength()});
+    markers.push_back(
+        {"markers", "muscles", setting, muscle_time, muscle_error / arm.restLength()});
+  }
+  rows.insert(rows.end(), markers.begin(), markers.end());
+  return rows;
+}
+
+namespace {
+
+using vision::TrackingMode;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// Pictures of the simulated rig in a fast motion, 30 per second.
+struct Film {
+  std::vector<cv::Mat> pictures;
+  std::vector<model::Shape> truth, model;
+};
+
+Film shoot(const io::Scene& scene, int count) {
+  const simulation::CameraSetup setup = *scene.cameraSetup();
+  const simulation::TrueArm true_arm(scene.model, scene.simulation.arm);
+  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
+  Film film;
+  Eigen::VectorXd share(scene.arm.actuatorCount());
+  for (int i = 0; i < count; ++i) {
+    // Each actuator oscillates over its range with its own frequency, about once in three seconds.
+    for (int k = 0; k < share.size(); ++k) {
+      share[k] = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
+    }
+    const Eigen::VectorXd q = scene.arm.inputAt(share);
+    const statics::Solution expected = scene.model.solve(q);
+    if (!expected.converged()) continue;
+    film.model.push_back(expected.shape);
+    film.truth.push_back(true_arm.shape(q));
+    film.pictures.push_back(camera.render(film.truth.back()).clone());
+  }
+  return film;
+}
+
+double tipDistance(const model::Shape& a, const model::Shape& b) {
+  return (model::tipPose(a).translation - model::tipPose(b).translation).norm();
+}
+
+const char* nameOf(TrackingMode mode) {
+  if (mode == TrackingMode::kFull) return "whole picture";
+  return mode == TrackingMode::kRegions ? "regions" : "edges";
+}
+
+TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, double decimate) {
+  using Clock = std::chrono::steady_clock;
+  vision::LocalizerConfig config = scene.vision;
+  config.tracking = mode;
+  config.detector.quad_decimate = decimate;
+  vision::ArmLocalizer localizer(scene.view(), config);
+  std::vector<double> times, errors;
+  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
+    const Clock::time_point begin = Clock::now();
+    const vision::Observation& vision = localizer.locate(film.pictures[i], film.model[i]);
+    times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+    errors.push_back(vision.state == vision::ObservationState::kMeasured
+                         ? tipDistance(vision.fit.shape, film.truth[i])
+                         : kInfinity);
+  }
+  std::ostringstream setting;
+  setting << "quad_decimate " << decimate;
+  return {"sight", nameOf(mode), setting.str(), basics::medianOf(times),
+          basics::medianOf(errors) / scene.arm.restLength()};
+}
+
+// Parameters that a fit estimates in addition to the shape.
+struct FitMode {
+  const char* tier;
+  const char* setting;
+  bool free_base, free_bleed, cold;
+};
+
+// The corners of all pictures are detected once, so that only the fit is timed.
+std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
+  using Clock = std::chrono::steady_clock;
+  const estimation::ArmView view = scene.view();
+  const double focal = view.camera.focal();
+  vision::TagDetector detector(scene.vision.detector);
+  std::vector<std::vector<estimation::CornerObservation>> seen;
+  for (const cv::Mat& picture : film.pictures) {
+    seen.emplace_back();
+    for (const vision::TagDetection& detection : detector.detect(picture)) {
+      const int tag = view.layout.find(detection.id);
+      if (tag < 0) continue;
+      const auto direction = estimation::directionsOf(view.camera, detection.corners);
+      if (direction) seen.back().push_back({tag, *direction});
+    }
+  }
+  std::vector<TradeRow> rows;
+  for (const FitMode& mode : {FitMode{"corners", "from the model", false, false, false},
+                              FitMode{"corners", "base free", true, false, false},
+                              FitMode{"corners", "bleed free", false, true, false},
+                              FitMode{"corners", "base and bleed free", true, true, false},
+                              FitMode{"corners", "cold", false, false, true}}) {
+    estimation::TwistFitOptions options = scene.vision.fit;
+    options.free_base = mode.free_base;
+    options.free_bleed = mode.free_bleed;
+    estimation::TwistFitter fitter(view.layout, view.sections, options);
+    std::vector<double> times, errors;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const auto begin = Clock::now();
+      const estimation::TwistFit& fit =
+          mode.cold ? fitter.fitCold(seen[i], view.X_CB, focal, film.model[i])
+                    : fitter.fit(seen[i], view.X_CB, focal, film.model[i]);
+      times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+      const bool measured = fit.status == estimation::FitStatus::kConverged;
+      errors.push_back(measured ? (fit.X_B0B * model::tipPose(fit.shape).translation -
+                                   model::tipPose(film.truth[i]).translation)
+                                      .norm()
+                                : kInfinity);
+    }
+    rows.push_back({"fit", mode.tier, mode.setting, basics::medianOf(times),
+                    basics::medianOf(errors) / scene.arm.restLength()});
+  }
+  return rows;
+}
+
+}  // namespace
+
+std::vector<TradeRow> visionRows(const io::Scene& scene, int pictures) {
+  const Film film = shoot(scene, pictures);
+  std::vector<TradeRow> rows;
+  if (film.pictures.empty()) return rows;
+  for (const double decimate : {1.0, 1.5, 2.0, 3.0, 4.0}) {
+    for (const TrackingMode mode :
+         {TrackingMode::kFull, TrackingMode::kRegions, TrackingMode::kEdges}) {
+      rows.push_back(searchRow(scene, film, mode, decimate));
+    }
+  }
+  for (TradeRow& row : fitRows(scene, film)) rows.push_back(std::move(row));
+  return rows;
 }
 
 }  // namespace helix_arm::cli

@@ -1,25 +1,655 @@
 #include "helix_arm/statics/workspace.hpp"
 
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cctype>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <deque>
 #include <exception>
+#include <filesystem>
+#include <functional>
+#include <future>
+#include <iomanip>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <unistd.h>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/median.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/statics/workspace_extremes.hpp"
-#include "interrupt_watch.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/statics/tier.hpp"
+#include "measurements.hpp"
+#include "nlohmann/json.hpp"
 #include "output.hpp"
-#include "plot.hpp"
-#include "workspace_file.hpp"
-#include "workspace_maps.hpp"
-#include "workspace_report.hpp"
-#include "workspace_sampling.hpp"
 
 namespace helix_arm::cli {
+
+/// What a file of points says of them.
+struct CloudOrigin {
+  std::string scene, tier;
+  std::uint64_t seed = 1;
+  bool sensitivity = false;
+};
+
+/// Points as a PLY (binary, little-endian; tips and sensitivity as float32) or a CSV (inputs, tips
+/// and sensitivity, with units in the header), by the end of its name; written piece by piece.
+class CloudFile {
+ public:
+  /// @throws CallerError on another end of the name, io::FileError where it cannot be written.
+  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin);
+
+  /// Points as they stand in the file. From any thread.
+  std::string encode(const statics::WorkspacePoints& points) const;
+
+  /// Appends so many encoded points. @throws io::FileError.
+  void write(const std::string& encoded, std::uint64_t points);
+
+  /// Puts the file in its place, not before. @throws io::FileError.
+  void finish();
+
+ private:
+  std::string plyHeader() const;
+  std::string csvHeader() const;
+  std::string encodePly(const statics::WorkspacePoints& points) const;
+  std::string encodeCsv(const statics::WorkspacePoints& points) const;
+
+  const model::Arm& arm_;
+  const CloudOrigin origin_;
+  const bool ply_;
+  std::uint64_t points_ = 0;
+  io::AtomicFile file_;
+};
+
+}  // namespace helix_arm::cli
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "its PLY files are little-endian");
+namespace helix_arm::cli {
+namespace {
+
+constexpr std::size_t kCountWidth = 20;  // digits of the largest count
+
+bool isPly(const std::string& path) {
+  const std::string end = std::filesystem::path(path).extension().string();
+  if (end != ".ply" && end != ".csv") {
+    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; expected one of them");
+  }
+  return end == ".ply";
+}
+
+// A scene name must not end the line of a header.
+std::string oneLine(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
+  return text;
+}
+
+void append(float value, std::string& out) {
+  char bytes[sizeof value];
+  std::memcpy(bytes, &value, sizeof value);
+  out.append(bytes, sizeof value);
+}
+
+void append(double value, int digits, char end, std::string& out) {
+  char text[32];
+  out.append(text, static_cast<std::size_t>(
+                       std::snprintf(text, sizeof text, "%.*g%c", digits, value, end)));
+}
+
+}  // namespace
+
+CloudFile::CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
+    : arm_(arm), origin_(origin), ply_(isPly(path)), file_(path) {
+  file_.write(ply_ ? plyHeader() : csvHeader());
+}
+
+std::string CloudFile::plyHeader() const {
+  const std::string count = std::to_string(points_);
+  std::ostringstream out;
+  // The count is only known at the end; padding keeps the length of the header constant.
+  out << "ply\nformat binary_little_endian 1.0\n"
+      << "comment tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
+      << origin_.seed << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
+      << std::string(kCountWidth - count.size(), ' ') << "\nelement vertex " << count
+      << "\nproperty float x\nproperty float y\nproperty float z\n";
+  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+    out << "property float " << statics::kSensitivityNames[k] << "\n";
+  }
+  out << "end_header\n";
+  return out.str();
+}
+
+std::string CloudFile::csvHeader() const {
+  std::ostringstream out;
+  out << "# tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
+      << origin_.seed << "\n# x, y, z seen from the arm's base, x along the arm\n";
+  if (origin_.sensitivity) {
+    out << "# tip displacement for an error of 1 kPa in every pressure, of 1 mm in every free "
+           "length, of 1 % in the stiffness\n";
+  }
+  for (int i = 0; i < arm_.actuatorCount(); ++i) {
+    const model::DriveUnit unit = model::unitOf(arm_.actuator(i).drive);
+    out << unit.quantity << "_" << i + 1 << "_" << unit.suffix << ",";
+  }
+  out << "x_m,y_m,z_m";
+  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+    out << "," << statics::kSensitivityNames[k];
+  }
+  out << "\n";
+  return out.str();
+}
+
+std::string CloudFile::encode(const statics::WorkspacePoints& points) const {
+  return ply_ ? encodePly(points) : encodeCsv(points);
+}
+
+std::string CloudFile::encodePly(const statics::WorkspacePoints& points) const {
+  std::string out;
+  const auto columns = points.tips.cols() + (origin_.sensitivity ? points.sensitivity.cols() : 0);
+  out.reserve(static_cast<std::size_t>(points.count() * columns) * sizeof(float));
+  for (int row = 0; row < points.count(); ++row) {
+    for (int k = 0; k < 3; ++k) append(static_cast<float>(points.tips(row, k)), out);
+    for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+      append(static_cast<float>(points.sensitivity(row, k)), out);
+    }
+  }
+  return out;
+}
+
+std::string CloudFile::encodeCsv(const statics::WorkspacePoints& points) const {
+  constexpr int kInputDigits = 17;  // they read back as the same value
+  constexpr int kTipDigits = 12;
+  constexpr int kSensitivityDigits = 9;
+  std::string out;
+  for (int row = 0; row < points.count(); ++row) {
+    for (int i = 0; i < arm_.actuatorCount(); ++i) {
+      const double scale = model::unitOf(arm_.actuator(i).drive).scale;
+      append(points.inputs(row, i) / scale, kInputDigits, ',', out);
+    }
+    for (int k = 0; k < 3; ++k) {
+      append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);
+    }
+    for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+      append(points.sensitivity(row, k), kSensitivityDigits,
+             k + 1 == statics::kSensitivities ? '\n' : ',', out);
+    }
+  }
+  return out;
+}
+
+void CloudFile::write(const std::string& encoded, std::uint64_t points) {
+  file_.write(encoded);
+  points_ += points;
+}
+
+void CloudFile::finish() {
+  if (ply_) file_.writeOver(0, plyHeader());
+  file_.commit();
+}
+
+/// A tip and, where it was asked for, its sensitivity.
+struct CloudPoint {
+  Eigen::Vector3d tip;          ///< base frame [m]
+  Eigen::Vector3d sensitivity;  ///< [m]
+};
+
+/// What plot_report draws of points: their number and, with sensitivity, the medians of it, over
+/// square cells of the planes x-z, y-z and x-y; planes that they have no width in are left out.
+///
+/// One entry a map: {quantity, title, unit, across, up, extent [left, right, bottom, top] in m,
+/// cells (rows from the bottom; null where there is no point)}.
+nlohmann::json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity);
+
+namespace {
+
+using nlohmann::json;
+
+constexpr int kMostCells = 80;        // along the longest side
+constexpr double kLeastWidth = 1e-3;  // of a plane, as a part of the longest side
+constexpr double kKeptDigits = 1e4;   // of a cell's value
+
+struct Plane {
+  int across, up;
+};
+constexpr Plane kPlanes[] = {{0, 2}, {1, 2}, {0, 1}};
+const char* const kAxes[] = {"x", "y", "z"};
+const char* const kTitles[] = {"Tip displacement per kPa of pressure error",
+                               "Tip displacement per mm of free length error",
+                               "Tip displacement per % of stiffness error"};
+
+double rounded(double value) {
+  if (value == 0) return 0;
+  const double scale = std::pow(10.0, std::floor(std::log10(std::abs(value)))) / kKeptDigits;
+  return std::round(value / scale) * scale;
+}
+
+// Square cells over a plane, and the points in each.
+class Grid {
+ public:
+  Grid(const Plane& plane, const Eigen::AlignedBox3d& bounds, double cell)
+      : plane_(plane), cell_(cell) {
+    for (const int side : {0, 1}) {
+      const int axis = side == 0 ? plane.across : plane.up;
+      const double width = bounds.sizes()[axis];
+      count_[side] = static_cast<int>(width / cell) + 1;
+      least_[side] = bounds.center()[axis] - 0.5 * cell * count_[side];
+    }
+    members_.resize(static_cast<std::size_t>(count_[0]) * static_cast<std::size_t>(count_[1]));
+  }
+
+  void add(const Eigen::Vector3d& tip, int point) {
+    const int column = indexOf(tip[plane_.across], 0), row = indexOf(tip[plane_.up], 1);
+    members_[static_cast<std::size_t>(row * count_[0] + column)].push_back(point);
+  }
+
+  json map(const std::function<double(const std::vector<int>&)>& valueOf) const {
+    json rows = json::array();
+    for (int row = 0; row < count_[1]; ++row) {
+      json cells = json::array();
+      for (int column = 0; column < count_[0]; ++column) {
+        const auto& members = members_[static_cast<std::size_t>(row * count_[0] + column)];
+        cells.push_back(members.empty() ? json() : json(rounded(valueOf(members))));
+      }
+      rows.push_back(std::move(cells));
+    }
+    return {{"across", kAxes[plane_.across]},
+            {"up", kAxes[plane_.up]},
+            {"extent",
+             {least_[0], least_[0] + cell_ * count_[0], least_[1], least_[1] + cell_ * count_[1]}},
+            {"cells", std::move(rows)}};
+  }
+
+ private:
+  int indexOf(double value, int side) const {
+    const int index = static_cast<int>(std::floor((value - least_[side]) / cell_));
+    return std::clamp(index, 0, count_[side] - 1);
+  }
+
+  Plane plane_;
+  double cell_;
+  int count_[2];
+  double least_[2];
+  std::vector<std::vector<int>> members_;
+};
+
+json named(json map, const char* quantity, const char* title, const char* unit) {
+  map["quantity"] = quantity;
+  map["title"] = title;
+  map["unit"] = unit;
+  return map;
+}
+
+}  // namespace
+
+json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
+  json maps = json::array();
+  Eigen::AlignedBox3d bounds;
+  for (const CloudPoint& point : points) bounds.extend(point.tip);
+  const double longest = points.empty() ? 0.0 : bounds.sizes().maxCoeff();
+  for (const Plane& plane : kPlanes) {
+    const double width = std::min(bounds.sizes()[plane.across], bounds.sizes()[plane.up]);
+    if (!(longest > 0) || width < kLeastWidth * longest) continue;
+    Grid grid(plane, bounds, longest / kMostCells);
+    for (std::size_t i = 0; i < points.size(); ++i) grid.add(points[i].tip, static_cast<int>(i));
+    maps.push_back(named(grid.map([](const std::vector<int>& members) {
+      return static_cast<double>(members.size());
+    }),
+                         "points", "Tip positions per cell", "points"));
+    for (int k = 0; k < statics::kSensitivities && sensitivity; ++k) {
+      const auto median = [&points, k](const std::vector<int>& members) {
+        std::vector<double> values;
+        for (const int i : members) {
+          values.push_back(points[static_cast<std::size_t>(i)].sensitivity[k]);
+        }
+        return basics::medianOf(std::move(values));
+      };
+      maps.push_back(named(grid.map(median), statics::kSensitivityNames[k], kTitles[k], "m"));
+    }
+  }
+  return maps;
+}
+
+inline constexpr std::uint64_t kUsualCount = 10000000;
+inline constexpr std::uint64_t kUsualSensitiveCount = 200000;
+
+/// What a user asks of `workspace`.
+struct WorkspaceArguments {
+  std::string scene, out, png;
+  std::optional<std::uint64_t> count;
+  std::uint64_t seed = 1;
+  bool sensitivity = false;
+  int threads = 0;  // 0: all cores
+  TierArguments tier;
+
+  std::uint64_t inputs() const {
+    return count.value_or(sensitivity ? kUsualSensitiveCount : kUsualCount);
+  }
+};
+
+/// What the sampled points say.
+struct WorkspaceSummary {
+  std::uint64_t inputs = 0, unbalanced = 0;
+  double seconds = 0.0;
+  statics::WorkspaceExtremes sampled;   // of the points
+  statics::WorkspaceExtremes extremes;  // that a search found from there
+  Eigen::Vector3d worst = Eigen::Vector3d::Zero();
+  std::vector<CloudPoint> kept;
+  bool whole = false;  // not interrupted
+
+  std::uint64_t points() const { return inputs - unbalanced; }
+  /// Of sensitivity k over the kept points [m]; there is at least one.
+  double median(int k) const;
+};
+
+/// Samples on all threads and takes the pieces in their order, so that the result does not tell how
+/// many threads there were. Ends early when interrupted.
+/// @param file  for the points, finished if it is whole and has any; or null.
+/// @throws io::FileError where the file cannot be written.
+WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
+                                 const WorkspaceArguments& arguments, CloudFile* file);
+
+/// "8.74 million points/s".
+std::string rateText(double points_per_second);
+
+/// Tells on stderr how far the points are, how fast they come and how long the rest takes: on a
+/// terminal one line that is rewritten, else a line every 10 %.
+class Progress {
+ public:
+  /// @param total  points, > 0.
+  explicit Progress(std::uint64_t total);
+  /// Ends the line.
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// So many are done now.
+  void reached(std::uint64_t done);
+  /// Since it was made [s].
+  double seconds() const;
+
+ private:
+  const std::uint64_t total_;
+  const bool terminal_;
+  const std::chrono::steady_clock::time_point start_;
+  double last_ = 0.0;     // when the terminal's line was last written [s]
+  int tenths_ = 0;        // that were told
+  bool written_ = false;  // something stands on the terminal's line
+};
+
+namespace {
+
+// Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
+// represent all.
+constexpr std::size_t kMostKept = 2000000;
+
+void add(const statics::WorkspacePoints& points, bool keep, WorkspaceSummary& summary) {
+  summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
+  summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
+  if (points.count() == 0) return;
+  summary.sampled.add(points);
+  const bool sensitive = points.sensitivity.rows() > 0;
+  if (sensitive) {
+    summary.worst =
+        summary.worst.cwiseMax(points.sensitivity.colwise().maxCoeff().transpose()).eval();
+  }
+  for (int row = 0; keep && row < points.count() && summary.kept.size() < kMostKept; ++row) {
+    CloudPoint point{points.tips.row(row), Eigen::Vector3d::Zero()};
+    if (sensitive) point.sensitivity = points.sensitivity.row(row);
+    summary.kept.push_back(point);
+  }
+}
+
+}  // namespace
+
+double WorkspaceSummary::median(int k) const {
+  std::vector<double> values;
+  for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
+  return basics::medianOf(std::move(values));
+}
+
+WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
+                                 const WorkspaceArguments& arguments, CloudFile* file) {
+  struct Piece {
+    statics::WorkspacePoints points;
+    std::string encoded;
+  };
+  const std::uint64_t total = arguments.inputs();
+  const int size = workspace.pieceSize();  // small enough to react to Ctrl-C soon
+  const auto make = [&workspace, file, total, size](std::uint64_t first) {
+    const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
+    Piece piece{workspace.sample(first, count), {}};
+    if (file != nullptr) piece.encoded = file->encode(piece.points);
+    return piece;
+  };
+  const std::size_t threads = arguments.threads > 0
+                                  ? static_cast<std::size_t>(arguments.threads)
+                                  : std::max(1u, std::thread::hardware_concurrency());
+  WorkspaceSummary summary;
+  Progress progress(total);
+  std::deque<std::future<Piece>> pieces;
+  std::uint64_t begun = 0;
+  while (!interrupted() && summary.inputs < total) {
+    while (begun < total && pieces.size() < threads) {
+      pieces.push_back(std::async(std::launch::async, make, begun));
+      begun += static_cast<std::uint64_t>(size);
+    }
+    const Piece piece = pieces.front().get();
+    pieces.pop_front();
+    if (file != nullptr) {
+      file->write(piece.encoded, static_cast<std::uint64_t>(piece.points.count()));
+    }
+    add(piece.points, arguments.sensitivity || !arguments.png.empty(), summary);
+    progress.reached(summary.inputs);
+  }
+  summary.whole = !interrupted();
+  if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
+  summary.seconds = progress.seconds();
+  return summary;
+}
+
+namespace {
+
+constexpr double kRewritePeriod = 0.2;  // [s]
+const char* const kEraseToEnd = "\x1b[K";
+
+std::string durationText(double seconds) {
+  const auto whole = static_cast<long>(std::ceil(seconds));
+  std::ostringstream text;
+  if (whole >= 3600) text << whole / 3600 << " h ";
+  if (whole >= 60) text << whole / 60 % 60 << " min ";
+  if (whole < 3600) text << whole % 60 << " s ";
+  return text.str() + "left";
+}
+
+}  // namespace
+
+std::string rateText(double points_per_second) {
+  std::ostringstream text;
+  if (points_per_second >= 1e6) {
+    text << std::setprecision(3) << points_per_second / 1e6 << " million";
+  } else {
+    text << std::fixed << std::setprecision(0) << points_per_second;
+  }
+  return text.str() + " points/s";
+}
+
+Progress::Progress(std::uint64_t total)
+    : total_(total),
+      terminal_(::isatty(STDERR_FILENO) == 1),
+      start_(std::chrono::steady_clock::now()) {}
+
+Progress::~Progress() {
+  if (written_) std::cerr << "\n";
+}
+
+double Progress::seconds() const {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+}
+
+void Progress::reached(std::uint64_t done) {
+  const double now = seconds();
+  const auto tenths =
+      static_cast<int>(10.0 * static_cast<double>(done) / static_cast<double>(total_));
+  const bool due = terminal_ ? now - last_ >= kRewritePeriod || done == total_ : tenths > tenths_;
+  if (!due) return;
+  last_ = now;
+  tenths_ = tenths;
+  const double rate = static_cast<double>(done) / std::max(now, 1e-9);
+  std::ostringstream text;
+  text << std::setw(3) << 100 * done / total_ << " %, " << rateText(rate) << ", "
+       << durationText(static_cast<double>(total_ - done) / std::max(rate, 1e-9));
+  if (terminal_) {
+    // Past std::cerr, which escapes control characters.
+    std::fputs(("\r" + text.str() + kEraseToEnd).c_str(), stderr);
+    written_ = true;
+  } else {
+    std::cerr << text.str() << "\n";
+  }
+}
+
+/// Why there are no points; empty where there are some.
+std::string workspaceFailure(const WorkspaceSummary& summary);
+
+/// The summary as `workspace` gives it, in each format; its footer names the keys.
+/// @param setting  the tier that computed the points.
+nlohmann::json toJson(const io::Scene& scene, const statics::TierSetting& setting,
+                      const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
+CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
+               const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
+/// On stdout.
+void printText(const io::Scene& scene, const statics::TierSetting& setting,
+               const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
+
+using nlohmann::json;
+
+std::string workspaceFailure(const WorkspaceSummary& summary) {
+  return summary.points() > 0 ? "" : "no shape balances the load at any sampled input";
+}
+
+json toJson(const io::Scene& scene, const statics::TierSetting& setting,
+            const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
+  const bool some = summary.points() > 0;
+  json sensitivity;
+  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
+    sensitivity[statics::kSensitivityNames[k]] = {{"median", summary.median(k)},
+                                                  {"max", summary.worst[k]}};
+  }
+  const auto bounds = [](const Eigen::AlignedBox3d& box) {
+    return json{{"min", cli::toJson(Eigen::VectorXd(box.min()))},
+                {"max", cli::toJson(Eigen::VectorXd(box.max()))}};
+  };
+  const std::string failure = workspaceFailure(summary);
+  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
+  json document{{"scene", scene.name},
+                {"tier", statics::nameOf(setting.tier)},
+                {"order", setting.order > 0 ? json(setting.order) : json()},
+                {"seed", arguments.seed},
+                {"count", summary.inputs},
+                {"unbalanced", summary.unbalanced},
+                {"failure", failure.empty() ? json() : json(failure)},
+                {"seconds", summary.seconds},
+                {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
+                {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
+                {"reach_m", some ? json(summary.extremes.reach()) : json()},
+                {"outer_bounds_m", bounded ? bounds(summary.extremes.outerBounds()) : json()},
+                {"reach_bound_m", bounded ? json(summary.extremes.reachBound()) : json()},
+                {"reach_certified", summary.extremes.certified()},
+                {"sampled_bounds_m", some ? bounds(summary.sampled.bounds()) : json()},
+                {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
+                {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
+                {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
+                {"sensitivity", sensitivity}};
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  return document;
+}
+
+CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
+               const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
+  const bool some = summary.points() > 0;
+  CsvTable::Row row{{"scene", scene.name},
+                    {"tier", statics::nameOf(setting.tier)},
+                    {"order", orderCell(setting)},
+                    {"seed", std::to_string(arguments.seed)},
+                    {"count", std::to_string(summary.inputs)},
+                    {"unbalanced", std::to_string(summary.unbalanced)},
+                    {"seconds", exact(summary.seconds)}};
+  const auto addExtremes = [some, &row](const std::string& prefix,
+                                        const statics::WorkspaceExtremes& extremes) {
+    const char* const axes[] = {"x_m", "y_m", "z_m"};
+    const Eigen::AlignedBox3d bounds = extremes.bounds();
+    for (int i = 0; i < 3; ++i) {
+      const std::string name = axes[i];
+      row.emplace_back(prefix + "min_" + name, some ? exact(bounds.min()[i]) : "");
+      row.emplace_back(prefix + "max_" + name, some ? exact(bounds.max()[i]) : "");
+    }
+    row.emplace_back(prefix + "reach_m", some ? exact(extremes.reach()) : "");
+  };
+  addExtremes("", summary.extremes);
+  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
+    const std::string name = statics::kSensitivityNames[k];
+    row.emplace_back("median_" + name, exact(summary.median(k)));
+    row.emplace_back("max_" + name, exact(summary.worst[k]));
+  }
+  addExtremes("sampled_", summary.sampled);
+  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
+  row.emplace_back("reach_bound_m", bounded ? exact(summary.extremes.reachBound()) : "");
+  row.emplace_back("reach_certified", summary.extremes.certified() ? "true" : "false");
+  CsvTable table;
+  table.add(row);
+  return table;
+}
+
+void printText(const io::Scene& scene, const statics::TierSetting& setting,
+               const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
+  std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
+            << std::setprecision(3) << summary.seconds << " s, "
+            << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
+  const std::string note = noteOnResponse(scene.arm);
+  if (!note.empty()) std::cout << note << "\n";
+  if (summary.unbalanced > 0) {
+    std::cout << "inputs omitted because no shape balances the load: " << summary.unbalanced
+              << "\n";
+  }
+  if (summary.points() == 0) {
+    std::cout << workspaceFailure(summary) << "\n";
+    return;
+  }
+  const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
+  std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
+            << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
+            << (summary.extremes.certified() ? "" : "at least ") << summary.extremes.reach()
+            << " m; ";
+  if (std::isfinite(summary.extremes.reachBound())) {
+    std::cout << "no tip is farther than " << summary.extremes.reachBound() << " m; ";
+  } else {
+    std::cout << "no bound is known under load or with a taper; ";
+  }
+  std::cout << "samples alone " << summary.sampled.reach() << " m\n";
+  const char* const errors[] = {"kPa of pressure error", "mm of free length error",
+                                "% of stiffness error"};
+  for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {
+    std::cout << "tip displacement per " << errors[k] << ": median " << std::setprecision(3)
+              << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
+  }
+  for (const std::string& file : {arguments.out, arguments.png}) {
+    if (!file.empty()) std::cout << "wrote " << file << "\n";
+  }
+}
+
 namespace {
 
 using nlohmann::json;

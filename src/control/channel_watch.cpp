@@ -1,4 +1,4 @@
-#include "helix_arm/control/channel_watch.hpp"
+#include "channel_watch.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 

@@ -3,7 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
 
 namespace helix_arm::follow {
 namespace {

@@ -4,10 +4,10 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/estimation/arm_filter.hpp"
-#include "helix_arm/estimation/load_forks.hpp"
-#include "helix_arm/estimation/tip_compliance.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
+#include "helix_arm/tracking/arm_filter.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::follow {
 

@@ -5,7 +5,6 @@
 #include <sstream>
 #include <utility>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/lie/se3.hpp"
 

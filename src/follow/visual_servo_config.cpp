@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 
 namespace helix_arm::follow {

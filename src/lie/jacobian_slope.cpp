@@ -1,6 +1,8 @@
 #include "helix_arm/lie/jacobian_slope.hpp"
 
-#include "log_coefficient.hpp"
+#include <Eigen/Geometry>
+
+#include "helix_arm/lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 

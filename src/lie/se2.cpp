@@ -3,7 +3,6 @@
 #include <cmath>
 
 #include "helix_arm/lie/coefficients.hpp"
-#include "log_coefficient.hpp"
 
 namespace helix_arm::lie {
 namespace {

@@ -7,8 +7,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/model/curve_place.hpp"
-
 namespace helix_arm::model {
 namespace {
 

@@ -5,7 +5,6 @@
 #include <limits>
 #include <string>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/contraction.hpp"
 

@@ -1,7 +1,5 @@
-#include "node_mains.hpp"
-
 #include "ros_bridge/calibration/calibration_node.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/follow/visual_servo_node.hpp"
 #include "ros_bridge/pressure/pressure_command_node.hpp"
@@ -12,40 +10,41 @@
 #include "ros_bridge/tools/workspace_cloud_node.hpp"
 #include "ros_bridge/vision/vision_node.hpp"
 
-namespace helix_arm::ros_bridge {
+/// The main functions of the nodes, by the names of their programs; compiled together.
+namespace helix_arm::ros_bridge::mains {
 
-int runCalibration(int argc, char** argv) {
+int calibration(int argc, char** argv) {
   return runNode<CalibrationNode>(argc, argv, names::kCalibrationNode);
 }
 
-int runFollowPath(int argc, char** argv) {
+int follow_path(int argc, char** argv) {
   return runNode<FollowPathNode>(argc, argv, names::kFollowPathNode);
 }
 
-int runMonitor(int argc, char** argv) {
+int monitor(int argc, char** argv) {
   return runNode<MonitorNode>(argc, argv, names::kMonitorNode);
 }
 
-int runPressureCommand(int argc, char** argv) {
+int pressure_command(int argc, char** argv) {
   return runNode<PressureCommandNode>(argc, argv, names::kPressureCommandNode);
 }
 
-int runPressureSeries(int argc, char** argv) {
+int pressure_series(int argc, char** argv) {
   return runNode<PressureSeriesNode>(argc, argv, names::kPressureSeriesNode);
 }
 
-int runVisualServo(int argc, char** argv) {
+int visual_servo(int argc, char** argv) {
   return runNode<VisualServoNode>(argc, argv, names::kVisualServoNode);
 }
 
-int runSimulatedRig(int argc, char** argv) {
+int simulated_rig(int argc, char** argv) {
   return runNode<SimulatedRigNode>(argc, argv, names::kSimulatedRigNode);
 }
 
-int runVision(int argc, char** argv) { return runNode<VisionNode>(argc, argv, names::kVisionNode); }
+int vision(int argc, char** argv) { return runNode<VisionNode>(argc, argv, names::kVisionNode); }
 
-int runWorkspaceCloud(int argc, char** argv) {
+int workspace_cloud(int argc, char** argv) {
   return runNode<WorkspaceCloudNode>(argc, argv, names::kWorkspaceCloudNode);
 }
 
-}  // namespace helix_arm::ros_bridge
+}  // namespace helix_arm::ros_bridge::mains

@@ -4,21 +4,126 @@
 #include <array>
 #include <cmath>
 #include <ctime>
+#include <optional>
 #include <set>
+#include <utility>
+#include <variant>
+#include <vector>
 
 #include "curve_in_arm.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/estimation/calibration_parameters.hpp"
+#include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "helix_arm/procedures/capture_scatter.hpp"
 #include "helix_arm/procedures/captures.hpp"
-#include "least_tip_error.hpp"
 #include "response_calibration.hpp"
-#include "tip_error.hpp"
 
+/// How far a scene's model is from the tags, in units that a user of the arm knows.
 namespace helix_arm::procedures {
+
+/// Median distance of the model's tip from that of the shape fitted to each capture's tags by
+/// itself [m], as in model_error. Captures whose tags determine no shape, or for which the model
+/// has none, are left out.
+/// @return nothing if no capture is left, as for curvatures.
+std::optional<double> medianTipError(const io::Scene& scene,
+                                     const std::vector<estimation::Capture>& captures);
+
+std::optional<double> medianTipError(const io::Scene& scene,
+                                     const std::vector<estimation::Capture>& captures) {
+  using Corners = std::vector<estimation::CornerObservation>;
+  using Poses = std::vector<estimation::PoseObservation>;
+  if (!scene.tags) return std::nullopt;
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<double> errors;
+  for (const estimation::Capture& capture : captures) {
+    const auto* const corners = std::get_if<Corners>(&capture.reading);
+    const auto* const poses = std::get_if<Poses>(&capture.reading);
+    const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
+                      (poses != nullptr && !poses->empty());
+    if (!seen) continue;
+    const statics::Solution model = scene.model.solve(capture.pressure);
+    if (!model.converged()) continue;
+    const estimation::TwistFit& fit =
+        corners != nullptr
+            ? fitter.fitCold(*corners, scene.X_CB(), scene.camera->model.focal(), model.shape)
+            : fitter.fitCold(*poses, model.shape);
+    if (fit.status != estimation::FitStatus::kConverged) continue;
+    const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
+    errors.push_back((tip.translation - model.tip.translation).norm());
+  }
+  if (errors.empty()) return std::nullopt;
+  return basics::medianOf(std::move(errors));
+}
+
+// K_kappa by the paper's definition, in addition to a calibration.
+
+/// See CalibrationOutcome::least_tip_error.
+///
+/// @param data  captures of the arm, as used by the calibration.
+/// @param options  of the calibration.
+/// @return nothing if K_kappa or its tips do not follow from the calibration.
+std::optional<estimation::LeastTipError> leastTipError(
+    const io::Scene& scene, const estimation::ArmCaptures& data,
+    const estimation::Calibration& calibration, const estimation::CalibrationOptions& options);
+
+namespace {
+
+using estimation::ArmCaptures;
+using estimation::Calibration;
+
+// Twists fitted to the tags of each capture separately, if they determine one, with the calibrated
+// placements.
+ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
+                     const Calibration& calibration) {
+  ArmCaptures out = data;
+  out.captures.clear();
+  model::Stiffness stiffness = calibration.stiffness.value();
+  stiffness.kappa = data.arm.actuator(0).stiffness.kappa;
+  out.arm = data.arm.withStiffness(stiffness);
+  if (calibration.K_eps)
+    std::fill(out.load->K_eps.begin(), out.load->K_eps.end(), *calibration.K_eps);
+  estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
+  const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
+  for (std::size_t i = 0; i < data.captures.size(); ++i) {
+    if (calibration.captures[i].outlier) continue;
+    const estimation::Capture& capture = data.captures[i];
+    const model::Shape& model = calibration.curves[i];
+    estimation::Capture twists = capture;
+    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
+    auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
+    if (poses != nullptr) {
+      for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
+    }
+    const estimation::TwistFit& fit = corners != nullptr
+                                          ? fitter.fitCold(*corners, X_CB, data.focal, model)
+                                          : fitter.fitCold(*poses, model);
+    if (fit.status != estimation::FitStatus::kConverged) continue;
+    twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
+    out.captures.push_back(std::move(twists));
+  }
+  return out;
+}
+
+}  // namespace
+
+std::optional<estimation::LeastTipError> leastTipError(
+    const io::Scene& scene, const ArmCaptures& data, const Calibration& calibration,
+    const estimation::CalibrationOptions& options) {
+  // The paper's definition has no other parameters.
+  const bool fitted = options.K_kappa && calibration.stiffness;
+  if (!fitted || options.length_scale != estimation::LengthScaling::kNone) return std::nullopt;
+  const bool curvatures =
+      std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
+  if (curvatures) return estimation::fitLeastTipError({data});
+  // The covariance of a planar twist is singular.
+  if (data.planar) return std::nullopt;
+  return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
+}
+
 namespace {
 
 using estimation::ArmCaptures;

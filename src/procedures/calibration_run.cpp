@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::procedures {

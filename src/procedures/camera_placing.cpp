@@ -10,7 +10,7 @@
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/vision/camera_start.hpp"
+#include "helix_arm/vision/camera_calibration.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,12 +1,18 @@
 #include "helix_arm/procedures/captures.hpp"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdio>
+#include <iterator>
+#include <map>
 #include <optional>
+#include <set>
 #include <utility>
+#include <variant>
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/io/tag_table.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -255,6 +261,104 @@ estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
   }
   arm.captures = std::move(captures);
   return arm;
+}
+
+estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar) {
+  return estimation::scatterOf(fit, 3, planar);
+}
+
+std::string scatterText(double rms, double usual) {
+  char text[256];
+  std::snprintf(
+      text, sizeof text,
+      "no shape explains it: the tags that fit best are off by RMS %.1f mm, usual in this "
+      "data set are %.1f mm; look for swapped or moved tags, or leave the capture out",
+      1e3 * rms, 1e3 * usual);
+  return text;
+}
+
+std::vector<std::string> warningsOfScatter(const io::Scene& scene,
+                                           const std::vector<estimation::Capture>& captures) {
+  if (!scene.tags) return {};
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<std::optional<estimation::CaptureScatter>> scatter;
+  for (const estimation::Capture& capture : captures) {
+    scatter.emplace_back();
+    const auto* const poses =
+        std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
+    if (poses == nullptr || poses->empty()) continue;
+    const statics::Solution model = scene.model.solve(capture.pressure);
+    const estimation::TwistFit& fit =
+        fitter.fitCold(*poses, statics::startingShape(scene.model, model, capture.pressure));
+    if (fit.status != estimation::FitStatus::kConverged) continue;
+    scatter.back() = scatterOfPoses(fit, scene.vision.fit.planar);
+  }
+  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  std::vector<std::string> out;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    if (!check.apart[i]) continue;
+    out.push_back("capture " + std::to_string(captures[i].number) + ": " +
+                  scatterText(scatter[i]->rms, *check.usual));
+  }
+  return out;
+}
+
+void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
+                 CalibrationData& data) {
+  std::set<int> taken;
+  for (const estimation::Capture& one : data.captures) taken.insert(one.number);
+  const bool meet = std::any_of(captures.begin(), captures.end(),
+                                [&taken](const auto& one) { return taken.count(one.number) > 0; });
+  if (meet) {
+    const int offset = *taken.rbegin();
+    for (estimation::Capture& one : captures) one.number += offset;
+    data.warnings.push_back("captures of " + file + " are renumbered: their number + " +
+                            std::to_string(offset));
+  }
+  std::move(captures.begin(), captures.end(), std::back_inserter(data.captures));
+}
+
+void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data) {
+  int count = static_cast<int>(set.values.rows());
+  switch (kindOf(set)) {
+    case DataKind::kLengths:
+      append(lengthSeriesOf(set), set.path, data.lengths);
+      break;
+    case DataKind::kTipSeries:
+      append(tipSeriesOf(set, scene.arm.actuatorCount()), set.path, data.tips);
+      break;
+    case DataKind::kCurvatures:
+    case DataKind::kTagPoses:
+    case DataKind::kTagCorners: {
+      LoadedCaptures read = loadCaptures(scene, set);
+      count = static_cast<int>(read.captures.size());
+      if (!read.unknown_tags.empty()) {
+        data.warnings.push_back(
+            set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
+      }
+      addCaptures(std::move(read.captures), set.path, data);
+      break;
+    }
+  }
+  data.sources.push_back({set.path, set.sha256, count});
+}
+
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
+  CalibrationData out;
+  for (const std::string& path : paths) addDataSet(scene, io::loadDataSet(path), out);
+  return out;
+}
+
+std::optional<std::string> repeatedSource(const std::vector<io::Provenance::Data>& sources) {
+  std::map<std::string, std::string> files;
+  for (const io::Provenance::Data& source : sources) {
+    const auto [known, is_new] = files.emplace(source.sha256, source.file);
+    if (!is_new) {
+      return source.file + " has the same content as " + known->second +
+             "; give each data set once";
+    }
+  }
+  return std::nullopt;
 }
 
 }  // namespace helix_arm::procedures

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "helix_arm/estimation/gaussian.hpp"
+#include "helix_arm/localization/gaussian.hpp"
 
 namespace helix_arm::procedures {
 namespace {

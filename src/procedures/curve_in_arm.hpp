@@ -3,8 +3,8 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
-#include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 
 /// A contraction curve that is fitted to free lengths and to captures of an arm together.

@@ -7,13 +7,12 @@
 #include <variant>
 #include <vector>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/yaml_text.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::procedures {
 namespace {

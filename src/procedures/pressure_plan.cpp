@@ -1,6 +1,12 @@
 #include "helix_arm/procedures/pressure_plan.hpp"
 
 #include <array>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "helix_arm/basics/pi.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -69,6 +75,83 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::ve
                   "different pressures");
   }
   return loop ? thereAndBack(plan) : plan;
+}
+
+namespace {
+
+constexpr double kFullAngle = 2 * basics::kPi;
+constexpr int kStops = 12;  // on the way around
+
+}  // namespace
+
+Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
+  if (!(fraction > 0 && fraction <= 1)) {
+    throw std::invalid_argument("a tour over " + std::to_string(fraction) +
+                                " of the range; expected a fraction in (0, 1]");
+  }
+  // Rows: rest, the stops of one turn with the first repeated, all actuators together, rest.
+  Eigen::MatrixXd share = Eigen::MatrixXd::Zero(kStops + 4, arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
+    for (int i = 0; i < count; ++i) {
+      const double place = static_cast<double>(i) / count + 0.5 * (k % 2);
+      for (int stop = 0; stop <= kStops; ++stop) {
+        const double angle = kFullAngle * (static_cast<double>(stop) / kStops - place);
+        share(1 + stop, first + i) = 0.5 * (1.0 + std::cos(angle));
+      }
+      share(kStops + 2, first + i) = 0.5;
+    }
+  }
+  Eigen::MatrixXd tour(share.rows(), share.cols());
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Range& limits = arm.actuator(i).limits;
+    tour.col(i) = limits.lower + (fraction * (limits.upper - limits.lower) * share.col(i)).array();
+  }
+  return tour;
+}
+
+SeriesPlayer::SeriesPlayer(Eigen::MatrixXd rows, const Eigen::VectorXd& from,
+                           const SeriesTiming& timing)
+    : rows_(std::move(rows)), timing_(timing) {
+  if (rows_.rows() < 1) throw std::invalid_argument("a series without rows; expected at least one");
+  const double period = timing.ramp + timing.hold;
+  if (!(timing.ramp >= 0 && timing.hold >= 0 && period > 0) || std::isinf(period)) {
+    throw std::invalid_argument("a series with a ramp of " + std::to_string(timing.ramp) +
+                                " s and a hold of " + std::to_string(timing.hold) +
+                                " s; expected finite values >= 0, not both 0");
+  }
+  resume(from);
+}
+
+void SeriesPlayer::resume(const Eigen::VectorXd& from) {
+  if (from.size() != rows_.cols()) {
+    throw std::invalid_argument("a series of " + std::to_string(rows_.cols()) +
+                                " actuators cannot begin at " + std::to_string(from.size()) +
+                                " pressures");
+  }
+  from_ = from;
+  time_ = 0.0;
+}
+
+void SeriesPlayer::advance(double dt) {
+  time_ += dt;
+  const double period = timing_.ramp + timing_.hold;
+  while (!finished_ && time_ >= period) {
+    const bool last = row_ + 1 == rows_.rows();
+    if (last && !timing_.loop) {
+      finished_ = true;
+      return;
+    }
+    from_ = rows_.row(row_);
+    row_ = last ? 0 : row_ + 1;
+    time_ -= period;
+  }
+}
+
+Eigen::VectorXd SeriesPlayer::pressure() const {
+  Eigen::VectorXd to = rows_.row(row_);
+  if (finished_ || time_ >= timing_.ramp) return to;
+  return from_ + time_ / timing_.ramp * (to - from_);
 }
 
 }  // namespace helix_arm::procedures

@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/regular_file.hpp"
-#include "helix_arm/io/file_error.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cstdint>
 #include <new>
 #include <string>
 #include <utility>
@@ -10,7 +11,30 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include "helix_arm/lie/se3.hpp"
+
+/// Single values of a caller: what pybind11 would refuse without naming the argument.
 namespace helix_arm::python {
+
+namespace py = pybind11;
+
+/// @param name  of the argument, for messages.
+/// @throws TypeError if it is no integer (of Python or NumPy), ValueError if it is beyond lower to
+///     upper.
+std::int64_t integerOf(const py::handle& given, const char* name, std::int64_t lower,
+                       std::int64_t upper);
+/// @throws TypeError if it is no number.
+double numberOf(const py::handle& given, const char* name);
+/// @throws TypeError if it is neither True nor False.
+bool flagOf(const py::handle& given, const char* name);
+/// @throws TypeError if it is no str, ValueError if UTF-8 cannot hold it.
+std::string textOf(const py::handle& given, const char* name);
+
+/// Number of threads of an argument: 0 stands for all cores.
+std::size_t threadCount(const py::handle& given);
+
+/// Ends a call whose argument is of the wrong type.
+[[noreturn]] void refuseType(const py::handle& given, const char* name, const char* expected);
 
 namespace py = pybind11;
 
@@ -90,5 +114,11 @@ std::string shapeText(const py::array& array);
 py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector);
 /// New array (rows, columns), in the order of C.
 py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
+
+/// Unit quaternion (x, y, z, w), w >= 0.
+Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation);
+
+/// Writes a position (3) [m] and a quaternion (4); NaN unless it was found.
+void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion);
 
 }  // namespace helix_arm::python

@@ -1,21 +1,64 @@
-#include "forward.hpp"
-
 #include <algorithm>
+#include <array>
+#include <cstdlib>
 #include <limits>
+#include <memory>
+#include <optional>
+#include <vector>
 
 #include <sys/mman.h>
 
+#include "arrays.hpp"
 #include "bindings.hpp"
-#include "parallel.hpp"
-#include "poses.hpp"
+#include "helix_arm/model/batch.hpp"
+#include "scene.hpp"
 
 namespace helix_arm::python {
+
+/// Shapes at one row or many rows of inputs. Rows without equilibrium hold NaN.
+class Forward {
+ public:
+  Forward(const Scene& scene, const Rows& inputs, std::size_t threads);
+
+  // Views of the numbers, which `self` owns.
+  py::array tips(const py::object& self) const;
+  py::array quaternions(const py::object& self) const;
+  py::array twists(const py::object& self) const;
+  py::object converged() const;
+
+  bool single() const { return single_; }
+  py::ssize_t rows() const { return rows_; }
+
+ private:
+  py::array view(const py::object& self, const double* first,
+                 std::initializer_list<py::ssize_t> entry) const;
+  void fill(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end);
+  void set(std::size_t row, const lie::SE3& tip, const model::Twists& twists);
+
+  struct Free {
+    void operator()(double* numbers) const { std::free(numbers); }
+  };
+  // Memory without initial values: every entry is written.
+  static std::unique_ptr<double[], Free> numbers(std::size_t count);
+
+  bool single_;
+  py::ssize_t rows_;
+  int sections_;
+  std::unique_ptr<double[], Free> numbers_;  // tips, quaternions, twists
+  double *tips_, *quaternions_, *twists_;    // in numbers_
+  std::unique_ptr<bool[]> converged_;
+};
+
+/// Tip positions [m], shape (3,) or (N, 3). Rows without equilibrium hold NaN.
+/// @param out  array for them, or none: a new one.
+py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, std::size_t threads);
+
 namespace {
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 // Work of one thread at a time, about 0.1 ms in closed form.
-constexpr std::size_t kPiece = 1024;
-constexpr std::size_t kLoadedPiece = 16;
+constexpr std::size_t kForwardPiece = 1024;
+constexpr std::size_t kLoadedForwardPiece = 16;
 
 constexpr std::size_t kLargePage = std::size_t{2} << 20;  // [bytes]
 
@@ -43,8 +86,8 @@ Forward::Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
       twists_(quaternions_ + 4 * rows_),
       converged_(new bool[static_cast<std::size_t>(rows_)]) {
   scene.requireWithinLimits(inputs);
-  inPieces(static_cast<std::size_t>(rows_), scene.isLoaded() ? kLoadedPiece : kPiece, threads,
-           [&](std::size_t first, std::size_t end) { fill(scene, inputs, first, end); });
+  inPieces(static_cast<std::size_t>(rows_), scene.isLoaded() ? kLoadedForwardPiece : kForwardPiece,
+           threads, [&](std::size_t first, std::size_t end) { fill(scene, inputs, first, end); });
 }
 
 void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end) {
@@ -151,6 +194,150 @@ void bindForward(py::module_& module, py::class_<Scene>& scene) {
         return tips(self, inputs, out, threadCount(threads));
       },
       py::arg("pressures_pa"), py::arg("out"), py::arg("threads"));
+}
+
+namespace {
+
+// Work of one thread at a time; a tip does not depend on the division.
+constexpr std::size_t kTipsPiece = 16384;
+constexpr std::size_t kLoadedTipsPiece = 16;
+
+void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
+                std::size_t first, std::size_t end, double* out) {
+  model::InputArray array{reinterpret_cast<const double*>(inputs.data()), inputs.rowStride(),
+                          inputs.columnStride()};
+  array.first = array.place(first, 0);
+  const auto rows = static_cast<std::size_t>(inputs.rows());
+  if (batch.rows(array, end - first, out + 3 * first, rows)) return;
+  scene.requireWithinLimits(inputs);  // says where
+  inputs.refuseChange();
+}
+
+void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
+            double* out) {
+  Eigen::VectorXd q;
+  for (std::size_t i = first; i < end; ++i) {
+    scene.copyRow(inputs, static_cast<py::ssize_t>(i), &q);
+    const statics::Tip found = scene.model().tip(q);
+    Eigen::Vector3d::Map(out + 3 * i) =
+        found.converged() ? found.tip.translation
+                          : Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+}
+
+// Whether the memory from the first to the last number of the rows has a part in `out`.
+bool overlap(const Rows& rows, const py::array& out) {
+  if (rows.rows() == 0) return false;
+  const char *begin = rows.data(), *end = begin + sizeof(double);
+  const std::array<py::ssize_t, 2> spans{(rows.rows() - 1) * rows.rowStride(),
+                                         (rows.columns() - 1) * rows.columnStride()};
+  for (const py::ssize_t span : spans) (span < 0 ? begin : end) += span;
+  const char* const first = static_cast<const char*>(out.data());
+  return begin < first + out.nbytes() && first < end;
+}
+
+// The caller's array for the result, or a new one.
+py::array resultFor(const Rows& inputs, const py::object& out) {
+  const std::vector<py::ssize_t> shape = inputs.shapeOf({3});
+  if (out.is_none()) return py::array_t<double>(shape);
+  const bool fits = py::isinstance<py::array_t<double, py::array::c_style>>(out);
+  const auto array = fits ? py::reinterpret_borrow<py::array>(out) : py::array();
+  const bool same =
+      fits && array.writeable() &&
+      std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim());
+  if (!same) {
+    std::string expected = "(3,)";
+    if (!inputs.single()) expected = "(" + std::to_string(inputs.rows()) + ", 3)";
+    throw py::value_error(
+        "out is no array for the result; expected a writeable float64 array of "
+        "shape " +
+        expected + " in the order of C");
+  }
+  if (overlap(inputs, array)) {
+    throw py::value_error("out overlaps pressures_pa; expected memory of its own");
+  }
+  return array;
+}
+
+}  // namespace
+
+py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, std::size_t threads) {
+  const py::array result = resultFor(inputs, out);
+  auto* const numbers = static_cast<double*>(const_cast<void*>(result.data()));
+  const auto count = static_cast<std::size_t>(inputs.rows());
+  if (!scene.isLoaded() && count == 1) {
+    scene.requireWithinLimits(inputs);
+    Eigen::VectorXd q;
+    scene.copyRow(inputs, 0, &q);
+    Eigen::Vector3d::Map(numbers) = scene.arm().tip(q).translation;
+    return result;
+  }
+  {
+    const OthersRun others_run;
+    if (scene.isLoaded()) {
+      scene.requireWithinLimits(inputs);
+      inPieces(count, kLoadedTipsPiece, threads, [&](std::size_t first, std::size_t end) {
+        loaded(scene, inputs, first, end, numbers);
+      });
+    } else {
+      const model::TipBatch batch(scene.arm());
+      inPieces(count, kTipsPiece, threads, [&](std::size_t first, std::size_t end) {
+        closedForm(scene, batch, inputs, first, end, numbers);
+      });
+    }
+  }
+  return result;
+}
+
+namespace {
+
+constexpr int kMostPoints = 100000;
+constexpr std::size_t kCurvePiece = 64;
+constexpr std::size_t kLoadedCurvePiece = 8;
+
+py::dict curve(const Scene& scene, const py::handle& pressures, const py::handle& point_count,
+               const py::handle& threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const auto points = static_cast<int>(integerOf(point_count, "points", 2, kMostPoints));
+  const std::size_t thread_count = threadCount(threads);
+  py::array_t<double> places(points);
+  py::array_t<double> positions(inputs.shapeOf({points, 3}));
+  py::array_t<double> quaternions(inputs.shapeOf({points, 4}));
+  for (int i = 0; i < points; ++i) {
+    places.mutable_at(i) = static_cast<double>(scene.arm().sectionCount()) * i / (points - 1);
+  }
+  double* const position = positions.mutable_data();
+  double* const quaternion = quaternions.mutable_data();
+  const auto rows = static_cast<std::size_t>(inputs.rows());
+  const auto count = static_cast<std::size_t>(points);
+  {
+    const OthersRun others_run;
+    scene.requireWithinLimits(inputs);  // with the memory at hand: rows may be many
+    inPieces(rows, scene.isLoaded() ? kLoadedCurvePiece : kCurvePiece, thread_count,
+             [&](std::size_t first, std::size_t end) {
+               Eigen::VectorXd q;
+               for (std::size_t row = first; row < end; ++row) {
+                 scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
+                 const bool found = !scene.isLoaded() || scene.model().tip(q).converged();
+                 const auto curve = scene.model().curve(q, points);
+                 for (std::size_t i = 0; i < count; ++i) {
+                   const std::size_t at = row * count + i;
+                   setPose(curve[i].X, found, position + 3 * at, quaternion + 4 * at);
+                 }
+               }
+             });
+  }
+  py::dict out;
+  out["s"] = places;
+  out["positions"] = positions;
+  out["quaternions_xyzw"] = quaternions;
+  return out;
+}
+
+}  // namespace
+
+void bindCurve(py::class_<Scene>& scene) {
+  scene.def("_curve", curve, py::arg("pressures_pa"), py::arg("points"), py::arg("threads"));
 }
 
 }  // namespace helix_arm::python

@@ -7,7 +7,6 @@
 
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {

@@ -5,11 +5,10 @@
 #include <optional>
 #include <string>
 
+#include "arrays.hpp"
 #include "bindings.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "parallel.hpp"
-#include "poses.hpp"
 
 namespace helix_arm::python {
 namespace {

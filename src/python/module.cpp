@@ -3,7 +3,6 @@
 #include "bindings.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {

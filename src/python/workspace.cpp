@@ -6,8 +6,6 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "helix_arm/statics/workspace_extremes.hpp"
-#include "parallel.hpp"
 
 namespace helix_arm::python {
 namespace {

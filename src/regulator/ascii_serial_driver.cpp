@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/ascii_serial_driver.hpp"
+#include "ascii_serial_driver.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,10 +2,10 @@
 
 #include <sstream>
 
+#include "ascii_serial_driver.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/ascii_serial_driver.hpp"
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
-#include "helix_arm/regulator/simulated_driver.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "modbus_tcp_driver.hpp"
 
 namespace helix_arm::regulator {
 namespace {

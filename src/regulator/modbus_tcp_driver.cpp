@@ -1,27 +1,316 @@
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "modbus_tcp_driver.hpp"
 
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <exception>
+#include <fstream>
+#include <future>
 #include <iomanip>
 #include <limits>
+#include <memory>
 #include <set>
 #include <sstream>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
-#include "modbus_registers.hpp"
-#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
+namespace {
+
+constexpr char kPrefix[] = "helix_arm regulator ";
+constexpr std::size_t kLongestName = 80;
+
+struct Name {
+  sockaddr_un address{};
+  socklen_t size = 0;
+
+  explicit Name(const std::string& device) {
+    const std::string text = kPrefix + device.substr(0, kLongestName);
+    static_assert(sizeof kPrefix + kLongestName < sizeof address.sun_path);
+    address.sun_family = AF_UNIX;
+    std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: an abstract socket
+    size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + text.size());
+  }
+  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&address); }
+};
+
+int makeSocket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0); }
+
+// Describes the process that listens on the socket.
+std::string holderOf(const Name& name) {
+  const int caller = makeSocket();
+  ucred holder{};
+  socklen_t size = sizeof holder;
+  // A full backlog refuses the call, and the holder may just have ended.
+  const bool told = caller >= 0 && connect(caller, name.get(), name.size) == 0 &&
+                    getsockopt(caller, SOL_SOCKET, SO_PEERCRED, &holder, &size) == 0 &&
+                    holder.pid > 0;
+  if (caller >= 0) ::close(caller);
+  if (!told) return "another program";
+  std::string program;
+  std::ifstream command("/proc/" + std::to_string(holder.pid) + "/cmdline");
+  std::getline(command, program, '\0');
+  program.erase(0, program.rfind('/') + 1);  // npos + 1 is 0
+  return "process " + std::to_string(holder.pid) +
+         (program.empty() ? "" : " (" + basics::quoted(program) + ")");
+}
+
+}  // namespace
+
+std::optional<std::string> DeviceLock::take(const std::string& device) {
+  if (socket_ >= 0 && device == device_) return std::nullopt;
+  release();
+  const Name name(device);
+  const int mine = makeSocket();
+  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
+  if (bind(mine, name.get(), name.size) != 0) {
+    const bool taken = errno == EADDRINUSE;
+    ::close(mine);
+    return taken ? std::optional(holderOf(name)) : std::nullopt;
+  }
+  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
+  socket_ = mine;
+  device_ = device;
+  return std::nullopt;
+}
+
+void DeviceLock::release() noexcept {
+  if (socket_ >= 0) ::close(socket_);
+  socket_ = -1;
+}
+
+/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
+/// time.
+class TcpLink {
+ public:
+  /// @param host  name or address.
+  TcpLink(std::string host, int port);
+
+  /// Returns a connected socket, without delay of small messages, which the caller closes. The
+  /// device is locked until release().
+  ///
+  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
+  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
+  /// device.
+  int open(double timeout);
+  /// Unlocks the device for other programs.
+  void release() noexcept { lock_.release(); }
+  /// Makes open() connect even if another program drives the device.
+  void ignoreOthers() noexcept { ignores_others_ = true; }
+
+  /// "host:port".
+  const std::string& place() const { return place_; }
+
+ private:
+  struct Address {
+    sockaddr_storage storage{};
+    socklen_t size = 0;
+
+    const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+  };
+  struct Resolved {
+    std::vector<Address> addresses;
+    std::string error;
+  };
+
+  std::vector<Address> resolve(double timeout);
+  /// @throws LinkError if another program drives the device at this address.
+  void claim(const Address& address);
+
+  std::string host_;
+  std::string port_;
+  std::string place_;
+  DeviceLock lock_;
+  bool ignores_others_ = false;
+  /// Pending answer of a slow name server; a new request is made only after it.
+  std::shared_future<Resolved> pending_;
+};
+
+namespace {
+
+constexpr std::size_t kMostAddresses = 3;
+
+// Returns 0 on success, otherwise errno.
+int connectWithin(int socket, const sockaddr* address, socklen_t size, double timeout) {
+  if (connect(socket, address, size) == 0) return 0;
+  if (errno != EINPROGRESS) return errno;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout);
+  for (;;) {
+    const double left =
+        std::chrono::duration<double>(end - std::chrono::steady_clock::now()).count();
+    pollfd waited{socket, POLLOUT, 0};
+    const int ready = poll(&waited, 1, static_cast<int>(std::ceil(1e3 * std::max(left, 0.0))));
+    if (ready == 0) return ETIMEDOUT;
+    if (ready < 0 && errno == EINTR) continue;
+    if (ready < 0) return errno;
+    int error = 0;
+    socklen_t error_size = sizeof error;
+    getsockopt(socket, SOL_SOCKET, SO_ERROR, &error, &error_size);
+    return error;
+  }
+}
+
+const char* remedyOf(int error) {
+  switch (error) {
+    case ECONNREFUSED:
+      return "check that its Modbus server runs, and on this port";
+    case ETIMEDOUT:
+    case EHOSTUNREACH:
+    case ENETUNREACH:
+      return "check that it is switched on, and on this network";
+    default:
+      return "check host, port and cable";
+  }
+}
+
+}  // namespace
+
+TcpLink::TcpLink(std::string host, int port)
+    : host_(std::move(host)),
+      port_(std::to_string(port)),
+      place_((host_.find(':') == std::string::npos ? host_ : "[" + host_ + "]") + ":" + port_) {}
+
+std::vector<TcpLink::Address> TcpLink::resolve(double timeout) {
+  const auto look = [](const std::string& host, const std::string& port, int flags) {
+    Resolved resolved;
+    addrinfo hints{};
+    hints.ai_socktype = SOCK_STREAM;
+    hints.ai_flags = flags | AI_NUMERICSERV;
+    addrinfo* found = nullptr;
+    const int error = getaddrinfo(host.c_str(), port.c_str(), &hints, &found);
+    if (error != 0) {
+      resolved.error = error == EAI_SYSTEM ? std::strerror(errno) : gai_strerror(error);
+      return resolved;
+    }
+    const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, freeaddrinfo);
+    for (const addrinfo* entry = found; entry != nullptr; entry = entry->ai_next) {
+      Address address;
+      address.size = std::min<socklen_t>(entry->ai_addrlen, sizeof address.storage);
+      std::memcpy(&address.storage, entry->ai_addr, address.size);
+      resolved.addresses.push_back(address);
+    }
+    return resolved;
+  };
+  Resolved resolved = look(host_, port_, AI_NUMERICHOST);
+  if (resolved.error.empty()) return resolved.addresses;
+
+  // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits for.
+  if (!pending_.valid()) {
+    auto promise = std::make_shared<std::promise<Resolved>>();
+    pending_ = promise->get_future().share();
+    std::thread([look, promise, host = host_, port = port_] {
+      promise->set_value(look(host, port, 0));
+    }).detach();
+  }
+  if (pending_.wait_for(std::chrono::duration<double>(timeout)) != std::future_status::ready) {
+    throw LinkError(place_ +
+                    ": no name server has answered yet; give an address such as "
+                    "192.168.1.10 as host");
+  }
+  resolved = pending_.get();
+  pending_ = {};
+  if (!resolved.error.empty()) {
+    throw LinkError(place_ + ": " + host_ + " is not known: " + resolved.error +
+                    "; give an address such as 192.168.1.10 as host");
+  }
+  return resolved.addresses;
+}
+
+void TcpLink::claim(const Address& address) {
+  char host[NI_MAXHOST] = "";
+  getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
+  const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
+  if (!holder || ignores_others_) return;
+  throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
+}
+
+int TcpLink::open(double timeout) {
+  std::vector<Address> addresses = resolve(timeout);
+  if (addresses.size() > kMostAddresses) addresses.resize(kMostAddresses);
+  int error = EADDRNOTAVAIL;
+  for (const Address& address : addresses) {
+    claim(address);
+    const int family = address.get()->sa_family;
+    const int socket = ::socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (socket < 0) {
+      error = errno;
+      continue;
+    }
+    // libmodbus waits with select(), which cannot handle larger descriptors.
+    error =
+        socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout) : EMFILE;
+    if (error == 0) {
+      const int on = 1;
+      setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+      return socket;
+    }
+    ::close(socket);
+  }
+  release();
+  throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
+}
+
+/// A set of registers in consecutive runs, as Modbus transfers them.
+class ModbusRegisters {
+ public:
+  struct Run {
+    int first;
+    std::vector<std::uint16_t> words;
+  };
+
+  /// @param longest  longest run, >= 1.
+  ModbusRegisters(const std::set<int>& registers, int longest) {
+    for (const int number : registers) {
+      const bool fits =
+          !runs_.empty() && number == end(runs_.back()) && number < runs_.back().first + longest;
+      if (!fits) runs_.push_back({number, {}});
+      runs_.back().words.push_back(0);
+    }
+  }
+
+  /// A register from the constructor's set.
+  std::uint16_t& at(int number) {
+    return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
+  }
+  const std::uint16_t& at(int number) const {
+    const auto run = std::find_if(runs_.begin(), runs_.end(),
+                                  [number](const Run& r) { return number < end(r); });
+    return run->words.at(static_cast<std::size_t>(number - run->first));
+  }
+
+  std::vector<Run>& runs() { return runs_; }
+  void clear() {
+    for (Run& run : runs_) std::fill(run.words.begin(), run.words.end(), std::uint16_t{0});
+  }
+
+ private:
+  static int end(const Run& run) { return run.first + static_cast<int>(run.words.size()); }
+
+  std::vector<Run> runs_;
+};
+
 namespace {
 
 constexpr int kHighestRegister = 0xffff;

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/serial_port.hpp"
+#include "serial_port.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -16,7 +16,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
-#include "helix_arm/regulator/line_format.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -1,14 +1,361 @@
 #include "helix_arm/regulator/serial_profile.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <initializer_list>
 #include <stdexcept>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/regulator/driver.hpp"
 
 namespace helix_arm::regulator {
+namespace {
+
+constexpr double kHighestNumber = 1e9;   // times 10^6 is still exact
+constexpr std::size_t kMostDigits = 15;  // a double represents any of them exactly
+constexpr int kHighestExponent = 22;     // and 10 to any power up to this
+constexpr double kPowersOfTen[kHighestExponent + 1] = {
+    1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
+    1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+
+bool isBlank(char c) { return c == ' ' || c == '\t'; }
+bool isDigit(char c) { return c >= '0' && c <= '9'; }
+bool isLetter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+bool isPrintable(char c) { return (c >= ' ' && c <= '~') || c == '\t'; }
+bool isEnd(char c) { return isBlank(c) || c == '\r' || c == '\n'; }
+
+std::string_view withoutEnds(std::string_view line) {
+  while (!line.empty() && isEnd(line.back())) line.remove_suffix(1);
+  while (!line.empty() && isEnd(line.front())) line.remove_prefix(1);
+  return line;
+}
+
+std::string numberText(double value, int decimals) {
+  if (!std::isfinite(value)) return "nan";
+  basics::require(std::abs(value) < kHighestNumber, "a line cannot hold the number ", value,
+                  "; expected one below 1e9");
+  const auto scale = static_cast<std::int64_t>(kPowersOfTen[decimals]);
+  const std::int64_t counts = std::llround(value * static_cast<double>(scale));
+  const std::int64_t size = std::abs(counts);
+  std::string text = (counts < 0 ? "-" : "") + std::to_string(size / scale);
+  if (decimals == 0) return text;
+  const std::string fraction = std::to_string(size % scale);
+  return text + "." + std::string(static_cast<std::size_t>(decimals) - fraction.size(), '0') +
+         fraction;
+}
+
+}  // namespace
+
+std::string withChecksum(const std::string& line) {
+  constexpr unsigned kPolynomial = 0x1021;
+  unsigned crc = 0xFFFF;
+  for (const char c : line) {
+    crc ^= static_cast<unsigned>(static_cast<unsigned char>(c)) << 8U;
+    for (int bit = 0; bit < 8; ++bit) {
+      crc = ((crc << 1U) ^ ((crc & 0x8000U) != 0 ? kPolynomial : 0U)) & 0xFFFFU;
+    }
+  }
+  std::string checked = line + '*';
+  for (const unsigned shift : {12U, 8U, 4U, 0U}) checked += "0123456789ABCDEF"[crc >> shift & 0xFU];
+  return checked;
+}
+
+std::optional<std::string> withoutChecksum(std::string_view line) {
+  constexpr std::size_t kSize = 5;  // "*" and four digits
+  while (!line.empty() && isEnd(line.back())) line.remove_suffix(1);
+  if (line.size() < kSize) return std::nullopt;
+  std::string inner(line.substr(0, line.size() - kSize));
+  if (withChecksum(inner) != line) return std::nullopt;
+  return inner;
+}
+
+// Reads one line from left to right.
+class LineFormat::Reader {
+ public:
+  explicit Reader(std::string_view line) : line_(line) {}
+
+  std::size_t at() const { return at_; }
+  bool done() const { return at_ == line_.size(); }
+  char next() const { return done() ? '\0' : line_[at_]; }
+
+  bool skip(std::string_view text) {
+    if (line_.compare(at_, text.size(), text) != 0) return false;
+    at_ += text.size();
+    return true;
+  }
+  bool skipBlanks() {
+    const std::size_t begin = at_;
+    while (isBlank(next())) ++at_;
+    return at_ > begin;
+  }
+  bool skipWord(char end) {
+    const std::size_t begin = at_;
+    while (!done() && !isBlank(next()) && (end == '\0' || next() != end)) ++at_;
+    return at_ > begin;
+  }
+  bool skipWords() {
+    while (!done()) {
+      if (!skipBlanks() || !isLetter(next())) return false;
+      while (isLetter(next())) ++at_;
+    }
+    return true;
+  }
+  void skipRest() { at_ = line_.size(); }
+
+  std::optional<double> number() {
+    const std::size_t begin = at_;
+    const std::optional<double> value = numberHere();
+    if (!value) at_ = begin;
+    return value;
+  }
+
+ private:
+  std::optional<double> numberHere() {
+    const bool negative = next() == '-';
+    if (negative || next() == '+') ++at_;
+    std::uint64_t mantissa = 0;
+    std::size_t significant = 0, digits = 0;
+    int exponent = 0;
+    const auto takeDigits = [&](int shift) {
+      for (; isDigit(next()); ++at_, ++digits) {
+        if (significant > 0 || next() != '0') ++significant;
+        if (significant > kMostDigits) return false;
+        mantissa = mantissa * 10 + static_cast<std::uint64_t>(next() - '0');
+        exponent -= shift;
+      }
+      return true;
+    };
+    if (!takeDigits(0)) return std::nullopt;
+    if (next() == '.') {
+      ++at_;
+      if (!takeDigits(1)) return std::nullopt;
+    }
+    if (digits == 0 || digits > 2 * kMostDigits) return std::nullopt;
+    if ((next() == 'e' || next() == 'E') && !takeExponent(exponent)) return std::nullopt;
+    if (std::abs(exponent) > kHighestExponent) return std::nullopt;
+    const auto whole = static_cast<double>(mantissa);
+    const double size =
+        exponent < 0 ? whole / kPowersOfTen[-exponent] : whole * kPowersOfTen[exponent];
+    return negative ? -size : size;
+  }
+
+  bool takeExponent(int& exponent) {
+    ++at_;
+    const bool negative = next() == '-';
+    if (negative || next() == '+') ++at_;
+    if (!isDigit(next())) return false;
+    int value = 0;
+    for (; isDigit(next()); ++at_) value = std::min(value * 10 + (next() - '0'), 1000);
+    exponent += negative ? -value : value;
+    return true;
+  }
+
+  std::string_view line_;
+  std::size_t at_ = 0;
+};
+
+LineFormat::LineFormat(const std::string& text, LineStyle style)
+    : text_(text), style_(std::move(style)) {
+  static const std::array<std::pair<const char*, Kind>, 9> kFields = {{
+      {"{address}", Kind::kAddress},
+      {"{pressure}", Kind::kPressure},
+      {"{pressures}", Kind::kPressures},
+      {"{set_point}", Kind::kSetPoint},
+      {"{supply}", Kind::kSupply},
+      {"{unit}", Kind::kUnit},
+      {"{*}", Kind::kWord},
+      {"{words}", Kind::kWords},
+      {"{...}", Kind::kRest},
+  }};
+  const auto demand = [this](bool holds, const std::string& fault) {
+    basics::require(holds, "\"", basics::quoted(text_), "\" ", fault);
+  };
+  demand(!text_.empty(), "is empty; expected a line of text");
+  demand(text_.size() <= kLongestLine, "is longer than 512 bytes");
+  demand(std::all_of(text_.begin(), text_.end(), isPrintable),
+         "has a byte that is neither printable ASCII nor a tab");
+  demand(!isBlank(text_.front()) && !isBlank(text_.back()),
+         "begins or ends with a blank; expected none, since they are ignored there");
+  demand(style_.decimals >= 0 && style_.decimals <= 6,
+         "has numbers of more than 6 decimals; expected 0 to 6");
+  for (std::size_t at = 0; at < text_.size();) {
+    const std::size_t begin = at;
+    if (isBlank(text_[at])) {
+      while (isBlank(text_[at])) ++at;
+      parts_.push_back({Kind::kBlank, text_.substr(begin, at - begin)});
+    } else if (text_[at] == '{') {
+      at = text_.find('}', at);
+      demand(at != std::string::npos, "has a { without a }");
+      const std::string field = text_.substr(begin, ++at - begin);
+      const auto known = std::find_if(kFields.begin(), kFields.end(),
+                                      [&](const auto& entry) { return field == entry.first; });
+      demand(known != kFields.end(),
+             "has " + basics::quoted(field) +
+                 "; expected {address}, {pressure}, {pressures}, {set_point}, {supply}, {unit}, "
+                 "{*}, {words} or {...}");
+      parts_.push_back({known->second, field});
+    } else {
+      at = std::min(text_.find_first_of("{ \t", at), text_.size());
+      parts_.push_back({Kind::kLiteral, text_.substr(begin, at - begin)});
+      demand(parts_.back().text.find('}') == std::string::npos, "has a } without a {");
+    }
+  }
+  bool after_value = false;
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Kind kind = parts_[i].kind;
+    const bool tail = kind == Kind::kWords || kind == Kind::kRest;
+    demand(!tail || i + 1 == parts_.size(), "has " + parts_[i].text + " before its end");
+    const bool fixed = kind == Kind::kLiteral || kind == Kind::kBlank;
+    demand(fixed || tail || !after_value,
+           "has nothing before " + parts_[i].text + " to separate it from the previous field");
+    after_value = !fixed;
+    demand(
+        fixed || kind == Kind::kWord || text_.find(parts_[i].text) == text_.rfind(parts_[i].text),
+        "has " + parts_[i].text + " twice");
+  }
+  demand(!(has("{pressure}") && has("{pressures}")), "has both {pressure} and {pressures}");
+  demand(!has("{unit}") || !style_.unit_word.empty(), "has {unit}, but unit_word is missing");
+}
+
+bool LineFormat::has(std::string_view field) const {
+  return std::any_of(parts_.begin(), parts_.end(), [&](const Part& p) { return p.text == field; });
+}
+
+std::string LineFormat::line(const std::string& address, const LineFields& fields) const {
+  const auto number = [&](const std::optional<double>& value, const Part& part) {
+    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" needs ", part.text,
+                    ", which is not given");
+    return numberText(*value, style_.decimals);
+  };
+  std::string line;
+  for (const Part& part : parts_) {
+    switch (part.kind) {
+      case Kind::kLiteral:
+      case Kind::kBlank:
+        line += part.text;
+        break;
+      case Kind::kAddress:
+        line += address;
+        break;
+      case Kind::kPressure:
+        line += number(
+            fields.pressures.size() == 1 ? std::optional(fields.pressures[0]) : std::nullopt, part);
+        break;
+      case Kind::kPressures:
+        for (std::size_t i = 0; i < fields.pressures.size(); ++i) {
+          line += (i == 0 ? "" : style_.separator) + number(fields.pressures[i], part);
+        }
+        break;
+      case Kind::kSetPoint:
+        line += number(fields.set_point, part);
+        break;
+      case Kind::kSupply:
+        line += number(fields.supply, part);
+        break;
+      case Kind::kUnit:
+        line += style_.unit_word;
+        break;
+      case Kind::kWord:
+        line += "0";
+        break;
+      case Kind::kWords:
+      case Kind::kRest:
+        break;
+    }
+  }
+  return line;
+}
+
+std::optional<LineFields> LineFormat::read(std::string_view line, const std::string& address,
+                                           std::size_t pressures, Mismatch& mismatch) const {
+  Reader reader(line);
+  LineFields fields;
+  const auto miss = [&](const std::string& expected) {
+    mismatch = {reader.at(), expected};
+    return std::nullopt;
+  };
+  const auto bad = std::find_if_not(line.begin(), line.end(), isPrintable) - line.begin();
+  if (line.size() > kLongestLine) return miss("a line of at most 512 bytes");
+  if (static_cast<std::size_t>(bad) != line.size()) {
+    mismatch = {static_cast<std::size_t>(bad), "printable ASCII"};
+    return std::nullopt;
+  }
+  const bool blank_separator =
+      std::all_of(style_.separator.begin(), style_.separator.end(), isBlank);
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Part& part = parts_[i];
+    switch (part.kind) {
+      case Kind::kLiteral:
+        if (!reader.skip(part.text)) return miss("\"" + part.text + "\"");
+        break;
+      case Kind::kBlank:
+        if (!reader.skipBlanks()) return miss("a blank");
+        break;
+      case Kind::kAddress:
+        if (!reader.skip(address)) return miss("the address " + address);
+        break;
+      case Kind::kUnit:
+        if (!reader.skip(style_.unit_word)) return miss("the unit " + style_.unit_word);
+        if (isLetter(reader.next())) return miss("the end of the unit " + style_.unit_word);
+        break;
+      case Kind::kPressure:
+      case Kind::kPressures:
+        for (std::size_t k = 0; k < (part.kind == Kind::kPressure ? 1 : pressures); ++k) {
+          const bool parted =
+              k == 0 || (blank_separator ? reader.skipBlanks() : reader.skip(style_.separator));
+          if (!parted) {
+            return miss(std::to_string(pressures) + " pressures, not " + std::to_string(k));
+          }
+          const std::optional<double> value = reader.number();
+          if (!value) return miss("a number");
+          fields.pressures.push_back(*value);
+        }
+        break;
+      case Kind::kSetPoint:
+        if (!(fields.set_point = reader.number())) return miss("a number");
+        break;
+      case Kind::kSupply:
+        if (!(fields.supply = reader.number())) return miss("a number");
+        break;
+      case Kind::kWord: {
+        const bool literal = i + 1 < parts_.size() && parts_[i + 1].kind == Kind::kLiteral;
+        if (!reader.skipWord(literal ? parts_[i + 1].text.front() : '\0')) return miss("a word");
+        break;
+      }
+      case Kind::kWords:
+        if (!reader.skipWords()) return miss("words of letters, or the end");
+        break;
+      case Kind::kRest:
+        reader.skipRest();
+        break;
+    }
+  }
+  if (!reader.done()) return miss("the end");
+  return fields;
+}
+
+std::optional<LineFields> LineFormat::match(std::string_view line, const std::string& address,
+                                            std::size_t pressures) const {
+  Mismatch mismatch;
+  return read(withoutEnds(line), address, pressures, mismatch);
+}
+
+LineFields LineFormat::parse(std::string_view line, const std::string& address,
+                             std::size_t pressures) const {
+  const std::string_view inner = withoutEnds(line);
+  Mismatch mismatch;
+  if (std::optional<LineFields> fields = read(inner, address, pressures, mismatch)) {
+    return std::move(*fields);
+  }
+  const std::string rest(inner.substr(mismatch.at));
+  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" does not match \"" +
+                 basics::quoted(text_) + "\": expected " + mismatch.expected +
+                 (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
+}
+
 namespace {
 
 constexpr const char* kCulprit = "serial profile";

@@ -20,13 +20,9 @@
 #include <rviz/view_manager.h>
 #include <rviz/visualization_manager.h>
 
-#include "calibration_box.hpp"
+#include "boxes.hpp"
 #include "panel_parts.hpp"
-#include "pressure_box.hpp"
 #include "ros_bridge/cockpit/arm_camera.hpp"
-#include "safety_box.hpp"
-#include "strip_chart.hpp"
-#include "tip_box.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {

@@ -7,7 +7,7 @@
 
 #include <rviz/panel.h>
 
-#include "ros_bridge/cockpit/link_builder.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 
 class QLineEdit;
 class QPushButton;

@@ -1,8 +1,65 @@
 #include "panel_parts.hpp"
 
+#include <QEvent>
+#include <QFontMetrics>
+#include <QPainter>
+#include <QPolygonF>
+#include <QTextLayout>
 #include <array>
+#include <cmath>
+#include <functional>
+
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
+
+QStringList paintedLines(const QString& text, const QFont& font, int width, int most) {
+  QStringList out;
+  int start = 0;
+  for (const QString& paragraph : text.split('\n')) {
+    QTextLayout layout(paragraph, font);
+    layout.setTextOption(QTextOption(Qt::AlignLeft));
+    layout.beginLayout();
+    for (QTextLine part = layout.createLine(); part.isValid(); part = layout.createLine()) {
+      if (out.size() + 1 == most) {
+        const QString rest = text.mid(start + part.textStart()).replace('\n', ' ');
+        out << QFontMetrics(font).elidedText(rest, Qt::ElideRight, width);
+        return out;
+      }
+      part.setLineWidth(width);
+      out << paragraph.mid(part.textStart(), part.textLength());
+    }
+    layout.endLayout();
+    start += paragraph.size() + 1;
+  }
+  return out;
+}
+
+FixedText::FixedText(QWidget* parent, const char* name, int lines) : QLabel(parent), lines_(lines) {
+  setObjectName(name);
+  setTextFormat(Qt::PlainText);
+  QSizePolicy keeps(QSizePolicy::Ignored, QSizePolicy::Fixed);
+  keeps.setRetainSizeWhenHidden(true);
+  setSizePolicy(keeps);
+  fixHeight();
+}
+
+void FixedText::fixHeight() { setFixedHeight(lines_ * fontMetrics().lineSpacing()); }
+
+void FixedText::changeEvent(QEvent* event) {
+  QLabel::changeEvent(event);
+  if (event->type() == QEvent::FontChange) fixHeight();
+}
+
+void FixedText::paintEvent(QPaintEvent*) {
+  QPainter painter(this);
+  painter.setPen(palette().color(foregroundRole()));
+  int base_line = fontMetrics().ascent();
+  for (const QString& line : paintedLines(text(), font(), width(), lines_)) {
+    painter.drawText(0, base_line, line);
+    base_line += fontMetrics().lineSpacing();
+  }
+}
 
 using ros_bridge::Tone;
 
@@ -53,6 +110,106 @@ void offer(QWidget* widget, const ros_bridge::Possibility& possibility, const ch
   const QString tip =
       possibility.possible() ? QString(what) : QString::fromStdString(possibility.why_not);
   if (widget->toolTip() != tip) widget->setToolTip(tip);
+}
+
+namespace {
+
+using ros_bridge::StripHistory;
+
+constexpr double kSpan = 30;            // [s]
+constexpr double kPeriod = 0.05;        // between rows [s]
+constexpr double kLeastPressure = 1e5;  // of the axis [Pa]
+constexpr double kLeastError = 1e-3;    // of the axis [m]
+constexpr int kHeight = 190;            // [px]
+constexpr double kText = 14;            // height of a line of text [px]
+constexpr double kLine = 1.5;           // [px]
+
+// A curve with gaps where its value is unknown.
+void drawCurve(QPainter& painter, const QRectF& area, const StripHistory& history, double top,
+               const QColor& color, const std::function<double(const StripHistory::Row&)>& value) {
+  painter.setPen(QPen(color, kLine));
+  painter.setClipRect(area.adjusted(0, -1, 0, 1));
+  QPolygonF curve;
+  const auto flush = [&] {
+    if (curve.size() > 1) painter.drawPolyline(curve);
+    curve.clear();
+  };
+  for (const StripHistory::Row& row : history.rows()) {
+    const double y = value(row);
+    if (!std::isfinite(y)) {
+      flush();
+      continue;
+    }
+    const double x = 1 - (history.newest() - row.time) / history.span();
+    curve << QPointF(area.left() + x * area.width(), area.bottom() - y / top * area.height());
+  }
+  flush();
+  painter.setClipping(false);
+}
+
+void drawFrame(QPainter& painter, const QRectF& area, const QString& text) {
+  painter.setPen(QPen(QColor(150, 150, 155), 0.5));
+  for (int k = 0; k <= 2; ++k) {
+    const double y = area.bottom() - 0.5 * k * area.height();
+    painter.drawLine(QPointF(area.left(), y), QPointF(area.right(), y));
+  }
+  painter.drawText(QPointF(area.left() + 2, area.top() - 3), text);
+}
+
+}  // namespace
+
+StripChart::StripChart(QWidget* parent) : QWidget(parent), history_(kSpan, kPeriod) {
+  setObjectName("strip_chart");
+  setMinimumHeight(kHeight);
+  clock_.start();
+}
+
+void StripChart::add(const ros_bridge::CockpitView& view) {
+  std::vector<double> pressures;
+  for (const auto& channel : view.channels) pressures.push_back(channel.measured);
+  from_target_ = view.loop && std::isfinite(view.loop->error);
+  history_.add(1e-9 * static_cast<double>(clock_.nsecsElapsed()), pressures,
+               from_target_ ? view.loop->error : view.tip_error);
+  update();
+}
+
+void StripChart::clear() {
+  history_.clear();
+  update();
+}
+
+void StripChart::drawPressures(QPainter& painter, const QRectF& area) const {
+  const double top = history_.pressureTop(kLeastPressure);
+  drawFrame(painter, area,
+            QString("pressures, 0 to %1, last %2 s")
+                .arg(QString::fromStdString(ros_bridge::kilopascals(top)))
+                .arg(history_.span()));
+  if (history_.rows().empty()) return;
+  for (std::size_t i = 0; i < history_.rows().back().pressures.size(); ++i) {
+    drawCurve(painter, area, history_, top, colorOfChannel(static_cast<int>(i)),
+              [i](const StripHistory::Row& row) { return row.pressures[i]; });
+  }
+}
+
+void StripChart::drawError(QPainter& painter, const QRectF& area) const {
+  const double top = history_.errorTop(kLeastError);
+  drawFrame(painter, area,
+            QString("tip error (measured - %1), 0 to %2")
+                .arg(from_target_ ? "target" : "model")
+                .arg(QString::fromStdString(ros_bridge::millimetres(top))));
+  drawCurve(painter, area, history_, top, QColor(230, 120, 20),
+            [](const StripHistory::Row& row) { return row.tip_error; });
+}
+
+void StripChart::paintEvent(QPaintEvent*) {
+  QPainter painter(this);
+  painter.setRenderHint(QPainter::Antialiasing);
+  QFont small = painter.font();
+  small.setPixelSize(11);
+  painter.setFont(small);
+  const double half = 0.5 * height();
+  drawPressures(painter, {2, kText, width() - 4.0, half - kText - 3});
+  drawError(painter, {2, half + kText, width() - 4.0, half - kText - 3});
 }
 
 }  // namespace helix_arm::rviz_panel

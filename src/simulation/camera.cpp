@@ -3,18 +3,233 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
 #include <random>
+#include <vector>
 
+#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "backdrop.hpp"
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "occluders.hpp"
 #include "tag_painter.hpp"
 
 namespace helix_arm::simulation {
+namespace {
+
+constexpr double kEdge = 0.5;  // of white around a board [squares]
+
+}  // namespace
+
+double CardPrint::width() const { return std::accumulate(across.begin(), across.end(), 0.0); }
+
+double CardPrint::height() const { return std::accumulate(down.begin(), down.end(), 0.0); }
+
+CardPrint tagPrint(const vision::TagFamily& family, int id, double size) {
+  CardPrint print{family.cells(id), {}, {}, size / family.borderCells()};
+  print.across.assign(static_cast<std::size_t>(print.cells.cols), 1.0);
+  print.down.assign(static_cast<std::size_t>(print.cells.rows), 1.0);
+  return print;
+}
+
+CardPrint charucoPrint(const vision::CharucoBoard& board) {
+  const int bits = vision::markerDictionary(board.dictionary).bits + 2;
+  const int cells = bits + 2;  // of a square: those of a marker and what is around it
+  const double cell = board.marker_size / board.square_size / bits;
+  const double around = 0.5 * (1 - board.marker_size / board.square_size);
+  const auto widths = [&](int squares) {
+    std::vector<double> out{kEdge};
+    for (int square = 0; square < squares; ++square) {
+      out.push_back(around);
+      out.insert(out.end(), static_cast<std::size_t>(bits), cell);
+      out.push_back(around);
+    }
+    out.push_back(kEdge);
+    return out;
+  };
+  CardPrint print{cv::Mat(board.rows * cells + 2, board.columns * cells + 2, CV_8UC1, 255.0),
+                  widths(board.columns), widths(board.rows), board.square_size};
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      const cv::Rect square(1 + column * cells, 1 + row * cells, cells, cells);
+      if (board.isWhite(column, row)) {
+        const cv::Rect inside(square.x + 1, square.y + 1, bits, bits);
+        vision::markerCells(board.dictionary, board.markerIn(column, row))
+            .copyTo(print.cells(inside));
+      } else {
+        print.cells(square) = 0.0;
+      }
+    }
+  }
+  return print;
+}
+
+/// A number in [lower, upper) from a generator. It is the same on every machine, which the
+/// distributions of the standard library do not guarantee.
+template <class Generator>
+double uniform(Generator& generator, double lower, double upper) {
+  const double span = static_cast<double>(Generator::max() - Generator::min()) + 1.0;
+  return lower + (upper - lower) * (static_cast<double>(generator() - Generator::min()) / span);
+}
+
+/// Fills a polygon, its corners in pixels, with smooth edges.
+void fillPolygon(cv::Mat& picture, const cv::Point2d* corners, int count, double gray);
+
+/// The background (CV_8UC1): soft light and `clutter` objects with edges like those of tags and
+/// arms, without tags.
+cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed);
+
+namespace {
+
+constexpr int kFractionBits = 4;  // of OpenCV's fixed-point coordinates
+constexpr int kMostCorners = 8;
+
+// A frame in the picture for drawing.
+struct Place {
+  cv::Point2d center;
+  cv::Point2d right;  // of unit length
+
+  cv::Point2d at(double x, double y) const {
+    return {center.x + x * right.x - y * right.y, center.y + x * right.y + y * right.x};
+  }
+};
+
+void fillBox(cv::Mat& picture, const Place& place, double x, double y, double half_width,
+             double half_height, double gray) {
+  const cv::Point2d corners[] = {
+      place.at(x - half_width, y - half_height), place.at(x + half_width, y - half_height),
+      place.at(x + half_width, y + half_height), place.at(x - half_width, y + half_height)};
+  fillPolygon(picture, corners, 4, gray);
+}
+
+// Looks like the border of a tag, but its pattern has a four-fold symmetry, so that no family has a
+// tag near it.
+void paintMockTag(cv::Mat& picture, const Place& place, double half, bool hollow) {
+  fillBox(picture, place, 0, 0, 1.3 * half, 1.3 * half, 225);
+  fillBox(picture, place, 0, 0, half, half, 35);
+  if (hollow) fillBox(picture, place, 0, 0, 0.5 * half, 0.5 * half, 215);
+}
+
+void paintCheckerboard(cv::Mat& picture, const Place& place, double half) {
+  constexpr int kCells = 5;
+  fillBox(picture, place, 0, 0, 1.2 * half, 1.2 * half, 230);
+  const double cell = 2 * half / kCells;
+  for (int i = 0; i < kCells * kCells; i += 2) {
+    fillBox(picture, place, (i % kCells + 0.5) * cell - half, (i / kCells + 0.5) * cell - half,
+            0.5 * cell, 0.5 * cell, 40);
+  }
+}
+
+}  // namespace
+
+void fillPolygon(cv::Mat& picture, const cv::Point2d* corners, int count, double gray) {
+  cv::Point fixed[kMostCorners];
+  const double scale = 1 << kFractionBits;
+  for (int i = 0; i < count; ++i) {
+    fixed[i] = {static_cast<int>(std::lround(corners[i].x * scale)),
+                static_cast<int>(std::lround(corners[i].y * scale))};
+  }
+  cv::fillConvexPoly(picture, fixed, count, cv::Scalar(gray), cv::LINE_AA, kFractionBits);
+}
+
+cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
+  cv::Mat picture(height, width, CV_8UC1);
+  for (int y = 0; y < height; ++y) {
+    uchar* row = picture.ptr<uchar>(y);
+    for (int x = 0; x < width; ++x) {
+      const double across = static_cast<double>(x) / width, down = static_cast<double>(y) / height;
+      row[x] = static_cast<uchar>(std::lround(
+          168 - 22 * down - 40 * ((across - 0.4) * (across - 0.4) + (down - 0.3) * (down - 0.3))));
+    }
+  }
+  std::mt19937 generator(seed);
+  enum Kind { kBox, kMockTag, kLine, kHollowMockTag, kCheckerboard, kKinds };
+  for (int i = 0; i < clutter; ++i) {
+    Place place;
+    place.center.x = uniform(generator, 0, width);
+    place.center.y = uniform(generator, 0, height);
+    const double angle = uniform(generator, 0, 2 * CV_PI);
+    place.right = {std::cos(angle), std::sin(angle)};
+    const double size = uniform(generator, 0.02, 0.06) * width;
+    const double stretch = uniform(generator, 0.5, 2.0);
+    const double gray = uniform(generator, 60, 210);
+    switch (i % kKinds) {
+      case kBox:
+        fillBox(picture, place, 0, 0, size, size * stretch, gray);
+        break;
+      case kMockTag:
+      case kHollowMockTag:
+        paintMockTag(picture, place, 0.4 * size, i % kKinds == kHollowMockTag);
+        break;
+      case kLine:
+        fillBox(picture, place, 0, 0, 5 * size, 0.03 * size * stretch, gray);
+        break;
+      default:
+        paintCheckerboard(picture, place, 0.7 * size);
+        break;
+    }
+  }
+  return picture;
+}
+
+/// Bars that move through the picture, in front of everything else.
+class Occluders {
+ public:
+  /// @param count  of bars, >= 0.
+  Occluders(int count, std::mt19937& generator);
+
+  /// Draws the bars at their positions in picture number picture_number.
+  void draw(int picture_number, cv::Mat& picture) const;
+
+ private:
+  // In fractions of the picture and radians per picture.
+  struct Bar {
+    double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
+  };
+
+  std::vector<Bar> bars_;
+};
+
+namespace {
+
+constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
+
+}  // namespace
+
+Occluders::Occluders(int count, std::mt19937& generator) : bars_(count) {
+  const auto rate = [&generator] {
+    const double speed = uniform(generator, 0.015, 0.05);
+    return uniform(generator, -1, 1) < 0 ? -speed : speed;
+  };
+  const auto phase = [&generator] { return uniform(generator, 0, 2 * CV_PI); };
+  for (Bar& bar : bars_) {
+    bar.x_rate = rate();
+    bar.x_phase = phase();
+    bar.y_rate = rate();
+    bar.y_phase = phase();
+    bar.turn_rate = rate();
+    bar.turn_phase = phase();
+    bar.half_width = uniform(generator, 0.02, 0.04);
+    bar.half_length = uniform(generator, 0.2, 0.4);
+    bar.gray = uniform(generator, 50, 120);
+  }
+}
+
+void Occluders::draw(int picture_number, cv::Mat& picture) const {
+  const double width = picture.cols, height = picture.rows;
+  for (const Bar& bar : bars_) {
+    const double t = picture_number;
+    const cv::Point2d center(width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
+                             height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase)));
+    const double angle = bar.turn_rate * t + bar.turn_phase;
+    const cv::Point2d right(std::cos(angle), std::sin(angle)), down(-right.y, right.x);
+    const cv::Point2d a = bar.half_length * height * right, b = bar.half_width * height * down;
+    const cv::Point2d corners[] = {center - a - b, center + a - b, center + a + b, center - a + b};
+    fillPolygon(picture, corners, 4, bar.gray);
+  }
+}
+
 namespace {
 
 using estimation::ArmView;

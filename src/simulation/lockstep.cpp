@@ -4,7 +4,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "helix_arm/basics/number_requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {

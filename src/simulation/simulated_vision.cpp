@@ -8,11 +8,10 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/vision/frozen_watch.hpp"
+#include "helix_arm/vision/frame_source.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {

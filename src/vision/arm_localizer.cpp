@@ -4,7 +4,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/localization/rig_memory.hpp"
 
 namespace helix_arm::vision {
 namespace {

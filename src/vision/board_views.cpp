@@ -1,4 +1,4 @@
-#include "helix_arm/vision/board_views.hpp"
+#include "board_views.hpp"
 
 #include <algorithm>
 #include <cmath>

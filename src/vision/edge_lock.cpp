@@ -1,13 +1,400 @@
 #include "edge_lock.hpp"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include <opencv2/core.hpp>
 
 #include "corner_refinement.hpp"
-#include "edge_search.hpp"
-#include "gray_picture.hpp"
-#include "tag_face.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::vision {
+
+/// Samples a picture (CV_8UC1), which must outlive this object. Outside the picture, the gray
+/// levels of its border apply. Coordinates are in pixels; (0, 0) is the centre of the first one.
+class GrayPicture {
+ public:
+  explicit GrayPicture(const cv::Mat& gray)
+      : data_(gray.data),
+        step_(static_cast<std::ptrdiff_t>(gray.step[0])),
+        columns_(gray.cols),
+        rows_(gray.rows) {}
+
+  bool contains(const estimation::Corners& corners) const {
+    return corners.minCoeff() >= 0 && corners.row(0).maxCoeff() <= columns_ - 1 &&
+           corners.row(1).maxCoeff() <= rows_ - 1;
+  }
+
+  /// Gray level at p, bilinear.
+  float at(const Eigen::Vector2d& p) const {
+    // In this order, NaN becomes 0.
+    const float x = std::min(std::max(0.0F, static_cast<float>(p.x())), columns_ - 1.0F);
+    const float y = std::min(std::max(0.0F, static_cast<float>(p.y())), rows_ - 1.0F);
+    const int column = std::min(static_cast<int>(x), columns_ - 2);
+    const int row = std::min(static_cast<int>(y), rows_ - 2);
+    const float u = x - static_cast<float>(column), v = y - static_cast<float>(row);
+    const std::uint8_t* upper = data_ + row * step_ + column;
+    const std::uint8_t* lower = upper + step_;
+    const float above = static_cast<float>(upper[0]) + u * static_cast<float>(upper[1] - upper[0]);
+    const float below = static_cast<float>(lower[0]) + u * static_cast<float>(lower[1] - lower[0]);
+    return above + v * (below - above);
+  }
+
+  /// The pixels nearest to n points on a line, one step apart.
+  void ray(const Eigen::Vector2d& start, const Eigen::Vector2d& step, int n,
+           std::int16_t* levels) const {
+    // Fixed point with 16 fractional bits.
+    const auto fixed = [](double value) { return static_cast<std::int64_t>(65536 * value); };
+    std::int64_t x = fixed(start.x() + 0.5), y = fixed(start.y() + 0.5);
+    const std::int64_t dx = fixed(step.x()), dy = fixed(step.y());
+    const std::int64_t last_column = columns_ - 1, last_row = rows_ - 1;
+    for (int j = 0; j < n; ++j, x += dx, y += dy) {
+      const std::int64_t column = std::clamp<std::int64_t>(x >> 16, 0, last_column);
+      const std::int64_t row = std::clamp<std::int64_t>(y >> 16, 0, last_row);
+      levels[j] = data_[row * step_ + column];
+    }
+  }
+
+ private:
+  const std::uint8_t* data_;
+  std::ptrdiff_t step_;
+  int columns_, rows_;
+};
+
+/// z component of the cross product of two image vectors.
+inline double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+bool hasClosedBorder(const TagFamily& family) {
+  const int within = family.borderCells() - 2;
+  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
+}
+
+TagPattern patternOf(const TagFamily& family, int id) {
+  const cv::Mat cells = family.cells(id);
+  TagPattern pattern{family.borderCells(), 0};
+  const int first = family.quietCells() + 1, within = pattern.cells - 2;
+  for (int bit = 0; bit < within * within; ++bit) {
+    const bool white = cells.at<std::uint8_t>(first + bit / within, first + bit % within) != 0;
+    pattern.white |= std::uint64_t{white} << bit;
+  }
+  return pattern;
+}
+
+/// Minimum side of a tag [px]: below it, a cell is hardly one pixel.
+inline constexpr double kLeastSide = 10.0;
+/// Maximum distance of a search for edges [px].
+inline constexpr int kMaxReach = 16;
+
+/// Whether sides are long enough and in the right order, and no corner is flat.
+bool isTagLike(const estimation::Corners& corners);
+
+/// Corners [px]: the intersections of the lines with the strongest change from white to black,
+/// going into a tag. Nothing if there are none.
+/// @param corners    where the tag is expected; tag-like.
+/// @param max_reach  maximum distance from its edges [px], at most kMaxReach.
+std::optional<estimation::Corners> searchEdges(const GrayPicture& picture,
+                                               const estimation::Corners& corners, int max_reach);
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using estimation::Corners;
+
+constexpr double kFarthest = 1e6;   // of a tag's corners from the picture's [px]
+constexpr double kLeastSine = 0.2;  // of the angle between two sides
+constexpr double kLeastEdge = 10;   // between black and white [gray levels]
+
+constexpr double kReach = 0.4;      // of the tag's extent across the edge: its other side is beyond
+constexpr int kRays = 12;           // across an edge
+constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners, rays miss edges
+constexpr int kMaxTilt = 6;         // of the edge at the first and last ray [px]
+constexpr int kTiltStep = 2;        // [px]
+
+double areaOf(const Corners& corners) {
+  return 0.5 * cross(corners.col(3) - corners.col(1), corners.col(2) - corners.col(0));
+}
+
+// Outward distance of a line at the first and the last end of an edge [px].
+struct Shift {
+  double first, last;
+};
+
+Vector2d outwardOf(const Vector2d& from, const Vector2d& to) {
+  return Vector2d(from.y() - to.y(), to.x() - from.x()).normalized();
+}
+
+// The line within reach with the clearest transition from white to black, inwards.
+std::optional<Shift> searchEdge(const GrayPicture& picture, const Vector2d& from,
+                                const Vector2d& to, int reach) {
+  constexpr int kPlaces = 2 * kMaxReach + 1;
+  const Vector2d outward = outwardOf(from, to);
+  const int places = 2 * reach + 1;
+  std::array<std::array<std::int16_t, kPlaces>, kRays>
+      fall;  // decrease of the level, outermost first
+  for (int i = 0; i < kRays; ++i) {
+    const double s = kRaysFrom + (1 - 2 * kRaysFrom) * i / (kRays - 1);
+    std::array<std::int16_t, kPlaces + 2> level;
+    picture.ray(from + s * (to - from) + (reach + 1) * outward, -outward, places + 2, level.data());
+    for (int j = 0; j < places; ++j) {
+      fall[i][j] = static_cast<std::int16_t>(level[j] - level[j + 2]);
+    }
+  }
+  std::optional<Shift> best;
+  int most = static_cast<int>(kLeastEdge * kRays);
+  const int max_tilt = std::min(kMaxTilt, reach / 2);
+  for (int tilt = -max_tilt; tilt <= max_tilt; tilt += kTiltStep) {
+    std::array<int, kPlaces> sum{};
+    for (int i = 0; i < kRays; ++i) {
+      const int inward = static_cast<int>(std::lround(tilt * (2.0 * i / (kRays - 1) - 1)));
+      const int end = std::min(places, places - inward);
+      for (int j = std::max(0, -inward); j < end; ++j) sum[j] += fall[i][j + inward];
+    }
+    for (int j = 0; j < places; ++j) {
+      if (sum[j] <= most) continue;
+      most = sum[j];
+      const double at_end = tilt / (1 - 2 * kRaysFrom);
+      best = {reach - j + at_end, reach - j - at_end};
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+bool isTagLike(const Corners& corners) {
+  if (!corners.allFinite() || corners.cwiseAbs().maxCoeff() > kFarthest) return false;
+  for (int k = 0; k < 4; ++k) {
+    const Vector2d a = corners.col((k + 1) % 4) - corners.col(k);
+    const Vector2d b = corners.col((k + 2) % 4) - corners.col((k + 1) % 4);
+    if (!(a.norm() >= kLeastSide && cross(b, a) > kLeastSine * a.norm() * b.norm())) return false;
+  }
+  return true;
+}
+
+std::optional<Corners> searchEdges(const GrayPicture& picture, const Corners& corners,
+                                   int max_reach) {
+  const double area = areaOf(corners);
+  std::array<Vector3d, 4> lines;
+  for (int k = 0; k < 4; ++k) {
+    const Vector2d from = corners.col(k), to = corners.col((k + 1) % 4);
+    const double across = area / (to - from).norm();
+    const int reach = std::clamp(static_cast<int>(kReach * across), 2, max_reach);
+    const auto shift = searchEdge(picture, from, to, reach);
+    if (!shift) return std::nullopt;
+    const Vector2d outward = outwardOf(from, to);
+    const Vector2d first = from + shift->first * outward, last = to + shift->last * outward;
+    lines[k] = first.homogeneous().cross(last.homogeneous());
+  }
+  Corners found;
+  for (int k = 0; k < 4; ++k) found.col(k) = lines[(k + 3) % 4].cross(lines[k]).hnormalized();
+  if (!isTagLike(found)) return std::nullopt;
+  return found;
+}
+
+/// The face of a tag in a picture, which must outlive this object. Coordinates in cells: u to the
+/// right and v downwards from its top left corner.
+class TagFace {
+ public:
+  /// @param corners  [px] of the border's outer edge. @param cells  along it.
+  TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells);
+
+  /// Mean size of a cell along u and v [px].
+  const Eigen::Vector2d& cell() const { return cell_; }
+
+  /// Gray level at (u, v).
+  double at(const Eigen::Vector2d& uv) const {
+    return picture_.at((origin_ + axes_ * uv) / (1 + perspective_.dot(uv)));
+  }
+
+ private:
+  const GrayPicture& picture_;
+  Eigen::Vector2d origin_, perspective_, cell_;
+  Eigen::Matrix2d axes_;
+};
+
+/// A tag's bits as read from a face.
+struct TagBits {
+  bool closed = true;         ///< all of the border is black
+  int wrong = 0;              ///< number of wrong bits
+  double margin = 0;          ///< distance of black and white from the threshold [gray levels]
+  Eigen::Vector3d threshold;  ///< between black and white, over (u, v, 1)
+};
+TagBits readBits(const TagFace& face, const TagPattern& pattern);
+
+/// Maximum disagreement between a corner and the edges between the cells.
+struct EdgeTolerance {
+  double px;
+  double cells;       ///< paper bends and lenses distort
+  double deviations;  ///< standard deviations of the noise
+  double most_px;     ///< upper bound for any noise
+};
+
+/// Whether the edges between the cells agree with the corners.
+bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern,
+                     const Eigen::Vector3d& threshold, const EdgeTolerance& tolerance);
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kSharpening = 0.25;   // as libapriltag's, so that margins are comparable
+constexpr double kBesideEdge = 0.45;   // distance of samples from edges between cells [px]
+constexpr double kBesideMiddle = 0.2;  // and from the centres of cells [cells]
+constexpr double kPlainCell = 4.5;     // smaller ones blur into each other [px]
+
+// A plane fitted to gray levels over u and v.
+class Plane {
+ public:
+  void add(const Vector2d& uv, double level) {
+    const Vector3d g = uv.homogeneous();
+    squares_ += g * g.transpose();
+    levels_ += level * g;
+  }
+  Vector3d fit() const { return squares_.ldlt().solve(levels_); }
+
+ private:
+  Eigen::Matrix3d squares_ = Eigen::Matrix3d::Zero();
+  Vector3d levels_ = Vector3d::Zero();
+};
+
+}  // namespace
+
+TagFace::TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells)
+    : picture_(picture) {
+  const Vector2d p = corners.col(2), q = corners.col(1), r = corners.col(0);
+  origin_ = corners.col(3);
+  const Vector2d a = p - q, b = r - q, c = origin_ - p + q - r;
+  perspective_ = Vector2d(cross(c, b), cross(a, c)) / cross(a, b);
+  axes_.col(0) = p - origin_ + perspective_.x() * p;
+  axes_.col(1) = r - origin_ + perspective_.y() * r;
+  perspective_ /= cells;
+  axes_ /= cells;
+  cell_.x() = 0.5 * ((p - origin_).norm() + b.norm()) / cells;
+  cell_.y() = 0.5 * ((r - origin_).norm() + a.norm()) / cells;
+}
+
+TagBits readBits(const TagFace& face, const TagPattern& pattern) {
+  const int n = pattern.cells;
+  // Including the ring of white cells around the border.
+  std::array<std::array<double, kMostCells + 2>, kMostCells + 2> level;
+  Plane white, black;
+  for (int row = -1; row <= n; ++row) {
+    for (int column = -1; column <= n; ++column) {
+      const Vector2d middle(column + 0.5, row + 0.5);
+      double sum = 0;
+      for (const double u : {-kBesideMiddle, kBesideMiddle}) {
+        for (const double v : {-kBesideMiddle, kBesideMiddle}) {
+          sum += face.at(middle + Vector2d(u, v));
+        }
+      }
+      level[row + 1][column + 1] = 0.25 * sum;
+      if (row < 0 || column < 0 || row == n || column == n) {
+        white.add(middle, 0.25 * sum);
+      } else if (isBorder(pattern, row, column)) {
+        black.add(middle, 0.25 * sum);
+      }
+    }
+  }
+  TagBits bits;
+  bits.threshold = 0.5 * (white.fit() + black.fit());
+  std::array<double, 2> sum{};
+  std::array<int, 2> count{};
+  for (int row = 0; row < n; ++row) {
+    for (int column = 0; column < n; ++column) {
+      const double here = level[row + 1][column + 1];
+      const double threshold = bits.threshold.dot(Vector3d(column + 0.5, row + 0.5, 1));
+      if (isBorder(pattern, row, column)) {
+        bits.closed = bits.closed && here < threshold;
+        continue;
+      }
+      const double around = level[row][column + 1] + level[row + 2][column + 1] +
+                            level[row + 1][column] + level[row + 1][column + 2];
+      const bool is_white = isWhite(pattern, row, column);
+      const double over = here + kSharpening * (4 * here - around) - threshold;
+      if ((over > 0) != is_white) ++bits.wrong;
+      sum[is_white] += is_white ? over : -over;
+      ++count[is_white];
+    }
+  }
+  bits.margin = std::min(sum[0] / std::max(count[0], 1), sum[1] / std::max(count[1], 1));
+  return bits;
+}
+
+// Where the gray level at the middle of such an edge is not the threshold, the edge is displaced;
+// the displacements are fitted by those that moved corners would cause.
+bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
+                     const EdgeTolerance& tolerance) {
+  using Vector5d = Eigen::Matrix<double, 5, 1>;
+  using Matrix5d = Eigen::Matrix<double, 5, 5>;
+  const int n = pattern.cells;
+  const double smallest = face.cell().minCoeff();
+  const double small = std::max(1.0, std::pow(kPlainCell / smallest, 1.5));
+  const double least = small * std::max(tolerance.px, tolerance.cells * smallest);
+  const double most = std::max(least, small * tolerance.most_px);
+  for (int axis = 0; axis < 2; ++axis) {
+    const auto across = [axis](double first, double second) {
+      return axis == 0 ? Vector2d(first, second) : Vector2d(second, first);
+    };
+    const double beside = std::min(0.25, kBesideEdge / face.cell()[axis]);
+    Matrix5d squares = Matrix5d::Zero();
+    Vector5d moments = Vector5d::Zero();
+    double square = 0, slope = 0;
+    int count = 0;
+    for (int second = 0; second < n; ++second) {
+      for (int first = 1; first < n; ++first) {
+        const auto white = [&](int i) {
+          return axis == 0 ? isWhite(pattern, second, i) : isWhite(pattern, i, second);
+        };
+        if (white(first) == white(first - 1)) continue;
+        const double sign = white(first) ? 1 : -1;
+        const Vector2d edge = across(first, second + 0.5);
+        double before = 0, after = 0;
+        for (const double along : {-kBesideMiddle, kBesideMiddle}) {
+          before += 0.5 * face.at(edge + across(-beside, along));
+          after += 0.5 * face.at(edge + across(beside, along));
+        }
+        const double lack = sign * (threshold.dot(edge.homogeneous()) - 0.5 * (before + after));
+        const Vector2d place = edge / n - Vector2d(0.5, 0.5);
+        // The last entry represents white areas that grow at the cost of black ones.
+        Vector5d g;
+        g << 1, place, place.x() * place.y(), sign;
+        squares += g * g.transpose();
+        moments += lack * g;
+        square += lack * lack;
+        slope += sign * (after - before) / (2 * beside);
+        ++count;
+      }
+    }
+    slope /= count;
+    if (!(count > 5 && slope > 0)) return false;
+    const Eigen::LDLT<Matrix5d> solver(squares);
+    const Vector5d fit = solver.solve(moments);
+    const double variance = std::max(0.0, square - moments.dot(fit)) / (count - 5);
+    const double px = face.cell()[axis] / slope;
+    for (const double u : {-0.5, 0.5}) {
+      for (const double v : {-0.5, 0.5}) {
+        Vector5d g;
+        g << 1, u, v, u * v, 0;
+        const double deviation = px * std::sqrt(variance * g.dot(solver.solve(g)));
+        const double limit = std::clamp(tolerance.deviations * deviation, least, most);
+        if (!(px * std::abs(g.dot(fit)) <= limit)) return false;
+      }
+    }
+  }
+  return true;
+}
+
 namespace {
 
 using estimation::Corners;

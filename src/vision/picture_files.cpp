@@ -1,19 +1,190 @@
 #include "picture_files.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <cstdint>
+#include <cstring>
 #include <initializer_list>
+#include <limits>
+#include <optional>
+#include <string>
 #include <utility>
 #include <variant>
+#include <vector>
+
+#include <opencv2/core.hpp>
 
 #include "helix_arm/basics/regular_file.hpp"
-#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/localization/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
-#include "picture_header.hpp"
 #include "png.hpp"
 
 namespace helix_arm::vision {
+
+/// The size [px] that a picture's header claims, read without decoding: JPEG, PNG, BMP, PNM, TIFF
+/// and WebP. A decoder of these formats allocates a small multiple of it.
+/// @return the size, both > 0; or what is wrong with the header.
+std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>& bytes);
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+struct Claim {
+  std::uint64_t width = 0, height = 0;
+};
+
+// The first bytes of a picture; bytes beyond the end read as 0, which is not a valid size.
+class Header {
+ public:
+  explicit Header(const Bytes& bytes) : bytes_(bytes) {}
+
+  bool has(std::size_t place, const char* text) const {
+    const std::size_t size = std::strlen(text);
+    return place + size <= bytes_.size() && std::equal(text, text + size, at(place));
+  }
+  std::uint32_t little(std::size_t place, int count) const {
+    std::uint32_t value = 0;
+    for (int i = count - 1; i >= 0; --i) value = value << 8 | byte(place + i);
+    return value;
+  }
+  std::uint32_t big(std::size_t place, int count) const {
+    std::uint32_t value = 0;
+    for (int i = 0; i < count; ++i) value = value << 8 | byte(place + i);
+    return value;
+  }
+  std::size_t size() const { return bytes_.size(); }
+  std::uint8_t byte(std::size_t place) const { return place < size() ? bytes_[place] : 0; }
+
+ private:
+  const char* at(std::size_t place) const {
+    return reinterpret_cast<const char*>(bytes_.data()) + place;
+  }
+  const Bytes& bytes_;
+};
+
+Claim ofBmp(const Header& header) {
+  constexpr std::uint32_t kOldHeader = 12;
+  if (header.little(14, 4) == kOldHeader) return {header.little(18, 2), header.little(20, 2)};
+  // Negative if rows start at the top.
+  const auto height = static_cast<std::int32_t>(header.little(22, 4));
+  const std::int64_t rows = std::abs(static_cast<std::int64_t>(height));
+  return {header.little(18, 4), static_cast<std::uint64_t>(rows)};
+}
+
+// Numbers between blanks and comments.
+Claim ofPnm(const Header& header) {
+  std::array<std::uint64_t, 2> sizes{};
+  std::size_t place = 2;
+  for (std::uint64_t& size : sizes) {
+    while (std::isspace(header.byte(place)) != 0 || header.byte(place) == '#') {
+      if (header.byte(place++) != '#') continue;
+      while (place < header.size() && header.byte(place) != '\n') ++place;
+    }
+    constexpr std::uint64_t kEnough = std::numeric_limits<std::uint32_t>::max();
+    for (; std::isdigit(header.byte(place)) != 0; ++place) {
+      size = std::min(kEnough, 10 * size + (header.byte(place) - '0'));
+    }
+  }
+  return {sizes[0], sizes[1]};
+}
+
+Claim ofWebp(const Header& header) {
+  if (header.has(12, "VP8X")) return {1ULL + header.little(24, 3), 1ULL + header.little(27, 3)};
+  if (header.has(12, "VP8L")) {
+    const std::uint32_t sizes = header.little(21, 4);
+    return {1ULL + (sizes & 0x3fffU), 1ULL + (sizes >> 14 & 0x3fffU)};
+  }
+  return {header.little(26, 2) & 0x3fffU, header.little(28, 2) & 0x3fffU};
+}
+
+// The first picture of the file; absent if its tiles or strips are larger than the picture, or its
+// samples longer than two bytes.
+Claim ofTiff(const Header& header) {
+  const bool is_big = header.byte(0) == 'M';
+  const auto number = [&](std::size_t place, int count) {
+    return is_big ? header.big(place, count) : header.little(place, count);
+  };
+  constexpr std::uint32_t kWidth = 256, kHeight = 257, kBits = 258, kSamples = 277, kRows = 278,
+                          kTileWidth = 322, kTileHeight = 323, kShort = 3;
+  Claim claim;
+  std::uint64_t rows = 0, tile_width = 0, tile_height = 0, bits = 1, samples = 1;
+  const std::size_t directory = number(4, 4);
+  const std::uint32_t entries = directory < header.size() ? number(directory, 2) : 0;
+  for (std::uint32_t i = 0; i < entries; ++i) {
+    const std::size_t entry = directory + 2 + 12ULL * i;
+    const bool is_short = number(entry + 2, 2) == kShort;
+    const std::uint32_t value = number(entry + 8, is_short ? 2 : 4);
+    const bool is_elsewhere = is_short && number(entry + 4, 4) > 2;
+    switch (number(entry, 2)) {
+      case kWidth:
+        claim.width = value;
+        break;
+      case kHeight:
+        claim.height = value;
+        break;
+      case kBits:  // one per sample; they must be equal, or the decoder refuses the file
+        bits = is_elsewhere ? number(number(entry + 8, 4), 2) : value;
+        break;
+      case kSamples:
+        samples = value;
+        break;
+      case kRows:
+        rows = value;
+        break;
+      case kTileWidth:
+        tile_width = value;
+        break;
+      case kTileHeight:
+        tile_height = value;
+        break;
+      default:
+        break;
+    }
+  }
+  constexpr std::uint64_t kAllRows = std::numeric_limits<std::uint32_t>::max();
+  constexpr std::uint64_t kTile = 1024;  // larger than a small picture
+  const bool is_usual =
+      bits <= 16 && samples <= 4 && (rows == kAllRows || rows <= std::max(claim.height, kTile)) &&
+      tile_width <= std::max(claim.width, kTile) && tile_height <= std::max(claim.height, kTile);
+  return is_usual ? claim : Claim{};
+}
+
+std::optional<Claim> claimOf(const Bytes& bytes) {
+  const Header header(bytes);
+  if (header.has(0, "\xff\xd8")) {
+    const cv::Size size = JpegDecoder::claimedSize(bytes.data(), bytes.size());
+    return Claim{static_cast<std::uint64_t>(size.width), static_cast<std::uint64_t>(size.height)};
+  }
+  if (header.has(0, "\x89PNG\r\n\x1a\n") && header.has(12, "IHDR")) {
+    return Claim{header.big(16, 4), header.big(20, 4)};
+  }
+  if (header.has(0, "BM")) return ofBmp(header);
+  if (header.byte(0) == 'P' && header.byte(1) >= '1' && header.byte(1) <= '6') return ofPnm(header);
+  if (header.has(0, "RIFF") && header.has(8, "WEBPVP8")) return ofWebp(header);
+  if (header.little(0, 4) == 0x002a4949U || header.little(0, 4) == 0x2a004d4dU) {
+    return ofTiff(header);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>& bytes) {
+  if (bytes.empty()) return "the file is empty";
+  const std::optional<Claim> claim = claimOf(bytes);
+  if (!claim) {
+    return "it does not begin like a picture; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
+  }
+  constexpr std::uint64_t kMost = std::numeric_limits<int>::max();
+  if (claim->width == 0 || claim->height == 0 || claim->width > kMost || claim->height > kMost) {
+    return "its header is damaged, truncated or of an unsupported kind";
+  }
+  return cv::Size(static_cast<int>(claim->width), static_cast<int>(claim->height));
+}
+
 namespace {
 
 constexpr std::size_t kMostBytes = 128U << 20U;  // of a file

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include <opencv2/core.hpp>
+
 #include "helix_arm/vision/frame_source.hpp"
 
 namespace helix_arm::vision {

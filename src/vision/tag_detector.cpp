@@ -8,7 +8,7 @@
 
 #include "corner_refinement.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/localization/camera.hpp"
 
 namespace helix_arm::vision {
 namespace {

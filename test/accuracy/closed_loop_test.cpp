@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"

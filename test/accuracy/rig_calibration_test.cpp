@@ -10,12 +10,11 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/simulation/mount_deviation.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"

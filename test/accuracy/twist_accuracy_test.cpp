@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "support/sample_view.hpp"
 

@@ -10,7 +10,7 @@
 #include <ceres/ceres.h>
 #include <gsl/gsl_multimin.h>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "support/sample_rig.hpp"
 
 namespace helix_arm::benchmark {

@@ -7,7 +7,7 @@
 #include <benchmark/benchmark.h>
 #include <gsl/gsl_multimin.h>
 
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::benchmark {

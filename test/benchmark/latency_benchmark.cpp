@@ -8,7 +8,7 @@
 #include <ros/ros.h>
 
 #include "helix_arm/PressureArray.h"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace {
 

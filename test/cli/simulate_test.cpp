@@ -10,8 +10,8 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "rod_scene.hpp"

@@ -16,7 +16,6 @@
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
-#include "helix_arm/vision/tag_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -1,11 +1,10 @@
-#include "helix_arm/control/tip_approach.hpp"
-
 #include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/random.hpp"

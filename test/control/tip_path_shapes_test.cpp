@@ -1,5 +1,3 @@
-#include "helix_arm/control/tip_path_shapes.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -10,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::control {

@@ -1,8 +1,7 @@
 // Kilopascals in a field of pascals.
-#include "helix_arm/control/unit_watch.hpp"
-
 #include <gtest/gtest.h>
 
+#include "helix_arm/control/target_check.hpp"
 #include "support/sample_arm.hpp"
 
 namespace helix_arm::control {

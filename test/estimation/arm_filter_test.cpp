@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/arm_filter.hpp"
+#include "helix_arm/tracking/arm_filter.hpp"
 
 #include <Eigen/Cholesky>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "support/sample_rig.hpp"
 
 namespace helix_arm::estimation {

@@ -1,5 +1,5 @@
 // Statistics of a fit whose equations are not positive definite.
-#include "calibration_statistics.hpp"
+#include "calibration/calibration_statistics.hpp"
 
 #include <limits>
 

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 
 #include <algorithm>
 #include <cmath>

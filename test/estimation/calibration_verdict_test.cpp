@@ -10,7 +10,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "support/sample_rig.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/camera_placement.hpp"
+#include "helix_arm/localization/camera_placement.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/localization/camera.hpp"
 
 #include <stdexcept>
 

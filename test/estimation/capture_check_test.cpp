@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/capture_check.hpp"
+#include "helix_arm/localization/capture_check.hpp"
 
 #include <cstdio>
 

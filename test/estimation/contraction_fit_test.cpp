@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/calibration/contraction_fit.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/error_budget.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
 #include "support/sample_view.hpp"
 #include "support/tip_spread.hpp"
 

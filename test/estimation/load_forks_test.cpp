@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/load_forks.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

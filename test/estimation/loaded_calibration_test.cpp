@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"

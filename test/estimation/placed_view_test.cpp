@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/placed_view.hpp"
+#include "helix_arm/localization/placed_view.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/response_fit.hpp"
+#include "helix_arm/response/response_fit.hpp"
 
 #include <cmath>
 #include <cstdio>
@@ -10,7 +10,6 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/pressure_history.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::estimation {

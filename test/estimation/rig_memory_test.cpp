@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/localization/rig_memory.hpp"
 
 #include <cmath>
 #include <cstdio>

@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 
 #include <algorithm>
 #include <stdexcept>

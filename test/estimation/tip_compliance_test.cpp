@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/tip_compliance.hpp"
+#include "helix_arm/tracking/tip_compliance.hpp"
 
 #include <cmath>
 #include <string>

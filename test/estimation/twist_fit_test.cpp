@@ -1,4 +1,4 @@
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
 
 #include <cmath>
 #include <stdexcept>

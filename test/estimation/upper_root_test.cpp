@@ -1,11 +1,11 @@
-#include "upper_root.hpp"
-
 #include <Eigen/LU>
 #include <limits>
 #include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "calibration/shape_model.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/regulator/ascii_serial_driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "live_board.hpp"
+#include "regulator/ascii_serial_driver.hpp"
 
 namespace helix_arm::test {
 

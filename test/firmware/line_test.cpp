@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "board_kinds.hpp"
-#include "helix_arm/regulator/line_format.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
 
 namespace helix_arm::test {
 namespace {

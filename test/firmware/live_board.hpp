@@ -7,8 +7,8 @@
 #include <thread>
 
 #include "helix_arm/basics/mutex.hpp"
-#include "pseudo_terminal.hpp"
 #include "simulated_board.hpp"
+#include "simulation/pseudo_terminal.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"

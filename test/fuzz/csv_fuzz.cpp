@@ -4,8 +4,7 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/tag_corners.hpp"
-#include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/response_series.hpp"

@@ -11,7 +11,7 @@
 #include <mutex>
 #include <vector>
 
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "regulator/modbus_tcp_driver.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/reply_server.hpp"
 

@@ -3,11 +3,10 @@
 #include <optional>
 #include <string>
 
-#include "document.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "io/document/document.hpp"
+#include "io/scene/profile_file.hpp"
 #include "memory_file.hpp"
-#include "modbus_profile_reader.hpp"
-#include "serial_profile_reader.hpp"
 
 namespace {
 

@@ -18,7 +18,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/io/file_error.hpp"
 #include "support/random.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -1,8 +1,6 @@
-#include "helix_arm/io/content_hash.hpp"
-
 #include <gtest/gtest.h>
 
-#include "helix_arm/io/file_error.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"

@@ -1,9 +1,8 @@
 // Every rule of a Modbus profile's file, broken once; and what the shipped ones hold.
 
-#include "modbus_profile_reader.hpp"
-
 #include <gtest/gtest.h>
 
+#include "io/scene/profile_file.hpp"
 #include "profile_text.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/scene_text.hpp"

@@ -1,7 +1,7 @@
 // ring.radius_m and ring.tilt_deg as lists.
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "scene_faults.hpp"
 

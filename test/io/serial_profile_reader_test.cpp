@@ -1,11 +1,10 @@
 // Every rule of a serial profile's file, broken once; and what the shipped ones hold.
 
-#include "serial_profile_reader.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "io/scene/profile_file.hpp"
 #include "profile_text.hpp"
 #include "support/scene_text.hpp"
 #include "support/serial_profiles.hpp"

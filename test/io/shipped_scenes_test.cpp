@@ -10,10 +10,10 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/estimation/arm_view.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/pressure_tour.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/random.hpp"
 #include "support/temporary_file.hpp"

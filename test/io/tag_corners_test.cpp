@@ -1,9 +1,8 @@
-#include "helix_arm/io/tag_corners.hpp"
-
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/io/tag_table.hpp"
 #include "support/random.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"

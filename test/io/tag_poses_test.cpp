@@ -1,10 +1,9 @@
-#include "helix_arm/io/tag_poses.hpp"
-
 #include <Eigen/Geometry>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/tag_table.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
 

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "support/random.hpp"
 #include "support/table_faults.hpp"

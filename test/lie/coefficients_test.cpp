@@ -8,7 +8,6 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/vector_clones.hpp"
-#include "log_coefficient.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 

@@ -5,7 +5,7 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/so3.hpp"
-#include "so3_switch.hpp"
+#include "lie/so3_switch.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 

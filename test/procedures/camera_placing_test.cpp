@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/arm_view.hpp"
-#include "helix_arm/vision/camera_start.hpp"
+#include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/vision/camera_calibration.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 

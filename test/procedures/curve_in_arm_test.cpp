@@ -1,7 +1,7 @@
 // A contraction curve fitted to free lengths and captures together, over many simulated sets: the
 // curve of a sound muscle is refused as rarely as is said, that of a wrong one is refused, and
 // K_kappa holds its error whichever curve is kept.
-#include "curve_in_arm.hpp"
+#include "procedures/curve_in_arm.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/calibration_parameters.hpp"
+#include "helix_arm/calibration/calibration_parameters.hpp"
 
 namespace helix_arm::test {
 namespace {

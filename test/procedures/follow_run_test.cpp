@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/control/tip_path.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::procedures {

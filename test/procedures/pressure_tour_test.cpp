@@ -1,11 +1,10 @@
-#include "helix_arm/procedures/pressure_tour.hpp"
-
 #include <cmath>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
 #include "support/sample_arm.hpp"
 
 namespace helix_arm::procedures {

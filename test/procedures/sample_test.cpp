@@ -1,8 +1,8 @@
-#include "helix_arm/procedures/sample.hpp"
-
 #include <stdexcept>
 
 #include <gtest/gtest.h>
+
+#include "helix_arm/procedures/settle_watch.hpp"
 
 namespace helix_arm::procedures {
 namespace {

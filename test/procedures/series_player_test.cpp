@@ -1,10 +1,10 @@
-#include "helix_arm/procedures/series_player.hpp"
-
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
+
+#include "helix_arm/procedures/pressure_plan.hpp"
 
 namespace helix_arm::procedures {
 namespace {

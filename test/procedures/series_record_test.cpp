@@ -1,5 +1,3 @@
-#include "helix_arm/procedures/series_record.hpp"
-
 #include <cmath>
 #include <limits>
 #include <sstream>
@@ -7,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/data_set.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::procedures {

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::procedures {

@@ -1,5 +1,3 @@
-#include "helix_arm/procedures/unrolled_tags.hpp"
-
 #include <Eigen/Geometry>
 #include <cmath>
 
@@ -7,6 +5,7 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/tag_sheets.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/ascii_serial_driver.hpp"
+#include "regulator/ascii_serial_driver.hpp"
 
 #include <cmath>
 #include <csignal>
@@ -14,8 +14,8 @@
 #include <unistd.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/regulator/serial_port.hpp"
 #include "helix_arm/simulation/serial_device.hpp"
+#include "regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

@@ -1,6 +1,4 @@
 // One program of a machine drives a device at a time.
-#include "helix_arm/regulator/device_lock.hpp"
-
 #include <csignal>
 
 #include <gtest/gtest.h>
@@ -8,8 +6,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
 #include "helix_arm/simulation/modbus_device.hpp"
+#include "regulator/modbus_tcp_driver.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 

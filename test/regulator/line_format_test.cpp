@@ -1,5 +1,3 @@
-#include "helix_arm/regulator/line_format.hpp"
-
 #include <cmath>
 #include <limits>
 #include <locale>
@@ -7,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 

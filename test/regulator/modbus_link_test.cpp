@@ -12,8 +12,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
 #include "helix_arm/simulation/modbus_device.hpp"
+#include "regulator/modbus_tcp_driver.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"

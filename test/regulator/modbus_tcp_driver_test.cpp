@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "regulator/modbus_tcp_driver.hpp"
 
 #include <chrono>
 #include <cmath>

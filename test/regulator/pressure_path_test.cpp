@@ -1,9 +1,8 @@
-#include "helix_arm/regulator/pressure_path.hpp"
-
 #include <fstream>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/regulator/guard_process.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/eventually.hpp"
 #include "support/scripted_driver.hpp"

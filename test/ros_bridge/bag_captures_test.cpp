@@ -1,4 +1,4 @@
-#include "ros_bridge/calibration/bag_captures.hpp"
+#include "bag/bag_captures.hpp"
 
 #include <fstream>
 

@@ -1,8 +1,8 @@
-#include "ros_bridge/follow/calibration_watch.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
+
+#include "ros_bridge/follow/loop_diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

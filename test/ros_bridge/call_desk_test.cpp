@@ -1,6 +1,4 @@
 // Calls that hang hold up neither their caller nor other calls.
-#include "ros_bridge/cockpit/call_desk.hpp"
-
 #include <chrono>
 #include <condition_variable>
 #include <future>
@@ -9,6 +7,8 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

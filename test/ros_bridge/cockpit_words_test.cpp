@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include "ros_bridge/cockpit/calibration_use.hpp"
-
 namespace helix_arm::ros_bridge {
 namespace {
 

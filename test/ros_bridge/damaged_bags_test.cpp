@@ -8,9 +8,9 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 
-#include "helix_arm/io/content_hash.hpp"
+#include "bag/bag_captures.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "ros_bridge/calibration/bag_captures.hpp"
 #include "support/random.hpp"
 #include "support/recording.hpp"
 #include "support/temporary_folder.hpp"

@@ -8,9 +8,9 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "ros_bridge/common/names.hpp"
-#include "ros_bridge/pressure/arm_markers.hpp"
-#include "ros_bridge/vision/vision_markers.hpp"
+#include "ros_bridge/names.hpp"
+#include "ros_bridge/pressure/shape_publisher.hpp"
+#include "ros_bridge/vision/vision_status_publisher.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::ros_bridge {

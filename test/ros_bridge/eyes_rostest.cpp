@@ -12,7 +12,7 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/vision/frozen_watch.hpp"
+#include "helix_arm/vision/frame_source.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"

@@ -1,8 +1,8 @@
-#include "ros_bridge/follow/goal_watch.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
+
+#include "ros_bridge/follow/path_goal.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

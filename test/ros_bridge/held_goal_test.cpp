@@ -1,7 +1,7 @@
 // When the cockpit stops repeating its target.
-#include "ros_bridge/cockpit/held_goal.hpp"
-
 #include <gtest/gtest.h>
+
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

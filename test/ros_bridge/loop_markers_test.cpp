@@ -1,10 +1,9 @@
-#include "ros_bridge/follow/loop_markers.hpp"
-
 #include <algorithm>
 
 #include <gtest/gtest.h>
 
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
+#include "ros_bridge/follow/loop_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,5 +1,3 @@
-#include "ros_bridge/follow/path_checker.hpp"
-
 #include <algorithm>
 #include <cstring>
 #include <stdexcept>
@@ -8,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/control/tip_path.hpp"
+#include "ros_bridge/follow/path_goal.hpp"
 #include "support/eventually.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,10 +1,10 @@
 // What a strip chart remembers.
-#include "ros_bridge/cockpit/strip_history.hpp"
-
 #include <cmath>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
+
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

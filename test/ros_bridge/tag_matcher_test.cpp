@@ -1,6 +1,6 @@
-#include "ros_bridge/follow/tag_matcher.hpp"
-
 #include <gtest/gtest.h>
+
+#include "ros_bridge/follow/visual_servo_node.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -29,12 +29,12 @@
 #include <rviz/config.h>
 #include <rviz/panel.h>
 
-#include "fixed_text.hpp"
 #include "helix_arm/Forward.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/io/scene.hpp"
 #include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "rviz_panel/panel_parts.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_folder.hpp"

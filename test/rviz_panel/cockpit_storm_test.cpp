@@ -41,7 +41,7 @@
 #include "panel_window.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "support/process.hpp"
 
 namespace helix_arm::test {

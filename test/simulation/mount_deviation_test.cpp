@@ -1,11 +1,10 @@
-#include "helix_arm/simulation/mount_deviation.hpp"
-
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/simulation/rig.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::test {

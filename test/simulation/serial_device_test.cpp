@@ -13,7 +13,7 @@
 
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/regulator/serial_port.hpp"
+#include "regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

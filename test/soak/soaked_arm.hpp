@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/control/channel_watch.hpp"
+#include "control/channel_watch.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/simulation/device_fault.hpp"
 #include "latency_histogram.hpp"
 #include "support/random.hpp"

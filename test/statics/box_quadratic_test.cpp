@@ -1,4 +1,4 @@
-#include "box_quadratic.hpp"
+#include "statics/inverse/box_quadratic.hpp"
 
 #include <gtest/gtest.h>
 

@@ -5,10 +5,9 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/median_time.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
-#include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "support/loaded_arm.hpp"

@@ -1,5 +1,3 @@
-#include "helix_arm/statics/workspace_extremes.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/statics/workspace.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"
 #include "support/tip_grid.hpp"

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "helix_arm/simulation/board.hpp"
-#include "helix_arm/vision/board_views.hpp"
 #include "support/random.hpp"
+#include "vision/board_views.hpp"
 
 namespace helix_arm::test {
 

@@ -9,7 +9,7 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::test {
 

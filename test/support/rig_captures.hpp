@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/io/tag_corners.hpp"
-#include "helix_arm/procedures/sample.hpp"
+#include "helix_arm/io/tag_table.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 

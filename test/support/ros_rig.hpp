@@ -21,7 +21,7 @@
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "support/eventually.hpp"
 
 namespace helix_arm::test {

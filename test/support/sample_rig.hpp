@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::test {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "helix_arm/estimation/arm_view.hpp"
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 

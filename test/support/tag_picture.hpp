@@ -7,7 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
 namespace helix_arm::test {

@@ -1,9 +1,9 @@
-#include "helix_arm/vision/frozen_watch.hpp"
-
 #include <cmath>
 #include <cstdint>
 
 #include <gtest/gtest.h>
+
+#include "helix_arm/vision/frame_source.hpp"
 
 namespace helix_arm::vision {
 namespace {

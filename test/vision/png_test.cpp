@@ -1,7 +1,5 @@
 // Built with the decoder and the sanitizers for addresses and undefined behaviour; libpng itself is
 // built without them.
-#include "png.hpp"
-
 #include <iostream>
 #include <string>
 
@@ -11,6 +9,7 @@
 
 #include "jpeg_pictures.hpp"
 #include "mangled.hpp"
+#include "vision/png.hpp"
 
 namespace helix_arm::test {
 namespace {

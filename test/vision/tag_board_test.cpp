@@ -1,9 +1,8 @@
-#include "helix_arm/vision/tag_board.hpp"
-
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 #include "support/refusal.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/vision/tag_tracker.hpp"
+#include "vision/tag_tracker.hpp"
 
 #include <algorithm>
 #include <cmath>

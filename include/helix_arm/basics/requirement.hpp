@@ -3,7 +3,9 @@
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
+#include <string>
 #include <type_traits>
+#include <variant>
 
 namespace helix_arm::basics {
 
@@ -34,5 +36,30 @@ void requireValue(bool holds, const char* culprit, const char* what, const Value
                   const Rule& rule) {
   require(holds, culprit, ": ", what, " is ", value, "; expected ", rule);
 }
+
+/// @throws std::invalid_argument as requireValue() unless the value is finite and > 0.
+inline void requirePositive(const char* culprit, const char* what, double value) {
+  requireValue(std::isfinite(value) && value > 0, culprit, what, value, "a finite value > 0");
+}
+
+/// @throws std::invalid_argument as requireValue() unless the value is finite and >= 0.
+inline void requireNotNegative(const char* culprit, const char* what, double value) {
+  requireValue(std::isfinite(value) && value >= 0, culprit, what, value, "a finite value >= 0");
+}
+
+// Results of checks of what data can cause, such as a message of another node.
+
+/// Why something was refused, and the message for its sender.
+///
+/// @tparam Fault  enumeration of the reasons.
+template <class Fault>
+struct Refusal {
+  Fault fault;
+  std::string message;  ///< names the culprit and the remedy
+};
+
+/// The checked value, or why it was refused.
+template <class T, class Fault>
+using Checked = std::variant<T, Refusal<Fault>>;
 
 }  // namespace helix_arm::basics

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "helix_arm/lie/se3.hpp"
 #include "helix_arm/lie/so3.hpp"
 
 namespace helix_arm::control {
@@ -79,6 +80,84 @@ class TipPath {
 
   std::vector<Knot> knots_;
   bool has_rotations_ = false;
+};
+
+/// Closed curves of radius r in a plane with axes a and b, run from a to b.
+enum class TipShape {
+  kCircle,      ///< begins at (r, 0); constant speed
+  kSquare,      ///< corners (+-r, +-r), begins at (r, r); rests at each corner
+  kLemniscate,  ///< Bernoulli's, (a^2 + b^2)^2 = r^2 (a^2 - b^2), begins at (r, 0); constant speed
+};
+inline constexpr TipShape kTipShapes[] = {TipShape::kCircle, TipShape::kSquare,
+                                          TipShape::kLemniscate};
+
+/// "circle", "square" or "lemniscate".
+const char* nameOf(TipShape shape);
+
+/// Plane of a shape; its axes a and b are those of the base frame in the order of its name.
+enum class PathPlane { kXy, kXz, kYz };
+inline constexpr PathPlane kPathPlanes[] = {PathPlane::kXy, PathPlane::kXz, PathPlane::kYz};
+
+/// "xy", "xz" or "yz".
+const char* nameOf(PathPlane plane);
+
+/// Points of each turn of a shape, a multiple of 4: the corners of a square are points.
+inline constexpr int kPointsPerTurn = 200;
+inline constexpr int kMostTurns = (static_cast<int>(kMostWayPoints) - 1) / kPointsPerTurn;
+/// Share of a side's time in which the speed of a square rises, and in which it falls.
+inline constexpr double kSquareRamp = 0.2;
+
+/// A shape that the tip is to draw.
+struct ShapedPath {
+  TipShape shape = TipShape::kCircle;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  ///< base frame [m]
+  double radius = 0.02;                              ///< r, > 0 [m]
+  double period = 20.0;                              ///< time of one turn [s]
+  int turns = 1;                                     ///< 1 to kMostTurns
+  PathPlane plane = PathPlane::kYz;
+};
+
+/// Points of the shape at even times from 0 to turns * period, without velocities. A TipPath
+/// through them stays within 2e-4 r of the curve. It starts and ends at rest, so circle and
+/// lemniscate are up to 1e-2 r late or early along the curve in their first and last steps.
+/// @throws std::invalid_argument naming the value and its rule, also if the period is so short, or
+/// the whole so long or so far away, that TipPath would refuse it.
+std::vector<TipWayPoint> wayPointsOf(const ShapedPath& path);
+
+/// Default largest speed of an approach [m/s].
+inline constexpr double kApproachSpeed = 0.1;
+
+/// A motion of the tip from rest at one place to rest at another, with the least jerk: after the
+/// part s of its duration it has covered 10 s^3 - 15 s^4 + 6 s^5 of a straight line and, between
+/// poses, of the rotation about a fixed axis. Used to reach the first point of a TipPath.
+class TipApproach {
+ public:
+  /// Between positions, base frame [m]; the orientation is free.
+  /// @param most_speed  peak speed, which it reaches half way, > 0 [m/s].
+  /// @throws std::invalid_argument on a position that is not finite or beyond
+  /// statics::kFarthestTarget, or a speed that breaks its rule or takes longer than kLongestPath.
+  TipApproach(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+              double most_speed = kApproachSpeed);
+
+  /// Between poses X_BT. A radian counts as a length of InverseOptions::rotation_weight, so that
+  /// the angular speed is limited to most_speed / rotation_weight, too.
+  /// @throws std::invalid_argument also on an invalid rotation matrix.
+  TipApproach(const lie::SE3& from, const lie::SE3& to, double most_speed = kApproachSpeed);
+
+  /// The reference at a time since the beginning [s]: at rest at `from` before it (and for NaN), at
+  /// rest at `to` from duration() on. Does not allocate.
+  TipReference at(double time) const noexcept;
+
+  /// 0 where both places are the same [s].
+  double duration() const { return duration_; }
+
+ private:
+  void setDuration(double length, double most_speed);
+
+  Eigen::Vector3d from_, to_;
+  std::optional<lie::SO3> R_BT_;                    ///< of the beginning
+  Eigen::Vector3d turn_ = Eigen::Vector3d::Zero();  ///< rotation vector, tip frame [rad]
+  double duration_ = 0.0;
 };
 
 }  // namespace helix_arm::control

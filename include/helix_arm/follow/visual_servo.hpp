@@ -7,15 +7,14 @@
 #include <vector>
 
 #include "helix_arm/control/pressure_observer.hpp"
-#include "helix_arm/control/tip_approach.hpp"
 #include "helix_arm/control/tip_path.hpp"
-#include "helix_arm/estimation/arm_filter.hpp"
-#include "helix_arm/estimation/error_budget.hpp"
-#include "helix_arm/estimation/load_forks.hpp"
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/tracking/arm_filter.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
 
 namespace helix_arm::follow {
 

@@ -1,13 +1,35 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
-#include "helix_arm/estimation/arm_filter_options.hpp"
-#include "helix_arm/estimation/load_forks_options.hpp"
-#include "helix_arm/estimation/placed_view.hpp"
-#include "helix_arm/follow/on_contact.hpp"
+#include "helix_arm/localization/placed_view.hpp"
+#include "helix_arm/tracking/tracking_options.hpp"
 
 namespace helix_arm::follow {
+
+/// What the loop does while something touches the arm.
+enum class OnContact : std::uint8_t {
+  kReport,  ///< goes on: a payload is carried
+  kYield,   ///< correction and path stand still, so that the force does not grow
+  kStop,    ///< gives the path up and holds the command
+};
+/// All reactions. Add a new one here, too.
+inline constexpr OnContact kContactReactions[] = {OnContact::kReport, OnContact::kYield,
+                                                  OnContact::kStop};
+
+/// "report", "yield" or "stop".
+constexpr const char* nameOf(OnContact reaction) {
+  switch (reaction) {
+    case OnContact::kYield:
+      return "yield";
+    case OnContact::kStop:
+      return "stop";
+    case OnContact::kReport:
+      break;
+  }
+  return "report";
+}
 
 /// Rules of a VisualServo.
 struct VisualServoConfig {

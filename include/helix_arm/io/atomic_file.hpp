@@ -1,11 +1,21 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 
+#include "helix_arm/basics/regular_file.hpp"
+
 namespace helix_arm::io {
+
+/// A file that cannot be read or written; what() names it, the system's reason and a remedy.
+class FileError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
 
 /// A file that is written in pieces and replaced atomically: a reader of its path always finds the
 /// complete old or the complete new content, even after a crash or a power failure.
@@ -43,5 +53,18 @@ class AtomicFile {
 
 /// Writes this text as an AtomicFile. Throws as AtomicFile does.
 void writeFileAtomically(const std::string& path, const std::string& text);
+
+/// SHA-256 of bytes, 64 hexadecimal digits.
+std::string sha256Of(const std::string& content);
+
+/// SHA-256 of an open file, which may be read further afterwards.
+/// @param path  path of the file, for messages.
+/// @param most  [bytes]
+/// @throws FileError if it is not open, cannot be read or has more bytes.
+std::string sha256OfFile(basics::RegularFile& file, const std::string& path, std::uint64_t most);
+
+/// SHA-256 of the content of a regular file of at most 64 MiB.
+/// @throws FileError if it is no regular file, is larger or cannot be read.
+std::string sha256OfFile(const std::string& path);
 
 }  // namespace helix_arm::io

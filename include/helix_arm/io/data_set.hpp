@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/model/arm_response.hpp"
+
 namespace helix_arm::io {
 
 /// A table of measurements: `#` comments, a header that names its units, rows of numbers.
@@ -35,5 +37,14 @@ DataSet readDataSet(std::istream& in, const std::string& name,
 /// @throws DocumentError if there is no such column, one beyond the last actuator, or both units of
 /// one actuator.
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators);
+
+/// The measured pressures of a data set: columns pressure_1_kpa .. (one that is missing is 0) and,
+/// if they are there, `time_s`, which makes the rows a series, and `trial`, whose changes start a
+/// new memory.
+/// @throws DocumentError as pressuresOf(), and if the time falls within a trial.
+model::InputHistory historyOf(const DataSet& data, int actuators);
+
+/// The same of any pressures (rows x actuators) [Pa] in the order of the data set's rows.
+model::InputHistory historyOf(const DataSet& data, Eigen::MatrixXd pressure);
 
 }  // namespace helix_arm::io

@@ -8,6 +8,21 @@
 
 namespace helix_arm::io {
 
+/// An override of one key, as in `--set regulator.simulated.noise_kpa=1`; list entries by number
+/// (`arm.sections.0.name`).
+struct Override {
+  std::string key;    ///< dotted path; a key that the schema does not know is a fault
+  std::string value;  ///< YAML text
+};
+
+/// How one section is drawn; no effect on the model.
+struct SectionLook {
+  std::string name;
+  int separators = 8;              ///< discs along the section, >= 2
+  double separator_radius = 0.03;  ///< [m]
+  double muscle_radius = 0.008;    ///< [m]
+};
+
 /// All faults of a document, one line per fault: `file:line key value rule`, printable whatever the
 /// document holds (basics::printable()).
 /// The size of the list is limited: the first kMostKept faults are kept, each with at most

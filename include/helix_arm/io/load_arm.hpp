@@ -4,8 +4,6 @@
 #include <vector>
 
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/override.hpp"
-#include "helix_arm/io/section_look.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 

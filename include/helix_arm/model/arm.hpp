@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "helix_arm/model/actuator.hpp"
-#include "helix_arm/model/equilibrium.hpp"
 #include "helix_arm/model/taper.hpp"
 
 namespace helix_arm::model {

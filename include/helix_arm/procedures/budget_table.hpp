@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/error_budget.hpp"
-#include "helix_arm/estimation/load_forks.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
 
 namespace helix_arm::procedures {
 

@@ -5,12 +5,12 @@
 #include <utility>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
-#include "helix_arm/estimation/contraction_fit.hpp"
-#include "helix_arm/estimation/response_fit.hpp"
+#include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/calibration_data.hpp"
+#include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/response/response_fit.hpp"
 
 namespace helix_arm::procedures {
 

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/camera_placement.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::procedures {

@@ -2,12 +2,17 @@
 
 #include <Eigen/Core>
 #include <map>
+#include <optional>
+#include <string>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/io/tag_corners.hpp"
+#include "helix_arm/io/tag_table.hpp"
+#include "helix_arm/localization/capture_check.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 
 namespace helix_arm::procedures {
 
@@ -53,5 +58,47 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
 /// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures);
+
+// Captures that no shape explains, see estimation::checkCaptures().
+
+/// Of tag positions.
+estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar);
+
+/// "no shape explains it: its tags are off by RMS 54.0 mm, usual are 13.7 mm; ...".
+std::string scatterText(double rms, double usual);
+
+/// One warning for each capture of tag positions that no shape explains.
+std::vector<std::string> warningsOfScatter(const io::Scene& scene,
+                                           const std::vector<estimation::Capture>& captures);
+
+// The measurements that a calibration is made from.
+
+/// Measurements of one arm.
+struct CalibrationData {
+  std::vector<estimation::Capture> captures;
+  ResponseSeries lengths;  ///< free lengths of one muscle
+  ResponseSeries tips;     ///< positions of the tip through motions; also gives the effective
+                           ///< pressures of captures
+  std::vector<io::Provenance::Data> sources;
+  std::vector<std::string> warnings;
+};
+
+/// Adds the captures of one file. If their numbers are already used, they are renumbered, with a
+/// warning.
+void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
+                 CalibrationData& data);
+
+/// Adds a data set of any kind: curvatures, tag poses, tag corners, free lengths, series of the
+/// tip.
+/// @throws DocumentError with every fault of its rows.
+void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data);
+
+/// Reads data sets of any kind.
+/// @throws DocumentError with every fault of a file.
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
+
+/// The message that names two sources with the same content, if there are any; such data would
+/// count twice.
+std::optional<std::string> repeatedSource(const std::vector<io::Provenance::Data>& sources);
 
 }  // namespace helix_arm::procedures

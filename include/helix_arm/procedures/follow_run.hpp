@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "helix_arm/control/tip_path.hpp"
-#include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
 
 namespace helix_arm::procedures {
 

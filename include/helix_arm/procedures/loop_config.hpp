@@ -1,9 +1,11 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/placed_view.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 
 namespace helix_arm::procedures {
@@ -19,5 +21,10 @@ vision::LocalizerConfig localizerConfigOf(const io::Scene& scene);
 
 /// What a user should know of that configuration before the arm moves; empty if nothing.
 std::string loopWarning(const follow::VisualServoConfig& config);
+
+/// The scene's view of its arm, with the standard errors of its calibration where that fitted
+/// placements, and its priors of them otherwise; a base that is fitted counts as learnt from the
+/// pictures. Nothing without a camera or tags.
+std::optional<estimation::PlacedView> placedViewOf(const io::Scene& scene);
 
 }  // namespace helix_arm::procedures

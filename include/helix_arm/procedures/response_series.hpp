@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
@@ -52,5 +54,66 @@ std::vector<estimation::LengthSample> effectiveSamples(const ResponseSeries& len
 /// themselves.
 /// @param fit  with a curve; a quintic that has to be continued becomes a table.
 estimation::ContractionFit continuedTo(double pressure, estimation::ContractionFit fit);
+
+/// Joins measured pressures and measured tips of an arm in motion, by their times, to the series
+/// that a response is fitted to.
+///
+/// There is a row at each tip, and rows without a tip (NaN) in between and while none comes, so
+/// that the series knows the pressures at all times. Each has the mean of the pressures around its
+/// time, which neither noise nor delay of single readings disturbs. Time is a number [s], the same
+/// for both.
+class SeriesRecord {
+ public:
+  static constexpr std::size_t kMostRows = 200'000;     ///< as many as a data set may have
+  static constexpr std::size_t kMostCells = 4'000'000;  ///< the same
+  static constexpr double kSpacing = 0.02;              ///< most between rows [s]
+  static constexpr double kHalfWindow = 0.1;  ///< of the mean of pressures, before and after [s]
+  static constexpr double kLatency = 5.0;     ///< how much later than pressures tips may come [s]
+  static constexpr double kGap = 1.0;         ///< pressures missing for longer start a trial [s]
+
+  /// @param actuators  number of pressures, >= 1.
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit SeriesRecord(int actuators);
+
+  /// Measured pressures: (actuators) gauge [Pa]. A time before the last one starts a new trial.
+  /// @throws std::invalid_argument on a wrong size.
+  void measured(double time, const Eigen::VectorXd& pressure);
+  /// Measured position of the tip, in a frame that does not move [m]. Tips that are not finite, not
+  /// later than the one before or later than kLatency do not count.
+  void seen(double time, const Eigen::Vector3d& tip);
+
+  std::size_t rows() const { return times_.size(); }
+  std::size_t tips() const { return tip_rows_; }  ///< rows with a tip
+  /// Rows beyond what a data set may have.
+  std::size_t leftOut() const { return left_out_; }
+  /// All rows, with what still waits; goes on afterwards.
+  ResponseSeries series() const;
+
+ private:
+  struct Reading {
+    double time;
+    Eigen::VectorXd pressure;
+  };
+  struct Tip {
+    double time;
+    Eigen::Vector3d position;
+  };
+  void advance(double until);
+  void addRow(double time, const std::optional<Eigen::Vector3d>& tip);
+  void startTrial();
+
+  Eigen::Index actuators_;
+  std::size_t most_rows_;
+  std::deque<Reading> readings_;    // by ascending time
+  std::deque<Tip> waiting_;         // for later pressures; by ascending time
+  std::optional<double> last_row_;  // of this trial
+  std::optional<double> last_tip_;
+  bool starts_anew_ = true;  // the next row
+  std::vector<double> times_;
+  std::vector<bool> starts_;
+  std::vector<double> pressures_, positions_;  // row by row
+  std::size_t tip_rows_ = 0;
+  std::size_t left_out_ = 0;
+};
 
 }  // namespace helix_arm::procedures

@@ -4,7 +4,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "helix_arm/control/valve_orders.hpp"
+#include "helix_arm/control/safety.hpp"
 
 namespace helix_arm::regulator {
 

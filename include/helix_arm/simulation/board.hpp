@@ -5,7 +5,6 @@
 
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
-#include "helix_arm/vision/tag_board.hpp"
 
 namespace helix_arm::simulation {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/control/valve_orders.hpp"
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/device_fault.hpp"

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/estimation/arm_view.hpp"
+#include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "helix_arm/statics/arm_model.hpp"
-#include "helix_arm/statics/shape_derivative.hpp"
+#include "helix_arm/statics/solution.hpp"
 
 namespace helix_arm::statics {
 

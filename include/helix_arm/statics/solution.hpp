@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Eigen/Core>
+
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/shape.hpp"
 
@@ -52,6 +54,20 @@ struct TipResponse {
   /// (6 x n) body twist of the tip per unit free length of each actuator [m/m; rad/m]; NaN unless
   /// it converged.
   Eigen::Matrix<double, 6, Eigen::Dynamic> by_lengths;
+};
+
+/// Derivatives of tip and twists with respect to m quantities.
+struct ShapeDerivative {
+  /// (6 x m) motion of the tip: its velocity and its angular velocity, base frame [m; rad].
+  Eigen::Matrix<double, 6, Eigen::Dynamic> tip;
+  /// (6 sections x m) mean twists of the sections, v [m], w [rad].
+  Eigen::MatrixXd twists;
+};
+
+/// A shape and its derivatives, NaN unless it converged.
+struct ShapeResponse {
+  Solution at;
+  ShapeDerivative by;
 };
 
 }  // namespace helix_arm::statics

@@ -1,12 +1,31 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <vector>
 
+#include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/load.hpp"
 
 namespace helix_arm::statics {
+
+/// The input that gives an actuator a free length, within its limits.
+struct NearestInput {
+  double q;
+  bool inside;  ///< whether that length is the given one, not that of a limit
+};
+
+/// @param length  [m], any.
+template <class Group>
+NearestInput nearestInput(const model::ActuatorOf<Group>& actuator, double length) {
+  const model::Contraction& contraction = actuator.contraction;
+  const double one = contraction.lengthInside(actuator.limits.lower);
+  const double other = contraction.lengthInside(actuator.limits.upper);
+  const double nearest = std::clamp(length, std::min(one, other), std::max(one, other));
+  const double middle = 0.5 * (actuator.limits.lower + actuator.limits.upper);
+  return {contraction.inverseInside(nearest, middle), nearest == length};
+}
 
 /// The arm at given inputs (n), as the tiers that take a load need it: with the stiffness that its
 /// actuators have at these inputs, if the load has StiffnessTables. In each of its sections

@@ -6,9 +6,9 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/arm_view.hpp"
-#include "helix_arm/estimation/twist_fit.hpp"
-#include "helix_arm/vision/tag_tracker.hpp"
+#include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
+#include "vision/tag_tracker.hpp"
 
 namespace helix_arm::vision {
 

@@ -1,14 +1,30 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/estimation/camera.hpp"
-#include "helix_arm/vision/board_views.hpp"
+#include "helix_arm/localization/camera.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "vision/board_views.hpp"
 
 namespace helix_arm::vision {
+
+/// Approximate pose X_CB of the base seen from the camera, without an initial guess.
+///
+/// Every tag alone gives two poses; the one with the least median error over all tags is returned.
+/// So fewer than half of the tags may be misplaced.
+/// @param seen   one entry per tag, indices of the layout.
+/// @param focal  converts errors of directions to pixels, > 0 [px].
+/// @return nothing if no pose has most tags before the camera.
+std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
+                                         const model::Shape& shape,
+                                         const std::vector<estimation::CornerObservation>& seen,
+                                         double focal);
 
 struct CameraCalibrationOptions {
   /// Number of coefficients of distortion: 0, 2 (k1 k2), 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4

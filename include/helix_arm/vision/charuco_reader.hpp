@@ -5,8 +5,8 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/vision/board_views.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
+#include "vision/board_views.hpp"
 
 namespace helix_arm::vision {
 

@@ -4,18 +4,45 @@
 
 #include <ros/node_handle.h>
 
+#include "calibrator.hpp"
+#include "helix_arm/Calibrate.h"
+#include "helix_arm/ClearSamples.h"
+#include "helix_arm/FitContraction.h"
+#include "helix_arm/RecordSample.h"
+#include "helix_arm/Save.h"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "ros_bridge/calibration/calibration_services.hpp"
-#include "ros_bridge/calibration/calibrator.hpp"
-#include "ros_bridge/calibration/job_slot.hpp"
-#include "ros_bridge/calibration/recorder.hpp"
-#include "ros_bridge/calibration/run_action.hpp"
+#include "recorder.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
+#include "run_action.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// Serves ~record_sample, ~clear_samples, ~save, ~calibrate and ~fit_contraction, in the spinning
+/// thread. While run_calibration is under way, each is refused.
+class CalibrationServices {
+ public:
+  /// @param node  The private one.
+  /// @param jobs, recorder, calibrator  These outlive it.
+  CalibrationServices(ros::NodeHandle& node, JobSlot& jobs, Recorder& recorder,
+                      Calibrator& calibrator);
+  CalibrationServices(const CalibrationServices&) = delete;
+  CalibrationServices& operator=(const CalibrationServices&) = delete;
+
+ private:
+  bool onCalibrate(Calibrate::Request& request, Calibrate::Response& response);
+  bool onFitContraction(FitContraction::Request& request, FitContraction::Response& response);
+  bool onRecord(RecordSample::Request& request, RecordSample::Response& response);
+  bool onClear(ClearSamples::Request& request, ClearSamples::Response& response);
+  bool onSave(Save::Request& request, Save::Response& response);
+
+  JobSlot& jobs_;
+  Recorder& recorder_;
+  Calibrator& calibrator_;
+  ros::ServiceServer calibrate_, fit_contraction_, record_, clear_, save_;
+};
 
 /// Private parameters of calibration.
 struct CalibrationNodeOptions {

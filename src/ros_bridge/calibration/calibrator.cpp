@@ -1,17 +1,38 @@
-#include "ros_bridge/calibration/calibrator.hpp"
+#include "calibrator.hpp"
 
 #include <exception>
 #include <filesystem>
 #include <system_error>
 #include <utility>
 
+#include "bag/bag_captures.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/content_hash.hpp"
-#include "ros_bridge/calibration/bag_captures.hpp"
 #include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
+
+JobSlot::Claim::Claim(JobSlot& slot, Job job) : slot_(slot) {
+  const basics::MutexLock lock(slot_.mutex_);
+  slot_.requireIdle();
+  slot_.job_ = job;
+}
+
+JobSlot::Claim::~Claim() {
+  const basics::MutexLock lock(slot_.mutex_);
+  slot_.job_ = Job::kNone;
+}
+
+bool JobSlot::runs() const {
+  const basics::MutexLock lock(mutex_);
+  return job_ == Job::kRun;
+}
+
+void JobSlot::requireIdle() const {
+  basics::require(job_ != Job::kRun, "run_calibration is running; wait for it, or cancel it first");
+  basics::require(job_ != Job::kFit, "a fit is running; wait for it");
+}
+
 namespace {
 
 void makeFolder(const std::string& folder) {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <ros/node_handle.h>
@@ -14,14 +15,30 @@
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/sample.hpp"
-#include "helix_arm/procedures/series_record.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "ros_bridge/calibration/recording.hpp"
+#include "ros_bridge/common/clock_gate.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/moving_clock.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// The samples that were recorded of an arm, and its scene.
+struct Recording {
+  io::Scene scene;
+  std::vector<procedures::Sample> samples;
+  procedures::ResponseSeries series;  ///< of a run in a loop; empty without one
+  std::size_t left_out = 0;           ///< rows that the series has no room for
+
+  /// What a calibration takes.
+  /// @throws std::invalid_argument without samples, io::DocumentError as
+  /// procedures::makeCaptures().
+  procedures::CalibrationData data() const;
+  /// A data set of tag corners, as CSV.
+  std::string table() const;
+  /// A data set of the series, as CSV; its times are those of the table.
+  std::string seriesTable() const;
+};
 
 /// Listens to what is measured of an arm, tells whether it stands still and whether measurements
 /// are fresh, and holds the samples. From any thread.

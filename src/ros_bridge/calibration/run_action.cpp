@@ -1,4 +1,4 @@
-#include "ros_bridge/calibration/run_action.hpp"
+#include "run_action.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -12,19 +12,27 @@
 #include <ros/init.h>
 #include <ros/this_node.h>
 
-#include "answers.hpp"
-#include "goal_serializers.hpp"
+#include "calibrator.hpp"
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/RunCalibrationActionGoal.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/end_request.hpp"
+#include "ros_bridge/common/end_watch.hpp"
+#include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
+namespace ros::serialization {
+
+template <>
+struct Serializer<helix_arm::RunCalibrationActionGoal>
+    : helix_arm::ros_bridge::GoalSerializer<helix_arm::RunCalibrationActionGoal> {};
+
+}  // namespace ros::serialization
 namespace helix_arm::ros_bridge {
 namespace {
 

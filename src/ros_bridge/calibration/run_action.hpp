@@ -8,15 +8,14 @@
 #include <actionlib/server/simple_action_server.h>
 #include <ros/node_handle.h>
 
+#include "calibrator.hpp"
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
-#include "helix_arm/procedures/sample.hpp"
-#include "ros_bridge/calibration/calibrator.hpp"
-#include "ros_bridge/calibration/job_slot.hpp"
-#include "ros_bridge/calibration/recorder.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
+#include "recorder.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/rest_request.hpp"

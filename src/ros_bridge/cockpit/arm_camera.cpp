@@ -1,7 +1,7 @@
-#include "ros_bridge/cockpit/arm_camera.hpp"
+#include "arm_camera.hpp"
 
-#include "ros_bridge/common/names.hpp"
-#include "ros_bridge/common/side_view.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,22 +1,100 @@
-#include "ros_bridge/cockpit/cockpit_link.hpp"
+#include "cockpit_link.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
+#include <exception>
+#include <system_error>
+#include <thread>
 #include <utility>
 
+#include <ros/master.h>
 #include <ros/service.h>
+#include <ros/this_node.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "cockpit_words.hpp"
 #include "helix_arm/TipTarget.h"
-#include "ros_bridge/cockpit/calibration_use.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+void HeldGoal::begin(double now, CockpitGoal goal) {
+  if (goal_ == CockpitGoal::kNone) waits_since_.reset();
+  if (goal_ != goal) answered_at_ = now;  // a slider that is dragged on is no answer
+  goal_ = goal;
+  last_look_ = now;
+  answer_.clear();
+  refused_ = short_of_ = false;
+}
+
+void HeldGoal::holdPressures(double now, std::vector<double> pressure) {
+  begin(now, CockpitGoal::kPressures);
+  pressures_ = std::move(pressure);
+}
+
+void HeldGoal::holdTip(double now, const std::array<double, 3>& position) {
+  begin(now, CockpitGoal::kTip);
+  tip_ = position;
+}
+
+void HeldGoal::end(const std::string& why) {
+  goal_ = CockpitGoal::kNone;
+  answer_ = why;
+  refused_ = short_of_ = false;
+  waits_since_.reset();
+}
+
+void HeldGoal::noteState(bool enabled, const std::string& reason) {
+  if (goal_ == CockpitGoal::kNone || enabled) return;
+  end("the hold ended with the arm: " + reason);
+}
+
+void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
+                          const std::string& message) {
+  if (goal_ == CockpitGoal::kNone) return;
+  answered_at_ = now;
+  answer_ = message;
+  refused_ = dropped;
+  short_of_ = false;
+  if (!dropped) {
+    waits_since_.reset();
+  } else if (fault == "other_commander") {
+    if (!waits_since_) waits_since_ = now;
+  } else if (fault != "stale") {  // the next one may be in time
+    end(message);
+    refused_ = true;
+  }
+}
+
+bool HeldGoal::turn(double now) {
+  if (goal_ == CockpitGoal::kNone) return false;
+  if (now - last_look_ > kBlind) {
+    end("the hold ended: the window did not respond");
+    return false;
+  }
+  if (now - answered_at_ > kUnanswered) {
+    end("the hold ended: nothing answers its targets; is the node that takes them alive?");
+    refused_ = true;
+    return false;
+  }
+  if (waits_since_ && now - *waits_since_ > kPatience) {
+    const std::string why = answer_;
+    end("another commander keeps the arm: " + why);
+    refused_ = true;
+    return false;
+  }
+  return true;
+}
+
 namespace {
 
 constexpr double kValueFresh = 1.0;    // older values are unknown [s]
@@ -309,6 +387,268 @@ void CockpitLink::useCalibration() {
 void CockpitLink::onTurn(const ros::SteadyTimerEvent&) {
   const basics::MutexLock lock(mutex_);
   if (held_.turn(now())) send();
+}
+
+// What CockpitLink hears.
+
+namespace {
+
+constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
+
+bool isSound(const PressureArray& array) {
+  return !array.name.empty() && array.name.size() == array.pressure.size() &&
+         array.name.size() <= kMostChannels;
+}
+
+std::vector<double> tipPositionOf(const ArmShape& shape) {
+  const auto& p = shape.tip.position;
+  return {p.x, p.y, p.z};
+}
+
+// Sum of the sections' lengths; the speed along a constant twist is |v|.
+double lengthOf(const ArmShape& shape) {
+  double out = 0;
+  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
+    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
+  }
+  return out;
+}
+
+double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  const std::string text = valueOf(status, key);
+  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
+}
+
+// The value of a key in kPa, in Pa.
+double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  return 1e3 * numberOf(status, key);
+}
+
+}  // namespace
+
+void CockpitLink::onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback) {
+  const basics::MutexLock lock(mutex_);
+  if (run != runs_ || !calibration_.running) return;
+  calibration_.step = feedback.step;
+  calibration_.steps = feedback.steps;
+  calibration_.samples = feedback.samples;
+  calibration_.state = shownText(feedback.state);
+}
+
+void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result,
+                           const actionlib::SimpleClientGoalState& ending) {
+  const basics::MutexLock lock(mutex_);
+  if (run != runs_ || !calibration_.running) return;  // it was given up on
+  calibration_.running = false;
+  calibration_.ended = true;
+  calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
+  if (result == nullptr) {
+    calibration_.message = "the calibration node ended (" + ending.toString() + ")";
+    return;
+  }
+  calibration_.success = result->success != 0;
+  calibration_.message = shownText(result->message);
+  calibration_.tip_error_before = result->tip_error_before;
+  calibration_.tip_error_after = result->tip_error_after;
+  calibration_.parameters = parameterLines(*result);
+  calibration_.warnings.clear();
+  for (const std::string& warning : result->warnings) {
+    if (calibration_.warnings.size() == kMostWarnings) break;
+    calibration_.warnings.push_back(shownText(warning));
+  }
+}
+
+void CockpitLink::onCommand(const PressureArrayConstPtr& message) {
+  if (!isSound(*message)) return;
+  const basics::MutexLock lock(mutex_);
+  if (message->name != command_.value.name) {
+    if (held_.goal() != CockpitGoal::kNone) held_.end("the arm has other actuators now");
+  }
+  command_.set(*message);
+}
+
+void CockpitLink::onPressures(const PressureArrayConstPtr& message) {
+  if (!isSound(*message)) return;
+  const basics::MutexLock lock(mutex_);
+  pressures_.set(*message);
+}
+
+void CockpitLink::onSafety(const SafetyStateConstPtr& message) {
+  CockpitSafety safety;
+  safety.state = shownText(message->state);
+  safety.cause = shownText(message->cause);
+  safety.problem = shownText(message->problem);
+  safety.action = shownText(message->action);
+  safety.remedy = shownText(message->remedy);
+  safety.reason = shownText(message->reason);
+  safety.resting = message->resting != 0;
+  safety.stopped = message->stopped != 0;
+  safety.vent_overdue = message->vent_overdue != 0;
+  const basics::MutexLock lock(mutex_);
+  held_.noteState(message->state == SafetyState::ENABLED, safety.reason);
+  safety_.set(std::move(safety));
+}
+
+void CockpitLink::onStatus(const TargetStatusConstPtr& message) {
+  if (message->commander != ros::this_node::getName()) return;
+  const basics::MutexLock lock(mutex_);
+  const char* const topic =
+      held_.goal() == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
+  if (message->topic != topic) return;
+  const bool reached = message->outcome == TargetStatus::REACHED;
+  held_.noteAnswer(now(), message->outcome == TargetStatus::DROPPED, message->fault,
+                   reached ? "reached" : shownText(message->message));
+  if (message->outcome == TargetStatus::UNREACHABLE) held_.noteShort();
+}
+
+void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
+  const basics::MutexLock lock(mutex_);
+  measured_tip_.set(tipPositionOf(*message));
+}
+
+void CockpitLink::onModel(const ArmShapeConstPtr& message) {
+  const basics::MutexLock lock(mutex_);
+  model_tip_.set(tipPositionOf(*message));
+  base_frame_ = shownText(message->header.frame_id);
+  if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
+}
+
+void CockpitLink::onError(const ModelErrorConstPtr& message) {
+  const basics::MutexLock lock(mutex_);
+  tip_error_.set(message->tip_error);
+}
+
+void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
+  CockpitLoop loop;
+  loop.state = shownText(message->state);
+  loop.message = shownText(message->message);
+  if (message->has_wanted) loop.error = message->error;
+  if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
+  const basics::MutexLock lock(mutex_);
+  loop_.set(std::move(loop));
+}
+
+void CockpitLink::onBudget(const ErrorBudgetConstPtr& message) {
+  const basics::MutexLock lock(mutex_);
+  budget_sd_.set(message->predicted_sd);
+}
+
+void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
+  const std::string node = node_.resolveName(names::kPressureCommandNode);
+  const std::string start = statusName(node, names::kChannelStatus);
+  const std::string safety = statusName(node, names::kSafetyStatus);
+  const basics::MutexLock lock(mutex_);
+  for (const auto& status : message->status) {
+    if (status.name == safety) target_timeout_ = numberOf(status, names::kTargetTimeoutKey);
+    if (status.name.compare(0, start.size(), start) != 0) continue;
+    const std::string name = status.name.substr(start.size());
+    const bool known = limits_.count(name) > 0 || limits_.size() < kMostChannels;
+    if (known) {
+      limits_[name] = {pascalsOf(status, names::kLowerLimitKey),
+                       pascalsOf(status, names::kUpperLimitKey)};
+    }
+  }
+}
+
+namespace {
+
+constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
+
+}  // namespace
+
+// Shared with the thread, which may outlive the builder.
+struct LinkBuilder::State {
+  void work() HELIX_ARM_EXCLUDES(mutex) {
+    basics::MutexLock lock(mutex);
+    while (!wish.empty()) {
+      const std::string ns = wish;
+      lock.unlock();
+      const bool answers = masterAnswers();
+      std::unique_ptr<CockpitLink> link;
+      std::exception_ptr thrown;
+      try {
+        if (answers) link = std::make_unique<CockpitLink>(ns);
+      } catch (const std::exception&) {
+        thrown = std::current_exception();
+      }
+      lock.lock();
+      silent = !answers;
+      if (silent) {
+        changed.waitFor(lock, kAskAgain, [&]() HELIX_ARM_REQUIRES(mutex) { return wish != ns; });
+      } else if (wish == ns) {
+        made = std::move(link);
+        fault = thrown;
+        wish.clear();
+      } else {
+        lock.unlock();
+        link.reset();
+        lock.lock();
+      }
+    }
+    works = false;
+  }
+
+  basics::Mutex mutex;
+  basics::Condition changed;
+  std::string wish HELIX_ARM_GUARDED_BY(mutex);  ///< resolved namespace; empty: none
+  bool works HELIX_ARM_GUARDED_BY(mutex) = false;
+  bool silent HELIX_ARM_GUARDED_BY(mutex) = false;  ///< the master did not answer
+  std::unique_ptr<CockpitLink> made HELIX_ARM_GUARDED_BY(mutex);
+  std::exception_ptr fault HELIX_ARM_GUARDED_BY(mutex);
+};
+
+LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
+
+LinkBuilder::~LinkBuilder() { cancel(); }
+
+void LinkBuilder::begin(const std::string& ns) {
+  const std::string resolved = CockpitLink::resolved(ns);
+  cancel();
+  const basics::MutexLock lock(state_->mutex);
+  state_->wish = resolved;
+  state_->silent = false;
+  if (state_->works) return;
+  std::thread([state = state_] { state->work(); }).detach();
+  state_->works = true;
+}
+
+void LinkBuilder::cancel() {
+  std::unique_ptr<CockpitLink> unwanted;
+  {
+    const basics::MutexLock lock(state_->mutex);
+    state_->wish.clear();
+    state_->fault = nullptr;
+    unwanted = std::move(state_->made);
+    state_->changed.notifyAll();
+  }
+  end(std::move(unwanted));
+}
+
+std::unique_ptr<CockpitLink> LinkBuilder::take() {
+  const basics::MutexLock lock(state_->mutex);
+  if (state_->fault) std::rethrow_exception(std::exchange(state_->fault, nullptr));
+  return std::move(state_->made);
+}
+
+std::string LinkBuilder::connectingTo() const {
+  const basics::MutexLock lock(state_->mutex);
+  return state_->wish;
+}
+
+std::string LinkBuilder::silentMaster() const {
+  const basics::MutexLock lock(state_->mutex);
+  return state_->silent && !state_->wish.empty() ? ros::master::getURI() : "";
+}
+
+void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {
+  if (!link) return;
+  CockpitLink* const last = link.get();
+  try {
+    std::thread([last] { delete last; }).detach();
+    static_cast<void>(link.release());
+  } catch (const std::system_error&) {
+    link.reset();  // here, since there is no thread for it
+  }
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -1,17 +1,112 @@
-#include "ros_bridge/common/client_watch.hpp"
+#include "client_watch.hpp"
 
 #include <chrono>
 #include <cstdint>
 #include <limits>
+#include <string>
 
+#include <poll.h>
+#include <ros/init.h>
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
 #include <ros/time.h>
+#include <xmlrpcpp/XmlRpc.h>
 
+#include "end_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
+
+const char* textOf(Reply answer) {
+  switch (answer) {
+    case Reply::kFailure:
+      return "was restarted and does not know this node";
+    case Reply::kHangs:
+      return "does not answer: it hangs, or is cut off";
+    default:
+      return "is gone";
+  }
+}
+
+// After a restart, the master answers but does not know this node, which nobody can then find.
+Reply askMaster() {
+  XmlRpc::XmlRpcValue question, answer;
+  question[0] = ros::this_node::getName();
+  question[1] = ros::this_node::getName();
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, answer);
+}
+
+}  // namespace
+
+Reply callXmlRpc(const std::string& host, int port, const char* method,
+                 const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer) {
+  XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
+  if (!client.executeNonBlock(method, question)) return Reply::kIsGone;
+  using XmlRpc::XmlRpcDispatch;
+  const auto end = Clock::now() + std::chrono::duration<double>(MasterWatch::kPatience);
+  unsigned awaited = XmlRpcDispatch::WritableEvent;
+  while (awaited != 0) {
+    const std::chrono::duration<double, std::milli> left = end - Clock::now();
+    if (left.count() <= 0) return Reply::kHangs;
+    pollfd line{client.getfd(), POLLIN, 0};
+    if (awaited == XmlRpcDispatch::WritableEvent) line.events = POLLOUT;
+    if (poll(&line, 1, 1 + static_cast<int>(left.count())) <= 0) continue;
+    const bool ready = (line.revents & line.events) != 0;
+    awaited = client.handleEvent(ready ? awaited : unsigned{XmlRpcDispatch::Exception});
+  }
+  // A refused connection also counts as done, without an answer.
+  XmlRpc::XmlRpcValue all;
+  if (!client.executeCheckDone(all) || !all.valid()) return Reply::kIsGone;
+  const bool sound = !client.isFault() && all.getType() == XmlRpc::XmlRpcValue::TypeArray &&
+                     all.size() == 3 && all[0].getType() == XmlRpc::XmlRpcValue::TypeInt;
+  if (!sound || static_cast<int>(all[0]) != kSuccessCode) return Reply::kFailure;
+  answer = all[2];
+  return Reply::kSuccess;
+}
+
+bool masterAnswers() {
+  const Reply answer = askMaster();
+  return answer == Reply::kSuccess || answer == Reply::kFailure;
+}
+
+MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
+    : thread_([this, period, misses] { watch(period, misses); }) {}
+
+MasterWatch::~MasterWatch() {
+  {
+    const basics::MutexLock lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notifyAll();
+  thread_.join();
+}
+
+void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
+  int missed = 0;
+  basics::MutexLock lock(mutex_);
+  while (!wake_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; })) {
+    lock.unlock();
+    const Reply answer = askMaster();
+    missed = answer == Reply::kSuccess ? 0 : missed + 1;
+    if (missed >= misses && ros::ok()) {
+      lost_ = true;
+      EndRequest::make();
+      logFatal("the ROS master at %s %s: this node exits", ros::master::getURI().c_str(),
+               textOf(answer));
+      return;
+    }
+    lock.lock();
+  }
+}
+
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();

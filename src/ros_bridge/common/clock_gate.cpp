@@ -1,4 +1,4 @@
-#include "ros_bridge/common/clock_gate.hpp"
+#include "clock_gate.hpp"
 
 #include <cstdint>
 #include <vector>
@@ -7,11 +7,22 @@
 #include <ros/master.h>
 #include <ros/this_node.h>
 
-#include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "guarded_callbacks.hpp"
+#include "log.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+double MovingClock::now() {
+  const ros::Time time = ros::Time::now();
+  const ros::SteadyTime steady = ros::SteadyTime::now();
+  if (time != last_ || since_.isZero()) since_ = steady;
+  last_ = time;
+  const double still = (steady - since_).toSec();
+  stands_ = still > kPatience;
+  return stands_ ? time.toSec() + still : time.toSec();
+}
+
 namespace {
 
 constexpr std::uint32_t kEndOfTime = 1U << 31U;  // [s]

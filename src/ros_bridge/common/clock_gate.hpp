@@ -5,11 +5,31 @@
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
+#include <ros/time.h>
 #include <rosgraph_msgs/Clock.h>
 
-#include "ros_bridge/common/diagnostics.hpp"
+#include "diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// ROS time while it advances. If it stops, for example because the node that simulates it has
+/// ended, a steady clock continues it, so that earlier data still ages.
+///
+/// Call now() more often than every kPatience.
+class MovingClock {
+ public:
+  static constexpr double kPatience = 2.0;  ///< longest stop of ROS time [s]
+
+  /// [s]
+  double now();
+  /// Whether ROS time had stopped at the last call of now().
+  bool stands() const { return stands_; }
+
+ private:
+  ros::Time last_;
+  ros::SteadyTime since_;  ///< when ROS time last changed
+  bool stands_ = false;
+};
 
 /// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
 ///

@@ -1,4 +1,4 @@
-#include "ros_bridge/common/conversions.hpp"
+#include "conversions.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "ros_bridge/common/diagnostics.hpp"
+#include "diagnostics.hpp"
 
 #include <cstdio>
 

@@ -7,6 +7,29 @@
 
 namespace helix_arm::ros_bridge {
 
+/// Exit code of a node.
+enum ExitCode {
+  kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or work done
+  kFailed = 1,            ///< the ROS master was lost, or the node failed
+  kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
+};
+
+/// Request to end a node: by Ctrl-C, SIGTERM, rosnode kill, or from within. It does not shut ROS
+/// down: the node can first do its work, such as venting an arm, without the ROS master, which may
+/// hang. spinUntilEnd() handles the request.
+class EndRequest {
+ public:
+  /// Replaces roscpp's handlers; its node must have been started.
+  EndRequest();
+
+  /// Makes the request, from any thread.
+  static void make();
+  /// True once the request was made.
+  static bool made();
+  /// True if the node should not finish its work first: it was asked twice, or from within.
+  static bool isUrgent();
+};
+
 /// Ends the process if its node was asked to end and cannot: a hanging ROS master blocks every call
 /// to it, including unregistering at the end.
 ///

@@ -8,8 +8,8 @@
 #include <actionlib_msgs/GoalStatusArray.h>
 #include <ros/serialization.h>
 
-#include "ros_bridge/common/checked_stream.hpp"
-#include "ros_bridge/common/clock_gate.hpp"
+#include "clock_gate.hpp"
+#include "guarded_callbacks.hpp"
 
 /// How the servers and clients of actions read what the other side sends. Every source that
 /// instantiates one includes it; a server makes the Serializer of its goals a GoalSerializer.

@@ -1,9 +1,9 @@
-#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "guarded_callbacks.hpp"
 
 #include <exception>
 
 #include "helix_arm/basics/quote.hpp"
-#include "ros_bridge/common/log.hpp"
+#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

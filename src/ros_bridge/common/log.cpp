@@ -1,4 +1,4 @@
-#include "ros_bridge/common/log.hpp"
+#include "log.hpp"
 
 #include <chrono>
 #include <cstdarg>

@@ -1,4 +1,4 @@
-#include "ros_bridge/common/model_history.hpp"
+#include "model_history.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "ros_bridge/common/parameters.hpp"
+#include "parameters.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,11 +6,10 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "ros_bridge/common/callers_folder.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/log.hpp"
+#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -176,6 +175,19 @@ void ParameterReader::finish() {
   for (const std::string& line : faults_)
     all += (all.empty() ? "" : "\n") + basics::printable(line);
   throw ParameterError(all);
+}
+
+io::Scene requirePneumatic(io::Scene scene) {
+  std::string faults;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    if (model::isPressure(actuator.drive)) continue;
+    faults += "\n" + actuator.name + " is a tendon; expected muscles and bellows only";
+  }
+  if (!faults.empty()) {
+    throw std::invalid_argument("scene " + scene.name + " cannot be driven by pressure:" + faults);
+  }
+  return scene;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -8,6 +8,7 @@
 
 #include <ros/node_handle.h>
 
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -71,5 +72,11 @@ class ParameterReader {
   std::set<std::string> known_;
   std::vector<std::string> faults_;
 };
+
+// Requirements on scenes of nodes that use the arm's pressures.
+
+/// The scene, if all of its actuators are driven by pressure.
+/// @throws std::invalid_argument naming the others.
+io::Scene requirePneumatic(io::Scene scene);
 
 }  // namespace helix_arm::ros_bridge

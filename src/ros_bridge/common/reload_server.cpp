@@ -1,18 +1,18 @@
-#include "ros_bridge/common/reload_server.hpp"
+#include "reload_server.hpp"
 
 #include <exception>
 #include <stdexcept>
 #include <utility>
 
+#include "file_access.hpp"
+#include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
-#include "ros_bridge/common/parameters.hpp"
+#include "log.hpp"
+#include "ros_bridge/names.hpp"
+#include "parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

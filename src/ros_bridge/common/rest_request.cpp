@@ -1,4 +1,4 @@
-#include "ros_bridge/common/rest_request.hpp"
+#include "rest_request.hpp"
 
 #include <string>
 
@@ -6,11 +6,11 @@
 #include <ros/this_node.h>
 #include <std_srvs/Trigger.h>
 
+#include "end_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "ros_bridge/common/end_request.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "log.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 void CommandTrace::sent(const ros::Time& stamp) {

@@ -1,12 +1,13 @@
-#include "ros_bridge/common/run_node.hpp"
+#include "run_node.hpp"
 
 #include <stdexcept>
+#include <utility>
 
 #include <ros/callback_queue.h>
 
 #include "helix_arm/io/fault_list.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/parameters.hpp"
+#include "log.hpp"
+#include "parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -45,6 +46,21 @@ int guarded(const std::function<int()>& body) {
   } catch (const std::exception& error) {
     return report(error, kFailed);
   }
+}
+
+void GuardedThread::start(std::function<void()> body, std::function<void()> on_failure) {
+  thread_ = std::thread([this, body = std::move(body), on_failure = std::move(on_failure)] {
+    const int code = guarded([&body] {
+      body();
+      return kDone;
+    });
+    verdict_ = code;
+    if (code != kDone) on_failure();
+  });
+}
+
+void GuardedThread::join() {
+  if (thread_.joinable()) thread_.join();
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -1,18 +1,18 @@
 #pragma once
 
+#include <atomic>
 #include <cstdio>
 #include <functional>
 #include <stdexcept>
+#include <thread>
 
 #include <ros/init.h>
 #include <ros/node_handle.h>
 
-#include "ros_bridge/common/clock_gate.hpp"
-#include "ros_bridge/common/end_request.hpp"
-#include "ros_bridge/common/end_watch.hpp"
-#include "ros_bridge/common/exit_code.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/master_watch.hpp"
+#include "client_watch.hpp"
+#include "clock_gate.hpp"
+#include "end_watch.hpp"
+#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -76,5 +76,24 @@ int runNode(int argc, char** argv, const char* name) {
     return thrown != kDone || master.lost() ? kFailed : verdict;
   });
 }
+
+/// A thread whose exceptions do not end the process silently: they are printed and reported.
+class GuardedThread {
+ public:
+  /// Joins; the body must have been told to end.
+  ~GuardedThread() { join(); }
+
+  /// @param on_failure  called by the thread as its last action if the body threw.
+  void start(
+      std::function<void()> body, std::function<void()> on_failure = [] { EndRequest::make(); });
+  void join();
+
+  /// Exit code of the node as far as the body is concerned.
+  int verdict() const { return verdict_; }
+
+ private:
+  std::atomic<int> verdict_{kDone};
+  std::thread thread_;
+};
 
 }  // namespace helix_arm::ros_bridge

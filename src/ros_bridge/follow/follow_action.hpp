@@ -10,16 +10,14 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
+#include "command_link.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "loop_targets.hpp"
+#include "path_goal.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/frame_lookup.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/follow/command_link.hpp"
-#include "ros_bridge/follow/goal_watch.hpp"
-#include "ros_bridge/follow/loop_targets.hpp"
-#include "ros_bridge/follow/path_checker.hpp"
-#include "ros_bridge/follow/path_goal.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,10 +1,10 @@
-#include "ros_bridge/follow/loop_targets.hpp"
+#include "loop_targets.hpp"
 
 #include <variant>
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -14,9 +14,9 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/frame_lookup.hpp"
-#include "ros_bridge/pressure/target_admission.hpp"
+#include "ros_bridge/pressure/target_intake.hpp"
 
 namespace helix_arm::ros_bridge {
 

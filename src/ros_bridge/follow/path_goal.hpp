@@ -1,8 +1,12 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <functional>
+#include <future>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -14,12 +18,78 @@
 #include <std_msgs/Header.h>
 
 #include "helix_arm/FollowTipPathAction.h"
+#include "helix_arm/FollowTipPathResult.h"
 #include "helix_arm/control/tip_path.hpp"
-#include "ros_bridge/common/frame_lookup.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/follow/goal_watch.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// When a goal of follow_tip_path is reached, and when it has failed.
+struct GoalRules {
+  /// Largest distance of the measured tip from the path; infinite: any [m].
+  double path_tolerance = std::numeric_limits<double>::infinity();
+  double goal_tolerance = 0.002;  ///< largest distance at the end [m]
+  double time_tolerance = 2.0;    ///< time after the path to come within goal_tolerance [s]
+  bool require_vision = false;
+  double vision_patience = 3.0;  ///< longest wait for the first picture, if it is required [s]
+};
+
+/// How a goal ended.
+struct GoalEnding {
+  std::int32_t code;    ///< of FollowTipPathResult
+  std::string message;  ///< what is wrong, and the remedy
+};
+
+/// Distances of the measured tip from the path, without the way to it.
+struct GoalFigures {
+  double rms = std::numeric_limits<double>::quiet_NaN();  ///< [m]
+  double max = std::numeric_limits<double>::quiet_NaN();  ///< [m]
+  std::uint32_t pictures = 0;
+};
+
+/// Decides how a path that a VisualServo follows ends: compares what was measured with what was
+/// wanted at the time of the picture. Time is a number [s].
+class GoalWatch {
+ public:
+  /// What was wanted at one time.
+  struct Moment {
+    double time;                        ///< [s]
+    double path_time;                   ///< since the path's start [s]
+    lie::SE3 wanted;                    ///< tip, base frame
+    std::optional<lie::SE3> predicted;  ///< tip of the corrected model
+    follow::LoopState state;
+  };
+
+  /// @param end  time of the path's last point, since its start [s].
+  GoalWatch(const GoalRules& rules, double end) : rules_(rules), end_(end) {}
+
+  /// Notes a turn since the loop follows the path. @return how the goal ended, if it did.
+  std::optional<GoalEnding> turn(double time, const follow::Turn& turn);
+
+  /// The moment of a picture, by its stamp, with positions between those of two turns; nothing
+  /// before the first turn.
+  std::optional<Moment> momentOf(double stamp) const;
+  /// Notes the tip in a picture that the loop used (base frame) [m]. @return as turn().
+  std::optional<GoalEnding> picture(const Moment& moment, const Eigen::Vector3d& tip);
+
+  GoalFigures figures() const;
+
+ private:
+  std::optional<GoalEnding> visionEnding(double time, const follow::Turn& turn);
+  GoalEnding lateEnding(const follow::Turn& turn) const;
+
+  const GoalRules rules_;
+  const double end_;
+  std::deque<Moment> moments_;  ///< by ascending time
+  std::optional<double> blind_since_;
+  bool was_seen_ = false;
+  std::optional<double> last_seen_;   ///< time of a picture, or of a state that tells of one
+  std::optional<double> last_error_;  ///< of a picture after the path's end [m]
+  double sum2_ = 0.0, max_ = 0.0;     ///< of distances [m^2], [m]
+  std::uint32_t pictures_ = 0;
+};
 
 /// A goal of follow_tip_path.
 struct PathGoal {
@@ -106,3 +176,46 @@ struct Serializer<helix_arm::ros_bridge::UnreadActionGoal>
 
 }  // namespace serialization
 }  // namespace ros
+namespace helix_arm::ros_bridge {
+
+/// Reads and checks one goal after the other in threads of its own, at most kMostThreads at a time.
+///
+/// A check that is replaced or discarded is told to stop, and nobody waits for it. While too many
+/// have not stopped yet, the present check waits; if it is replaced meanwhile, it never runs.
+///
+/// For one thread, except the checks.
+class PathChecker {
+ public:
+  static constexpr std::size_t kMostThreads = 2;
+  /// Decides a goal. Runs in another thread; once `stop` is set it should return soon, whatever it
+  /// returns.
+  using Check = std::function<DecidedGoal(const std::atomic<bool>& stop)>;
+
+  PathChecker() = default;
+  /// Tells all checks to stop, and waits for them.
+  ~PathChecker();
+  PathChecker(const PathChecker&) = delete;
+  PathChecker& operator=(const PathChecker&) = delete;
+
+  /// Begins a check, in place of the present one.
+  void begin(Check check);
+  /// Gives the present check up.
+  void discard();
+  /// The result of the present check, once; what a check throws refuses its goal. To be called
+  /// regularly: it also begins a check that waits.
+  std::optional<DecidedGoal> take();
+
+ private:
+  struct Run {
+    std::shared_ptr<std::atomic<bool>> stop;
+    std::future<DecidedGoal> result;
+  };
+
+  void start();
+
+  Check waiting_;               ///< empty: none
+  std::optional<Run> present_;  ///< begun
+  std::vector<Run> discarded_;  ///< told to stop
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,31 +1,118 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <deque>
+#include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
+#include <ros/time.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "command_link.hpp"
+#include "follow_action.hpp"
+#include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/TagDetections.h"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "loop_diagnostics.hpp"
+#include "loop_publisher.hpp"
+#include "loop_targets.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/frame_lookup.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
-#include "ros_bridge/follow/command_link.hpp"
-#include "ros_bridge/follow/follow_action.hpp"
-#include "ros_bridge/follow/load_publisher.hpp"
-#include "ros_bridge/follow/loop_diagnostics.hpp"
-#include "ros_bridge/follow/loop_publisher.hpp"
-#include "ros_bridge/follow/loop_targets.hpp"
-#include "ros_bridge/follow/observation_intake.hpp"
-#include "ros_bridge/follow/visual_servo_options.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// What one picture says of the arm.
+struct SeenArm {
+  ros::Time stamp;  ///< of the picture
+  model::Shape shape;
+  Eigen::MatrixXd covariance;  ///< of its twists
+  /// Indices in the layout of the tags that were fitted, ascending; nothing if unknown.
+  std::optional<std::vector<int>> tags = {};
+};
+
+/// Indices in the layout of the tags that a fit used, ascending; nothing if there is none, or if
+/// one of them is not in the layout.
+std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
+                                           const estimation::TagLayout& layout);
+
+/// Joins each measured shape with the tags of its fit, by their stamps. They come on two topics, in
+/// any order.
+///
+/// A shape waits for its tags at most kPatience; not at all once later tags have come, or where no
+/// tags have come for kSilence. It then goes on without them. Shapes keep their order. At most
+/// kMost shapes and kMost sets of tags are kept. Time is a number [s].
+class TagMatcher {
+ public:
+  static constexpr double kPatience = 0.05;  ///< [s]
+  static constexpr double kSilence = 1.0;    ///< [s]
+  static constexpr std::size_t kMost = 8;
+
+  void add(SeenArm seen, double now);
+  /// @param tags  as SeenArm's.
+  void addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now);
+  /// The next shape that need not wait any more; nothing if there is none.
+  std::optional<SeenArm> take(double now);
+  /// Forgets shapes and tags.
+  void clear();
+
+ private:
+  struct Waiting {
+    SeenArm seen;
+    double since;  ///< [s]
+  };
+  struct Tags {
+    ros::Time stamp;
+    std::optional<std::vector<int>> fitted;
+  };
+
+  bool mayGetTags(const Waiting& shape, double now) const;
+
+  std::deque<Waiting> shapes_;  ///< as they came
+  std::deque<Tags> tags_;       ///< by ascending stamp
+  std::optional<double> last_tags_;
+};
+
+/// Takes the measured shapes with the tags of their fits.
+///
+/// Subscribes to measured and tag_detections. For the thread of the node's callback queue.
+class ObservationIntake {
+ public:
+  using OnSeen = std::function<void(const SeenArm& seen)>;
+
+  /// @param scene     Kept by reference: after a change to it, call adopt().
+  /// @param pictures  gets the shapes that are not of this arm. Outlives this.
+  /// @param on_seen   called with each shape, in the order of the messages.
+  ObservationIntake(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
+                    LoopDiagnostics& pictures, OnSeen on_seen);
+
+  /// Gives up the wait for tags that do not come. To be called regularly.
+  void poll();
+  /// Follows a change of the scene.
+  void adopt() { matcher_.clear(); }
+
+ private:
+  void onMeasured(const ArmShapeConstPtr& shape);
+  void onTags(const TagDetectionsConstPtr& detections);
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  LoopDiagnostics& pictures_;
+  const OnSeen on_seen_;
+  TagMatcher matcher_;
+  ros::Subscriber measured_subscriber_, tags_subscriber_;
+};
 
 /// Brings the tip where it is wanted by what the camera sees: a follow::VisualServo as one
 /// commander of pressure_command.

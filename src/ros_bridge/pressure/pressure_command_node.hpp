@@ -1,25 +1,93 @@
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
+#include <ros/spinner.h>
 #include <ros/steady_timer.h>
+#include <ros/time.h>
 
+#include "helix_arm/Forward.h"
+#include "helix_arm/Inverse.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "pressure_command_options.hpp"
+#include "pressure_loop.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
-#include "ros_bridge/pressure/model_server.hpp"
-#include "ros_bridge/pressure/pressure_command_options.hpp"
-#include "ros_bridge/pressure/pressure_diagnostics.hpp"
-#include "ros_bridge/pressure/pressure_loop.hpp"
-#include "ros_bridge/pressure/shape_publisher.hpp"
-#include "ros_bridge/pressure/target_intake.hpp"
+#include "shape_publisher.hpp"
+#include "target_intake.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// The statuses `<node>: safety`, `<node>: regulator`, if it is the node's own, and `<node>:
+/// channel <actuator>` for each actuator; pressures in kPa, as their keys say.
+std::vector<diagnostic_msgs::DiagnosticStatus> pressureStatuses(const std::string& node,
+                                                                const io::Scene& scene,
+                                                                const PressureLoop::Snapshot& path);
+
+/// The rate of a pressure loop between two calls.
+class LoopRate {
+ public:
+  /// @param wanted  [Hz]
+  explicit LoopRate(double wanted) : wanted_(wanted), last_look_(ros::SteadyTime::now()) {}
+
+  /// The status `<node>: loop`: WARN if the loop was slower than wanted since the last call.
+  /// @param now  when the snapshot was taken.
+  diagnostic_msgs::DiagnosticStatus status(const std::string& node,
+                                           const PressureLoop::Snapshot& path,
+                                           const ros::SteadyTime& now);
+
+ private:
+  const double wanted_;
+  std::uint64_t turns_ = 0;  ///< turns of the loop at the last call
+  ros::SteadyTime last_look_;
+};
+
+/// Serves a node's `~forward` and `~inverse`: the model of its scene, for batches.
+///
+/// Calls are served one after the other in a thread of their own, so that a large batch delays
+/// neither targets nor the pressure loop. A call that breaks a rule is answered with the rule.
+class ModelServer {
+ public:
+  static constexpr std::size_t kMostForwardRows = 10'000;
+  static constexpr std::size_t kMostInverseRows = 1000;
+
+  ModelServer(const ros::NodeHandle& private_node, const statics::ArmModel& model);
+  /// Ends a call that is being served.
+  ~ModelServer();
+
+  /// From now on of this model; calls that are being served end with the one before.
+  void adopt(const statics::ArmModel& model) HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  bool onForward(Forward::Request& request, Forward::Response& response);
+  bool onInverse(Inverse::Request& request, Inverse::Response& response);
+  std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_);
+  /// Warns once of a call whose pressures seem to be in kPa.
+  void watchUnit(const std::string& what, const model::Arm& arm, const std::vector<double>& rows);
+  /// @throws std::runtime_error once the node ends.
+  void goOn() const;
+
+  mutable basics::Mutex mutex_;
+  std::shared_ptr<const statics::ArmModel> model_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::atomic<bool> ends_{false};
+  bool warned_ = false;  // of kilopascals; touched by the thread that serves alone
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+  ros::ServiceServer forward_, inverse_;
+  ros::AsyncSpinner spinner_;
+};
 
 /// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
 /// (real or simulated) or another node's.

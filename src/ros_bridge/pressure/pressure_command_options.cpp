@@ -1,9 +1,9 @@
-#include "ros_bridge/pressure/pressure_command_options.hpp"
+#include "pressure_command_options.hpp"
 
 #include <algorithm>
 
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "ros_bridge/pressure/pressure_loop.hpp"
+#include "pressure_loop.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -11,7 +11,7 @@
 #include "helix_arm/regulator/realtime.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -15,15 +15,15 @@
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/basics/thread_annotations.hpp"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/regulator/pressure_path.hpp"
-#include "helix_arm/regulator/priority_mutex.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/guarded_thread.hpp"
+#include "ros_bridge/common/run_node.hpp"
 
 namespace helix_arm::ros_bridge {
 

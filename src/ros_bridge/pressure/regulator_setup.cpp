@@ -1,4 +1,4 @@
-#include "ros_bridge/pressure/regulator_setup.hpp"
+#include "regulator_setup.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,10 +1,10 @@
-#include "ros_bridge/pressure/tip_handle.hpp"
+#include "tip_handle.hpp"
 
 #include <cmath>
 #include <utility>
 
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

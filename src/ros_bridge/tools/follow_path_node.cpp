@@ -1,18 +1,236 @@
-#include "ros_bridge/tools/follow_path_node.hpp"
+#include "follow_path_node.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
+#include <exception>
+#include <filesystem>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
+#include "nlohmann/json.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+using nlohmann::json;
+using procedures::RecordedTip;
+using procedures::TipRow;
+
+constexpr std::size_t kMostActuators = 100;
+constexpr std::size_t kLongestName = 40;  // of an actuator, a frame or a state
+constexpr std::size_t kLongestOutcome = 300;
+constexpr std::size_t kMostDrawn = 5000;  // rows in a figure
+
+struct Tip {
+  RecordedTip tip;
+  const char* name;
+};
+constexpr Tip kTips[] = {{RecordedTip::kModel, "model"},
+                         {RecordedTip::kPredicted, "predicted"},
+                         {RecordedTip::kMeasured, "measured"}};
+
+// A name without what would end a cell or a line of a table.
+std::string plain(const std::string& text, std::size_t longest = kLongestName) {
+  std::string out = basics::quoted(text, longest);
+  std::replace(out.begin(), out.end(), ',', ';');
+  return out;
+}
+
+Eigen::Vector3d positionOf(const geometry_msgs::Pose& pose) {
+  return {pose.position.x, pose.position.y, pose.position.z};
+}
+
+json toJson(const Eigen::VectorXd& vector) {
+  return std::vector<double>(vector.data(), vector.data() + vector.size());
+}
+
+json runJson(const Tip& tip, const std::vector<const TipRow*>& drawn,
+             const std::vector<TipRow>& rows, double end) {
+  json times = json::array(), tips = json::array(), errors = json::array();
+  for (const TipRow* row : drawn) {
+    const auto position = procedures::tipOf(*row, tip.tip);
+    if (!position) continue;
+    times.push_back(row->path_time);
+    tips.push_back(toJson(*position));
+    errors.push_back((*position - row->wanted).norm());
+  }
+  std::string name = tip.name;
+  if (const auto error = procedures::errorOf(rows, tip.tip, end)) {
+    name += ": RMS " + fixed(1e3 * error->rms, 2) + " mm";
+  }
+  return {
+      {"name", name}, {"kind", tip.name}, {"time_s", times}, {"tip_m", tips}, {"error_m", errors}};
+}
+
+json pressuresJson(const std::vector<std::string>& names, const std::vector<const TipRow*>& drawn) {
+  json times = json::array(), command = json::array(), measured = json::array();
+  for (const TipRow* row : drawn) {
+    if (!row->command || !row->pressure) continue;
+    times.push_back(row->path_time);
+    command.push_back(toJson(*row->command));
+    measured.push_back(toJson(*row->pressure));
+  }
+  if (times.empty()) return nullptr;
+  return {{"time_s", times}, {"names", names}, {"command_pa", command}, {"measured_pa", measured}};
+}
+
+// What is to be drawn: the path, without the way to it.
+std::vector<const TipRow*> drawnRows(const std::vector<TipRow>& rows) {
+  std::vector<const TipRow*> all, drawn;
+  for (const TipRow& row : rows) {
+    if (row.path_time >= 0) all.push_back(&row);
+  }
+  const std::size_t stride = all.size() / kMostDrawn + 1;
+  for (std::size_t k = 0; k < all.size(); k += stride) drawn.push_back(all[k]);
+  return drawn;
+}
+
+}  // namespace
+
+RunRecorder::RunRecorder(ros::NodeHandle& node, Files files, std::string path, double end)
+    : files_(std::move(files)),
+      path_(std::move(path)),
+      end_(end),
+      model_subscriber_(listen(node, names::kModel, 1000, &RunRecorder::onModel, this)),
+      command_subscriber_(
+          listen(node, names::kPressureCommand, 1000, &RunRecorder::onCommand, this)),
+      measured_subscriber_(
+          listen(node, names::kPressureMeasured, 1000, &RunRecorder::onMeasured, this)) {}
+
+void RunRecorder::add(const FollowTipPathFeedback& feedback) {
+  // Without a prediction its pose is as empty as a new message's.
+  const auto& q = feedback.predicted.orientation;
+  const bool predicted = q.x != 0 || q.y != 0 || q.z != 0 || q.w != 0;
+  TipRow row{feedback.header.stamp.toSec(),
+             feedback.time_from_start.toSec(),
+             positionOf(feedback.desired),
+             positionOf(feedback.measured),
+             predicted ? std::optional(positionOf(feedback.predicted)) : std::nullopt,
+             feedback.sd,
+             plain(feedback.state)};
+  const bool finite = row.wanted.allFinite() && row.measured.allFinite() &&
+                      (!predicted || row.predicted->allFinite()) && std::isfinite(row.sd);
+  if (!finite) return;
+  if (frame_.empty()) frame_ = plain(feedback.header.frame_id);
+  record_.add(std::move(row));
+}
+
+void RunRecorder::onModel(const ArmShapeConstPtr& model) {
+  const Eigen::Vector3d tip = positionOf(model->tip);
+  if (!tip.allFinite()) return;
+  record_.model.add(model->header.stamp.toSec(), tip);
+  record_.update();
+}
+
+void RunRecorder::onCommand(const PressureArrayConstPtr& command) {
+  add(record_.command, *command);
+}
+
+void RunRecorder::onMeasured(const PressureArrayConstPtr& measured) {
+  add(record_.pressure, *measured);
+}
+
+void RunRecorder::add(procedures::TimeSeries& series, const PressureArray& message) {
+  const std::size_t count = message.pressure.size();
+  const Eigen::VectorXd pressure =
+      Eigen::Map<const Eigen::VectorXd>(message.pressure.data(), static_cast<Eigen::Index>(count));
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < std::min(count, kMostActuators); ++i) {
+    names.push_back(i < message.name.size() ? plain(message.name[i]) : std::to_string(i + 1));
+  }
+  if (names_.empty()) names_ = names;
+  const bool ours = count > 0 && count <= kMostActuators && names == names_ && pressure.allFinite();
+  if (ours) {
+    series.add(message.header.stamp.toSec(), pressure);
+    record_.update();
+  } else if (foreign_.add()) {
+    logWarning(
+        "pressures are not recorded (%lu so far): expected finite ones of %zu actuators, in "
+        "the order of the first message",
+        static_cast<unsigned long>(foreign_.total()), names_.size());
+  }
+}
+
+std::string RunRecorder::write(const std::string& outcome) {
+  const std::vector<TipRow>& rows = record_.finish();
+  if (rows.empty()) {
+    return "nothing was recorded: the loop used no picture; look at vision_status and at the "
+           "diagnostics of visual_servo";
+  }
+  if (record_.leftOut() > 0) {
+    logWarning("the last %zu pictures are not recorded: a record has at most %zu",
+               record_.leftOut(), procedures::TipRecord::kMostRows);
+  }
+  const FileAccess access = FileAccess::anywhere();
+  try {
+    // Checked again: something else may be there by now.
+    if (!files_.table.empty()) {
+      io::writeFileAtomically(access.toWrite("~record", files_.table, {".csv"}),
+                              tableOf(rows, plain(outcome, kLongestOutcome)));
+      logInfo("%zu pictures are recorded in %s", rows.size(), files_.table.c_str());
+    }
+    if (!files_.figure.empty()) {
+      const std::string picture = procedures::drawnReport(reportOf(rows), "leave out ~figure");
+      io::writeFileAtomically(access.toWrite("~figure", files_.figure, {".png"}), picture);
+      logInfo("they are drawn in %s", files_.figure.c_str());
+    }
+  } catch (const std::exception& fault) {
+    return basics::printableLines(fault.what());
+  }
+  return {};
+}
+
+std::string RunRecorder::tableOf(const std::vector<TipRow>& rows,
+                                 const std::string& outcome) const {
+  std::ostringstream out;
+  out << "# " << kRecordedRunTitle << plain(path_, kLongestOutcome) << ", " << procedures::utcNow()
+      << ": " << outcome << "\n# One row per picture that the loop used, at the picture's time. "
+      << "Tips seen from " << frame_ << ". time_s: since the start of the path;\n"
+      << "# model: by the scene alone; predicted: by the corrected model; command: in force; "
+      << "pressure: measured. Actuators:";
+  for (const std::string& name : names_) out << " " << name;
+  out << ".\n";
+  procedures::writeCsv(rows, static_cast<int>(names_.size()), out);
+  return out.str();
+}
+
+std::string RunRecorder::reportOf(const std::vector<TipRow>& rows) const {
+  std::vector<const TipRow*> drawn = drawnRows(rows);
+  if (drawn.empty()) {
+    throw std::runtime_error(
+        "there is nothing to draw: the tip did not come to the first point of the path");
+  }
+  json wanted = json::array(), runs = json::array();
+  for (const TipRow* row : drawn) wanted.push_back(toJson(row->wanted));
+  for (const Tip& tip : kTips) {
+    json run = runJson(tip, drawn, rows, end_);
+    if (!run["time_s"].empty()) runs.push_back(std::move(run));
+  }
+  const json follow = {{"wanted_m", wanted},
+                       {"along_path", true},
+                       {"runs", runs},
+                       {"pressures", pressuresJson(names_, drawn)}};
+  const std::string name = std::filesystem::path(path_).filename();
+  return json{{"scene", basics::quoted(name)}, {"follow", follow}}.dump();
+}
+
 namespace {
 
 constexpr double kTick = 0.1;        // [s]

@@ -1,4 +1,4 @@
-#include "ros_bridge/tools/monitor_node.hpp"
+#include "monitor_node.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/vision/vision_ledger.hpp"
 

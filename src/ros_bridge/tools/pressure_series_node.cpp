@@ -1,4 +1,4 @@
-#include "ros_bridge/tools/pressure_series_node.hpp"
+#include "pressure_series_node.hpp"
 
 #include <algorithm>
 #include <sstream>
@@ -10,11 +10,11 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/procedures/pressure_tour.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -9,7 +9,7 @@
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/series_player.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/common/run_node.hpp"

@@ -1,4 +1,4 @@
-#include "ros_bridge/tools/simulated_rig_node.hpp"
+#include "simulated_rig_node.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -15,9 +15,8 @@
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/pneumatics.hpp"
 #include "ros_bridge/pressure/regulator_setup.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 

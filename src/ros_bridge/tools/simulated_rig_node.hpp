@@ -14,7 +14,6 @@
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/guarded_thread.hpp"
 #include "ros_bridge/common/run_node.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "ros_bridge/tools/workspace_cloud_node.hpp"
+#include "workspace_cloud_node.hpp"
 
 #include <algorithm>
 #include <cstring>
@@ -10,7 +10,7 @@
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {

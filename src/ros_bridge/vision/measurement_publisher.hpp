@@ -6,12 +6,11 @@
 #include <ros/time.h>
 #include <tf2_ros/transform_broadcaster.h>
 
+#include "observations.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/vision/measurement.hpp"
-#include "ros_bridge/vision/observations.hpp"
-#include "ros_bridge/vision/vision_options.hpp"
-#include "ros_bridge/vision/vision_status_publisher.hpp"
+#include "vision_options.hpp"
+#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,4 +1,4 @@
-#include "ros_bridge/vision/observations.hpp"
+#include "observations.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

@@ -4,13 +4,35 @@
 #include <string>
 #include <vector>
 
+#include <opencv2/core.hpp>
+#include <ros/time.h>
+
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
-#include "ros_bridge/vision/measurement.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "ros_bridge/common/model_history.hpp"
 
-/// What is seen in a picture, as messages and as words.
 namespace helix_arm::ros_bridge {
+
+/// What was seen in one picture, and what it is compared with. It refers to memory of the picture
+/// and of the PictureMeasurer: it is valid until the next picture is measured, and no longer than
+/// its picture.
+struct Measurement {
+  ros::Time stamp;  ///< of the picture
+  cv::Mat gray;     ///< (CV_8UC1)
+  const vision::Observation& observation;
+  const estimation::ArmView& view;           ///< camera and tags that it was measured with
+  const vision::LocalizerConfig& config;     ///< that it was measured with
+  std::optional<ModelHistory::Entry> model;  ///< of the picture's time
+  std::string calibration;                   ///< whose intrinsics were used
+
+  bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
+  /// Null where there is no model of the picture's time.
+  const model::Shape* modelShape() const { return model ? &model->shape : nullptr; }
+};
+
+// What is seen in a picture, as messages and as words.
 
 /// All that is published of one picture, except frames and drawings.
 struct ObservationReport {

@@ -1,12 +1,16 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <variant>
 
 #include <camera_info_manager/camera_info_manager.h>
+#include <opencv2/core.hpp>
 #include <ros/node_handle.h>
+#include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
@@ -15,14 +19,50 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/frame_source.hpp"
+#include "pictures.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/guarded_thread.hpp"
-#include "ros_bridge/vision/picture_mailbox.hpp"
-#include "ros_bridge/vision/pictures.hpp"
-#include "ros_bridge/vision/vision_options.hpp"
-#include "ros_bridge/vision/vision_status_publisher.hpp"
+#include "ros_bridge/common/run_node.hpp"
+#include "vision_options.hpp"
+#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// A picture as it came, not decoded yet.
+struct Picture {
+  ros::Time stamp;
+  /// A cv::Mat is gray (CV_8UC1) and owns its memory.
+  std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat> content;
+};
+
+/// Hands pictures from the threads that get them to the one that measures. It holds one picture: a
+/// newer one replaces one that waits. From any thread.
+class PictureMailbox {
+ public:
+  /// @return true when a picture waited, which this one has replaced.
+  bool put(Picture picture) HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Waits for a picture. From then on the taker is busy, until done().
+  /// @return nothing once the mailbox is stopped.
+  std::optional<Picture> take() HELIX_ARM_EXCLUDES(mutex_);
+  void done() HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Waits until no picture waits and the taker is not busy.
+  /// @return false once the mailbox is stopped.
+  bool waitUntilIdle() HELIX_ARM_EXCLUDES(mutex_);
+  /// @return false once the mailbox is stopped, at once.
+  bool sleepUntil(std::chrono::steady_clock::time_point due) HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Ends all waits, and those to come.
+  void stop() HELIX_ARM_EXCLUDES(mutex_);
+  bool stopped() const HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  mutable basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool busy_ HELIX_ARM_GUARDED_BY(mutex_) = false;  ///< the last picture taken is not done
+  std::optional<Picture> next_ HELIX_ARM_GUARDED_BY(mutex_);
+};
 
 /// Where pictures and the camera's calibration come from: the topics image, image/compressed and
 /// camera_info, or a webcam or file, read by a thread of its own.

@@ -1,4 +1,4 @@
-#include "ros_bridge/vision/pictures.hpp"
+#include "pictures.hpp"
 
 #include <algorithm>
 #include <array>

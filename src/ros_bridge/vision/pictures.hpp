@@ -8,8 +8,8 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
-#include "helix_arm/basics/checked.hpp"
-#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/localization/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 /// Conversion of pictures and cameras between messages and values. Messages are checked here; no

@@ -1,10 +1,10 @@
-#include "ros_bridge/vision/vision_ledger.hpp"
+#include "vision_ledger.hpp"
 
 #include <numeric>
 
+#include "observations.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
-#include "ros_bridge/vision/observations.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -9,8 +9,8 @@
 
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "pictures.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,4 +1,4 @@
-#include "ros_bridge/vision/vision_node.hpp"
+#include "vision_node.hpp"
 
 #include <optional>
 #include <stdexcept>
@@ -7,7 +7,7 @@
 
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -9,16 +9,15 @@
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/io/scene.hpp"
+#include "measurement_publisher.hpp"
+#include "picture_measurer.hpp"
+#include "picture_source.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/guarded_thread.hpp"
 #include "ros_bridge/common/reload_server.hpp"
-#include "ros_bridge/vision/measurement_publisher.hpp"
-#include "ros_bridge/vision/model_matcher.hpp"
-#include "ros_bridge/vision/picture_measurer.hpp"
-#include "ros_bridge/vision/picture_source.hpp"
-#include "ros_bridge/vision/vision_options.hpp"
-#include "ros_bridge/vision/vision_status_publisher.hpp"
+#include "ros_bridge/common/run_node.hpp"
+#include "vision_options.hpp"
+#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 

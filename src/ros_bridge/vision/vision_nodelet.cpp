@@ -4,7 +4,7 @@
 #include <nodelet/nodelet.h>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "ros_bridge/vision/vision_node.hpp"
+#include "vision_node.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -1,4 +1,4 @@
-#include "ros_bridge/vision/vision_options.hpp"
+#include "vision_options.hpp"
 
 #include <algorithm>
 #include <filesystem>
@@ -7,9 +7,8 @@
 #include <vector>
 
 #include "helix_arm/io/shipped_files.hpp"
-#include "ros_bridge/common/callers_folder.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/names.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -6,16 +6,48 @@
 
 #include <ros/node_handle.h>
 #include <ros/time.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/basics/mutex.hpp"
-#include "ros_bridge/vision/measurement.hpp"
-#include "ros_bridge/vision/observations.hpp"
-#include "ros_bridge/vision/pictures.hpp"
-#include "ros_bridge/vision/vision_ledger.hpp"
-#include "ros_bridge/vision/vision_markers.hpp"
-#include "ros_bridge/vision/vision_options.hpp"
+#include "observations.hpp"
+#include "pictures.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
+#include "vision_ledger.hpp"
+#include "vision_options.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// Draws for rviz what is measured, seen from the arm's base frame, in stable namespaces and ids.
+///
+/// - measured_curve: solid
+/// - model_curve: dashed
+/// - tags: outlines of those that the shape was fitted to, red where they do not fit
+/// - tip_error: what the tip's distance from the model is, as text beyond the tip
+/// - legend: what the curves are, one line each in its curve's colour
+/// - tip_covariance: where the tip is within two standard deviations, an ellipsoid
+class VisionMarkers {
+ public:
+  /// @param lifetime  longer than the period of drawing [s].
+  VisionMarkers(std::string base_frame, double lifetime);
+
+  /// Of the arm whose texts are drawn from now on, in the axes of its base.
+  void lookAt(const SideView& view) { view_ = view; }
+
+  /// @param measurement  has a measured shape; without a model none is drawn.
+  /// @param text         beyond the tip.
+  visualization_msgs::MarkerArray draw(const Measurement& measurement,
+                                       const std::string& text) const;
+
+  /// Takes everything off the screen.
+  visualization_msgs::MarkerArray remove(const ros::Time& stamp) const;
+
+ private:
+  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
+
+  SideView view_ = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
+  std::string base_frame_;
+  ros::Duration lifetime_;
+};
 
 /// Whose intrinsics are used, in words, while no camera_info holds.
 inline constexpr char kSceneCalibration[] = "the scene's camera";

@@ -1,0 +1,123 @@
+#pragma once
+
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "helix_arm/calibration/calibration.hpp"
+
+/// The table of what a calibration can fit. The words of a request with their messages and help,
+/// the options of the fit, and the names, units and priors of the fitted numbers derive from it.
+namespace helix_arm::estimation {
+
+/// In the order of the table, which is that of messages and help.
+enum class FitParameter {
+  kKappa,
+  kGamma,
+  kTau,
+  kEps,
+  kLengthScale,
+  kLengthScaleEach,
+  kContraction,
+  kResponse,
+  kBase,
+  kTags,
+  kBleed,
+};
+constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;
+
+/// Words of a request that stand for several parameters.
+enum class FitGroup { kNone, kStiffness, kPlacement };
+/// What a request without words asks for.
+constexpr FitGroup kDefaultFitGroup = FitGroup::kStiffness;
+
+/// Data that is required to determine a parameter.
+enum class FitNeed {
+  kArm,          ///< any capture of an arm
+  kLoad,         ///< captures of an arm under load
+  kFreeLengths,  ///< free lengths of an actuator
+  kSeries,       ///< free lengths, or positions of the tip, in the order taken
+  kTags,         ///< captures of tags; the parameter belongs to one rig
+  kCorners,      ///< captures of tag corners; the parameter belongs to one rig
+};
+
+/// Blocks of the least-squares problem, which contain the numbers of the parameters.
+enum class ParameterBlock {
+  kStiffness,    ///< logs of all fitted entries of the stiffness
+  kLengthScale,  ///< logs of all length scales
+  kBase,
+  kBleed,
+  kTag,    ///< placement of one tag
+  kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
+  kShape,  ///< twists of one capture; not a parameter of a request
+};
+
+/// Entries of a stiffness that can be fitted. The others are ratios to kEps.
+enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
+
+/// Prior knowledge of a number.
+struct FitPrior {
+  const char* what;                                        ///< name in messages
+  double (*deviation)(const CalibrationOptions& options);  ///< standard deviation, > 0
+};
+
+/// One number of a fit parameter.
+struct FitNumber {
+  const char* suffix;  ///< suffix of its name
+  const char* unit;    ///< empty if unitless
+  FitPrior prior;      ///< in this unit; for stiffness and length scales, of the logarithm
+};
+
+/// One row of the table.
+struct FitParameterInfo {
+  FitParameter parameter;
+  const char* word;  ///< word in requests
+  const char* name;  ///< name of its numbers in results, without their suffixes
+  FitGroup group;
+  FitNeed need;
+  /// Absent for contraction and response, which have separate fits.
+  std::optional<ParameterBlock> block = {};
+  std::optional<StiffnessEntry> entry = {};
+  std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
+  // Option that it sets: a flag, or the kind of length scaling. Those without a block set none.
+  bool CalibrationOptions::*flag = nullptr;
+  LengthScaling scaling = LengthScaling::kNone;
+  /// Fitted with tag corners whether requested or not: ignoring it causes an error of many standard
+  /// errors.
+  bool implied = false;
+  /// If not fitted, its prior uncertainty adds to the errors of the other parameters. Parameters
+  /// without this flag count as exact.
+  bool uncertain_if_held = false;
+
+  /// Whether it is a stiffness or length scale, which determines the shape of the arm and is fitted
+  /// as a logarithm.
+  bool aboutShape() const;
+  /// Whether it describes the rig: base, tags and bleed.
+  bool aboutRig() const;
+};
+
+/// The table; row i describes the parameter with value i.
+const std::vector<FitParameterInfo>& fitParameters();
+const FitParameterInfo& infoOf(FitParameter parameter);
+
+/// All words of a request, groups before their members.
+std::vector<std::string> fitWords();
+/// All words as one text, each group with its members.
+std::string fitWordsText();
+/// "stiffness" or "placement"; empty for kNone.
+const char* wordOf(FitGroup group);
+
+/// The parameters that the words of a request name.
+///
+/// @param words  elements of fitWords(); none: kDefaultFitGroup.
+/// @param corners  whether the captures are of tag corners. Otherwise, a group omits its members
+///     that need them.
+/// @throws std::invalid_argument naming the first unknown word in alphabetical order.
+std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bool corners);
+
+/// Sets the options to fit exactly these parameters.
+void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options);
+bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options);
+
+}  // namespace helix_arm::estimation

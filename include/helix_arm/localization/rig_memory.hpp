@@ -1,0 +1,58 @@
+#pragma once
+
+#include <optional>
+
+#include "helix_arm/localization/twist_fit.hpp"
+
+namespace helix_arm::estimation {
+
+/// Learns base and bleed from pictures, in which they are constant while the arm moves.
+///
+/// A fit that frees them anew in every picture takes half of what a force does to the arm for a
+/// motion of its base. Pictures of different shapes tell the two apart: each picture whose shape is
+/// a new one teaches. Once noise contributes at most kSurest of the priors' deviations, the
+/// estimate is held: it changes slowly while the arm moves, as the camera may be pushed.
+///
+/// Errors of the placements do not average out. With z the base and bleed for which the pictures
+/// speak, P0 the priors' covariance and Q that of z's errors by placements, the estimate is
+/// P0 (P0 + Q)^-1 z once noise is negligible: no farther from the nominal values than placements
+/// leave reason for.
+class RigMemory {
+ public:
+  static constexpr double kSurest = 0.02;
+
+  /// Starts with the priors of the options. @param by_placements  Q, positive semidefinite.
+  RigMemory(const TwistFitOptions& options, const RigEstimate::Matrix& by_placements);
+
+  /// For the next fit. Its covariance is that of noise alone, so that successive fits agree.
+  const RigEstimate& estimate() const { return estimate_; }
+  /// Whether the estimate is held, or there is none.
+  bool isHeld() const { return held_; }
+
+  /// After a fit that knew estimate(). One that has not converged teaches nothing; 30 in a row that
+  /// explain no picture show that the camera was moved: all begins anew.
+  void learn(const TwistFit& fit);
+  void reset();
+
+  /// The options with priors as narrow as those of the fits once the estimate is held.
+  static TwistFitOptions heldOptions(TwistFitOptions options);
+  /// Covariance of the errors of an estimate that is held.
+  static RigEstimate::Matrix heldErrors(const TwistFitOptions& options,
+                                        const RigEstimate::Matrix& by_placements);
+
+ private:
+  bool isNew(const model::Twists& twists) const;
+  void conclude();
+
+  TwistFitOptions options_;
+  RigEstimate::Matrix by_placements_;
+  RigEstimate estimate_;
+  // Of the pictures alone, as if placements were exact.
+  RigEstimate::Matrix information_ = RigEstimate::Matrix::Zero();
+  RigEstimate::Vector weighted_ = RigEstimate::Vector::Zero();  // information times z
+  bool teaches_ = false, held_ = false;
+  std::optional<model::Twists> taught_;  // of the last picture that taught
+  int failures_ = 0;                     // in a row
+};
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/shape.hpp"
+
+namespace helix_arm::estimation {
+
+/// Maximum number of tags on an arm.
+inline constexpr int kMaxTags = 64;
+
+/// Four points in the plane of a tag or an image, one per column: bottom left, bottom right, top
+/// right, top left of the upright tag. This is the order of libapriltag.
+using Corners = Eigen::Matrix<double, 2, 4>;
+
+/// Placement of one tag on the arm.
+///
+/// Tag frame T: origin in the centre, x to the right, y up, z out of the face, towards the viewer.
+struct TagPlacement {
+  int id;         ///< id in its tag family
+  int section;    ///< section index, counted from 0 at the base
+  double s;       ///< position along that section, in [0, 1]
+  lie::SE3 X_ST;  ///< seen from the base curve's frame S at s [m]
+};
+
+/// All tags of an arm. They have one size, measured over the outer edge of the black border.
+struct TagLayout {
+  double size = 0;  ///< [m]
+  std::vector<TagPlacement> tags;
+
+  /// Index of the tag with this id, or -1.
+  int find(int id) const;
+  /// Index of the tag nearest to the base, or -1 without tags: in the first section that has tags,
+  /// with the smallest s, then the smallest id. A calibration of placements keeps this tag fixed.
+  int baseTag() const;
+  /// Outer corners of the black border in T [m].
+  /// @param bleed  width of white bleeding into black at each edge, by which the border appears
+  ///     smaller [m].
+  Corners corners(double bleed = 0.0) const;
+  /// @throws std::invalid_argument naming the tag that breaks a rule: at most kMaxTags, unique ids
+  ///     >= 0, sections below `sections`, s in [0, 1], all values finite, size > 0.
+  void validate(int sections) const;
+};
+
+/// The placement of a tag after a displacement.
+///
+/// @param moved        [d; r]: d [m] along the arm at rest and along y and z of S; r [rad] the
+///     rotation vector of the tag about its own centre, seen from T.
+/// @param rest_length  of its section [m]: d_x changes s by d_x / rest_length. A displacement
+///     beyond an end of the section is added along x of that end.
+TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double rest_length);
+
+/// Position of a tag on a shape with several pieces per section.
+struct PiecePlace {
+  int piece;  ///< piece index over all sections, counted from 0 at the base
+  double s;   ///< position along that piece, in [0, 1]
+};
+PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section);
+
+/// Poses X_BT of all tags on an arm of this shape, seen from its base.
+std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Shape& shape);
+
+/// Standard deviations of a tag's placement about the scene's value.
+struct TagPrior {
+  double translation = 0.002;  ///< along the arm, and across it on each axis [m]
+  double rotation = 0.052;     ///< about each axis [rad]
+};
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "helix_arm/calibration/calibration_parameters.hpp"
+
+/// Properties of captures, and checks whether parameters can be fitted to them.
+namespace helix_arm::estimation {
+
+enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
+ReadingKind kindOf(const Reading& reading);
+/// Whether captures with such readings meet a need. Does not check whether the arm is loaded.
+bool isMet(FitNeed need, ReadingKind kind);
+/// Unit of the errors of such readings: rad, px or m.
+const char* unitOf(ReadingKind kind);
+
+/// Concatenates the parts of a message.
+template <class... Parts>
+std::string text(const Parts&... parts) {
+  std::ostringstream out;
+  (out << ... << parts);
+  return out.str();
+}
+/// "100, 0, 50 kPa".
+std::string pressureText(const Eigen::VectorXd& pressure);
+
+/// The same arms, without captures that have no readings.
+std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms);
+/// Requires at least one capture.
+const Reading& firstReading(const std::vector<ArmCaptures>& arms);
+
+/// Reason for refusing a fit.
+struct Verdict {
+  CalibrationStatus status;
+  std::string reason;
+};
+/// Faults of the captures, all of which must have readings.
+std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms);
+/// Why sound captures cannot determine the requested parameters.
+std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
+                             const CalibrationOptions& options, ReadingKind kind);
+
+/// Captures grouped by equal pressures.
+struct Groups {
+  std::vector<int> of;                    ///< (captures) index of the group
+  std::vector<Eigen::VectorXd> pressure;  ///< (groups) [Pa]
+};
+Groups groupByPressure(const std::vector<ArmCaptures>& arms);
+
+}  // namespace helix_arm::estimation

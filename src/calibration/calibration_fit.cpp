@@ -1,0 +1,530 @@
+#include "calibration_fit.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <optional>
+#include <utility>
+
+#include "calibration_statistics.hpp"
+#include "helix_arm/localization/gaussian.hpp"
+#include "shape_model.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+// The captures identify a parameter if they reduce the variance of its prior by this fraction.
+constexpr double kLeastGain = 0.75;
+// Logs of a stiffness with a smaller error are hardly affected by the curvature of their valley.
+constexpr double kSharp = 0.1;
+// Range on either side of a fitted log over which the valley is sampled: twice the largest
+// permitted error.
+constexpr double kSpan = 2 * kLargestRelativeError;
+constexpr double kLeastRise = 1e-6;
+// Smallest component of an axis that makes it a valley of several logs.
+constexpr double kLeastMix = 0.005;
+// Points along a valley, in its standard deviations by the information: the rule gives the variance
+// of a normal distribution to 1 %.
+constexpr double kValleyStep = 1.5;
+constexpr int kValleySteps = 2;  // to either side
+// Directions of a curve, or of a parameter that is not fitted, of which the captures tell less than
+// this share of what is known of them otherwise are not tested.
+constexpr double kLeastTold = 0.05;
+// A parameter that is not fitted is doubted below this probability of the captures.
+constexpr double kLeastProbability = 1e-3;
+// Free lengths are often off by so much, without any message [1].
+constexpr double kUsualLengthError = 0.01;
+
+Parameter heldParameter(const ParameterInfo& info) {
+  return {info.name,
+          info.unit,
+          info.initial,
+          info.initial,
+          standardErrorOf(info, info.reference, info.deviation),
+          false};
+}
+
+// All parameters that affect the readings and could be fitted, requested or not, and the curve of
+// measured free lengths, except those that count as exact.
+Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
+    if (isMet(info.need, kind)) wanted.rig.insert(*info.block);
+  }
+  if (wanted.free_shapes) return wanted;
+  wanted.curve = wanted.curve || arms.front().free_curve.has_value();
+  Elasticity initial = ShapeModel(arms, {}).initial();
+  std::vector<StiffnessEntry>& entries = wanted.stiffness;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.uncertain_if_held || !info.entry) continue;
+    const bool asked = std::find(entries.begin(), entries.end(), *info.entry) != entries.end();
+    // Entries that are absent from the scene stay absent.
+    if (!asked && entryOf(initial, *info.entry) > 0) entries.push_back(*info.entry);
+  }
+  return wanted;
+}
+
+bool hasSameName(const ParameterInfo& a, const ParameterInfo& b) { return a.name == b.name; }
+
+// The values of `fitted` as those of a problem with more parameters, which are held at their
+// initial values.
+Values valuesAmong(const CalibrationProblem& all, const CalibrationProblem& fitted) {
+  const std::vector<ParameterInfo>&infos = all.parameters(), &known = fitted.parameters();
+  const Eigen::VectorXd at = fitted.vector();
+  const Eigen::Index entries = all.values().stiffness.size();
+  Values values = fitted.values();
+  values.stiffness = Eigen::VectorXd::Zero(entries);
+  values.length_scale.conservativeResizeLike(
+      Eigen::VectorXd::Zero(all.values().length_scale.size()));
+  values.curve.conservativeResizeLike(Eigen::VectorXd::Zero(all.values().curve.size()));
+  for (Eigen::Index i = 0; i < entries; ++i) {
+    const auto found = std::find_if(known.begin(), known.end(), [&](const ParameterInfo& one) {
+      return hasSameName(one, infos[static_cast<std::size_t>(i)]);
+    });
+    if (found != known.end()) values.stiffness[i] = at[found - known.begin()];
+  }
+  return values;
+}
+
+// Covariance including the uncertainty of parameters that were held at their values during the fit.
+// @param all  includes the fitted parameters.
+Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const CalibrationProblem& fitted,
+                                      const std::vector<ArmCaptures>& arms,
+                                      const CalibrationOptions& options, const Selection& all,
+                                      double noise_scale) {
+  const Selection& own = fitted.selection();
+  if (all.stiffness.size() == own.stiffness.size() && all.rig == own.rig &&
+      all.curve == own.curve) {
+    return covariance;
+  }
+  CalibrationProblem everything(arms, options, all);
+  const std::vector<ParameterInfo>& known = fitted.parameters();
+  const std::vector<ParameterInfo>& infos = everything.parameters();
+  std::vector<int> fitted_columns, held_columns;
+  for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
+    const bool is_fitted = std::any_of(known.begin(), known.end(), [&](const ParameterInfo& one) {
+      return hasSameName(one, infos[i]);
+    });
+    (is_fitted ? fitted_columns : held_columns).push_back(i);
+  }
+  if (held_columns.empty()) return covariance;
+  everything.values() = valuesAmong(everything, fitted);
+  const Eigen::MatrixXd H = statisticsOf(everything, noise_scale).information;
+  const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
+  const Eigen::MatrixXd shift = covariance * cross;
+  Eigen::VectorXd prior(held_columns.size());
+  for (std::size_t i = 0; i < held_columns.size(); ++i) {
+    prior[static_cast<Eigen::Index>(i)] = std::pow(infos[held_columns[i]].deviation, 2);
+  }
+  covariance += shift * prior.asDiagonal() * shift.transpose();
+  return covariance;
+}
+
+// The information sees a valley as straight. Where it bends, values far along it fit nearly as
+// well: the profile of the cost, with the other parameters refitted, tells how far.
+//
+// @param covariance  (parameters)^2 without what is not known of all that is not fitted.
+// @return what to add to it.
+Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& best,
+                                 const Eigen::MatrixXd& covariance) {
+  const Values full = problem.values();
+  Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
+  const int entries = static_cast<int>(full.stiffness.size());
+  for (int e = 0; e < entries; ++e) {
+    const double variance = covariance(e, e);
+    if (variance < kSharp * kSharp) continue;
+    const Eigen::VectorXd along = covariance.col(e) / variance;
+    double profile = variance;
+    for (const double side : {-kSpan, kSpan}) {
+      problem.values().stiffness += side * along.head(entries);
+      const Eigen::VectorXd axis = Eigen::VectorXd::Unit(entries, e);
+      const double rise = problem.solve(best.solved_scale, everyCapture, &axis).cost - best.cost;
+      profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
+      problem.values() = full;
+    }
+    more += (profile - variance) * along * along.transpose();
+  }
+  return more;
+}
+
+// Posterior of the stiffness logs along a valley, about the problem's values.
+struct ValleySpread {
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+};
+
+// Sampled at some points along the axis, with everything else refitted.
+ValleySpread spreadAlong(CalibrationProblem& problem, double noise_scale,
+                         const Eigen::VectorXd& axis, double deviation) {
+  const Values best = problem.values();
+  const Eigen::Index entries = best.stiffness.size();
+  std::vector<Eigen::VectorXd> points;
+  std::vector<double> costs;
+  for (int k = -kValleySteps; k <= kValleySteps; ++k) {
+    problem.values() = best;
+    problem.values().stiffness += k * kValleyStep * deviation * axis;
+    const double cost = problem.solve(noise_scale, everyCapture, &axis).cost;
+    const Eigen::VectorXd& at = problem.values().stiffness;
+    if (!std::isfinite(cost) || !at.allFinite()) continue;
+    points.push_back(at - best.stiffness);
+    costs.push_back(cost);
+  }
+  problem.values() = best;
+  ValleySpread out{Eigen::VectorXd::Zero(entries), Eigen::MatrixXd::Zero(entries, entries)};
+  if (costs.empty()) return out;
+  const double least = *std::min_element(costs.begin(), costs.end());
+  double sum = 0;
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const double weight = std::exp(least - costs[k]);
+    sum += weight;
+    out.mean += weight * points[k];
+    out.covariance += weight * points[k] * points[k].transpose();
+  }
+  out.mean /= sum;
+  out.covariance = (out.covariance / sum - out.mean * out.mean.transpose()).eval();
+  return out;
+}
+
+struct Candidate {
+  CalibrationFit fit;
+  Eigen::MatrixXd marginal;  // (entries of the stiffness)^2, all others fitted
+};
+
+bool stiffnessIsIdentified(const CalibrationFit& fit) {
+  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->selection().stiffness.size());
+  return std::all_of(fit.identified.begin(), fit.identified.begin() + entries,
+                     [](bool identified) { return identified; });
+}
+
+// @param all  parameters that could be fitted.
+Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                      const Selection& selection, const Selection& all, double bias) {
+  Candidate candidate;
+  CalibrationFit& fit = candidate.fit;
+  fit.problem = std::make_shared<CalibrationProblem>(arms, options, selection);
+  const Estimate estimate = solveWithNoise(*fit.problem, bias);
+  fit.converged = estimate.converged;
+  fit.noise_scale = estimate.noise_scale;
+  fit.freedom = estimate.freedom;
+  Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
+  fit.determined = estimate.determined && statistics.determined;
+  fit.converged = fit.converged && fit.determined;
+  fit.information = std::move(statistics.information);
+  const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
+  candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
+  const std::vector<ParameterInfo>& infos = fit.problem->parameters();
+  const auto judge = [&](const Eigen::MatrixXd& covariance) {
+    fit.identified.clear();
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      fit.identified.push_back(isIdentified(infos[i], covariance(i, i)));
+    }
+  };
+  fit.covariance = statistics.covariance;
+  judge(fit.covariance);
+  if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
+  fit.covariance = withUncertaintyOfHeld(statistics.covariance, *fit.problem, arms, options, all,
+                                         fit.noise_scale);
+  fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
+  judge(fit.covariance);
+  return candidate;
+}
+
+// Error of the readings that the residuals do not show, in expected standard deviations.
+double noiseBias(const CalibrationOptions& options, ReadingKind kind) {
+  return kind == ReadingKind::kCorners ? options.corner_floor / options.corner_noise : 0.0;
+}
+
+// A division of some entries into fitted and held ones; held entries keep their priors.
+struct Split {
+  std::vector<int> fitted;
+  double entropy = 0;  // of the fitted ones, as estimated before the fit
+};
+
+// All ways to hold one entry or more: those that hold fewest first, and among equals those with the
+// smallest entropy. @param information  (entries)^2 including the priors.
+std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_variance) {
+  const int entries = static_cast<int>(information.rows());
+  std::vector<Split> splits;
+  for (int mask = (1 << entries) - 2; mask >= 0; --mask) {
+    Split split;
+    std::vector<int> held;
+    for (int e = 0; e < entries; ++e) (mask >> e & 1 ? split.fitted : held).push_back(e);
+    if (!split.fitted.empty()) {
+      const Eigen::MatrixXd covariance =
+          Eigen::MatrixXd(information(split.fitted, split.fitted)).inverse();
+      const Eigen::MatrixXd shift = covariance * information(split.fitted, held);
+      const Eigen::MatrixXd total = covariance + prior_variance * shift * shift.transpose();
+      split.entropy = total.diagonal().array().log().sum();
+    }
+    splits.push_back(std::move(split));
+  }
+  std::stable_sort(splits.begin(), splits.end(), [](const Split& a, const Split& b) {
+    return a.fitted.size() != b.fitted.size() ? a.fitted.size() > b.fitted.size()
+                                              : a.entropy < b.entropy;
+  });
+  return splits;
+}
+
+bool hasOthers(const Selection& selection) {
+  return selection.length_scale != LengthScaling::kNone || !selection.rig.empty() ||
+         selection.curve;
+}
+
+// Whether a parameter counts as exact, and could have been requested together with the others.
+bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
+                       CalibrationOptions options, ReadingKind kind) {
+  const bool scaled = info.scaling != LengthScaling::kNone;
+  if (!info.block || info.uncertain_if_held || isFitted(info, options)) return false;
+  if (scaled && options.length_scale != LengthScaling::kNone) return false;
+  if (info.flag != nullptr) options.*info.flag = true;
+  if (scaled) options.length_scale = info.scaling;
+  return !unfit(arms, options, kind);
+}
+
+// What the captures say of a parameter that was not fitted.
+struct HeldTest {
+  const FitParameterInfo* info = nullptr;
+  double probability = 1;        // of such captures, or less likely ones, if its value is right
+  double initial = 0;            // its value
+  Eigen::VectorXd value, error;  // of its numbers, by one step to the optimum; with its prior
+  double told = 0;               // their standard error by the captures alone, of a single number
+  Eigen::VectorXd shift;         // (fitted parameters) by a step of 1 of a single number
+};
+
+// Score test: the gradient at the fitted values, with all that is not exact marginalised.
+HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
+                  const CalibrationOptions& options, const CalibrationFit& fit, ReadingKind kind) {
+  Selection all = allOf(fit.problem->selection(), arms, kind);
+  if (info.scaling != LengthScaling::kNone) all.length_scale = info.scaling;
+  if (info.entry) all.stiffness.push_back(*info.entry);
+  if (info.aboutRig()) all.rig.insert(*info.block);
+  CalibrationProblem everything(arms, options, all);
+  everything.values() = valuesAmong(everything, *fit.problem);
+  const std::vector<ParameterInfo>&infos = everything.parameters(),
+        &known = fit.problem->parameters();
+  std::vector<int> own, others, fitted;
+  for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
+    const bool is_own = infos[i].name.rfind(info.name, 0) == 0;
+    (is_own ? own : others).push_back(i);
+  }
+  for (const ParameterInfo& one : known) {
+    const auto found = std::find_if(infos.begin(), infos.end(), [&one](const ParameterInfo& other) {
+      return hasSameName(one, other);
+    });
+    fitted.push_back(static_cast<int>(found - infos.begin()));
+  }
+  const ArrowEquations& equations = everything.equations(fit.noise_scale);
+  const Eigen::MatrixXd H = equations.dense(), cross = H(others, own);
+  const Eigen::VectorXd gradient = equations.gradient();
+  const Eigen::LLT<Eigen::MatrixXd> rest(Eigen::MatrixXd(H(others, others)));
+  const auto size = static_cast<Eigen::Index>(own.size());
+  Eigen::VectorXd deviation(size);
+  for (Eigen::Index i = 0; i < size; ++i) deviation[i] = infos[own[i]].deviation;
+  // In units of the prior, whose own information is 1.
+  const Eigen::MatrixXd posterior =
+      deviation.asDiagonal() *
+      (Eigen::MatrixXd(H(own, own)) - cross.transpose() * rest.solve(cross)).eval() *
+      deviation.asDiagonal();
+  const Eigen::VectorXd score =
+      -deviation.cwiseProduct(gradient(own) - cross.transpose() * rest.solve(gradient(others)));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(posterior);
+  HeldTest out;
+  out.info = &info;
+  double square = 0;
+  int directions = 0;
+  for (Eigen::Index j = 0; j < size; ++j) {
+    const double information = axes.eigenvalues()[j] - 1;
+    if (information < kLeastTold) continue;
+    square += std::pow(axes.eigenvectors().col(j).dot(score), 2) / information;
+    ++directions;
+  }
+  if (directions > 0) out.probability = tailOfF(square / directions, directions, fit.freedom);
+  const ParameterInfo& first = infos[own.front()];
+  const Eigen::MatrixXd covariance = posterior.inverse();
+  out.initial = first.initial;
+  out.value = deviation.cwiseProduct(covariance * score);
+  out.error = deviation.cwiseProduct(covariance.diagonal().cwiseSqrt());
+  if (first.logarithmic) {
+    out.value = first.initial * out.value.array().exp();
+    out.error = out.value.cwiseProduct(out.error);
+  }
+  out.told = deviation[0] / std::sqrt(std::max(posterior(0, 0) - 1, 0.0));
+  out.shift = -fit.information.llt().solve(Eigen::VectorXd(H(fitted, own[0])));
+  return out;
+}
+
+// Captures that do not tell the lengths hide their errors in the stiffness.
+std::optional<std::string> warningOfLengths(const HeldTest& lengths, const CalibrationFit& fit,
+                                            const std::vector<Parameter>& reported) {
+  if (3 * lengths.told < kUsualLengthError) return std::nullopt;
+  const std::vector<ParameterInfo>& infos = fit.problem->parameters();
+  for (std::size_t i = 0; i < infos.size(); ++i) {
+    const auto found = std::find_if(reported.begin(), reported.end(), [&](const Parameter& one) {
+      return one.name == infos[i].name && one.identifiable;
+    });
+    if (found == reported.end() || !infos[i].logarithmic) continue;
+    const double change =
+        std::abs(lengths.shift[static_cast<Eigen::Index>(i)]) * kUsualLengthError * found->value;
+    if (change <= found->standard_error) continue;
+    return text("the standard error of ", infos[i].name,
+                " takes the free lengths as exact, and the captures do not tell them: if they are "
+                "off by ",
+                100 * kUsualLengthError, " %, ", infos[i].name, " is off by ",
+                std::round(100 * change / found->value), " %; fit length_scale as well, so that ",
+                "the error says so, or contraction to measured free lengths");
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                            const Selection& wanted, ReadingKind kind) {
+  CalibrationFit fit;
+  fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
+  const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
+  fit.converged = estimate.converged;
+  fit.determined = estimate.determined;
+  fit.noise_scale = estimate.noise_scale;
+  return fit;
+}
+
+bool isIdentified(const ParameterInfo& info, double variance) {
+  const bool known = !info.logarithmic || variance <= kLargestRelativeError * kLargestRelativeError;
+  return known && variance <= (1 - kLeastGain) * info.deviation * info.deviation;
+}
+
+CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
+                             const CalibrationOptions& options, const Selection& wanted,
+                             ReadingKind kind,
+                             const std::function<bool(const CalibrationFit&)>& holds_up) {
+  const double bias = noiseBias(options, kind);
+  const Selection all = allOf(wanted, arms, kind);
+  const auto isGood = [&](const CalibrationFit& fit) {
+    return fit.converged && stiffnessIsIdentified(fit) && holds_up(fit);
+  };
+  Candidate first = candidateOf(arms, options, wanted, all, bias);
+  if (first.fit.converged) first.fit.asked = first.fit.problem;
+  first.fit.asked_noise_scale = first.fit.noise_scale;
+  const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
+  const double asked_noise_scale = first.fit.asked_noise_scale;
+  if (isGood(first.fit) || wanted.stiffness.empty() || !first.fit.determined) {
+    return std::move(first.fit);
+  }
+  const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
+  const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
+    for (int e = 0; e < static_cast<int>(wanted.stiffness.size()); ++e) {
+      const bool stays = std::find(fitted.begin(), fitted.end(), e) == fitted.end();
+      if (stays) fit.held.push_back(heldParameter(infos[e]));
+    }
+  };
+  CalibrationFit last = std::move(first.fit);
+  for (const Split& split :
+       splitsOf(first.marginal.inverse(), options.stiffness_prior * options.stiffness_prior)) {
+    if (split.fitted.empty() && !hasOthers(wanted)) break;
+    Selection selection = wanted;
+    selection.stiffness.clear();
+    for (const int e : split.fitted) selection.stiffness.push_back(wanted.stiffness[e]);
+    CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
+    fit.asked = asked;
+    fit.asked_noise_scale = asked_noise_scale;
+    if (split.fitted.empty() || isGood(fit)) {
+      hold(fit, split.fitted);
+      if (split.fitted.empty() && fit.converged) holds_up(fit);
+      return fit;
+    }
+    if (fit.converged || !last.converged) last = std::move(fit);
+  }
+  hold(last, {});
+  return last;
+}
+
+Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
+                                const CalibrationOptions& options, const CalibrationFit& fit,
+                                ReadingKind kind) {
+  CalibrationProblem& asked = *fit.asked;
+  const Eigen::VectorXd optimum = asked.values().stiffness;
+  const Eigen::Index entries = optimum.size();
+  const Eigen::MatrixXd own = statisticsOf(asked, fit.asked_noise_scale).covariance;
+  Eigen::MatrixXd covariance =
+      withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
+                            fit.asked_noise_scale)
+          .topLeftCorner(entries, entries);
+  const Values reported = valuesAmong(asked, *fit.problem);
+  Eigen::VectorXd mean = optimum - reported.stiffness;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
+  for (Eigen::Index j = 0; j < entries; ++j) {
+    const double variance = axes.eigenvalues()[j];
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    // Along one parameter there is no valley that could bend into others.
+    const auto mixed = (axis.array().abs() >= kLeastMix).count();
+    if (variance < kSharp * kSharp || mixed < 2) continue;
+    const ValleySpread spread =
+        spreadAlong(asked, fit.asked_noise_scale, axis, std::sqrt(variance));
+    covariance += spread.covariance - variance * axis * axis.transpose();
+    mean += spread.mean;
+  }
+  return covariance + mean * mean.transpose();
+}
+
+CurveTest testCurve(const CalibrationFit& fit) {
+  const Eigen::VectorXd& deviation = fit.problem->values().curve;
+  const Eigen::Index size = deviation.size(), all = fit.covariance.rows();
+  const Eigen::MatrixXd by_noise = fit.information.inverse();
+  const Eigen::VectorXd prior = fit.problem->priorInformation().head(all);
+  const Eigen::MatrixXd by_captures =
+      (by_noise - by_noise * prior.asDiagonal() * by_noise).bottomRightCorner(size, size);
+  // The curve moves by what the free lengths leave open less what the captures leave open, and by
+  // what is not fitted.
+  const Eigen::MatrixXd moved = Eigen::MatrixXd::Identity(size, size) +
+                                (fit.covariance - 2 * by_noise).bottomRightCorner(size, size);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(moved);
+  CurveTest out{0, 0, 1};
+  double estimated = 0;  // share of the variance that comes from the noise of the captures
+  for (Eigen::Index j = 0; j < size; ++j) {
+    const double variance = axes.eigenvalues()[j];
+    if (variance < kLeastTold) continue;
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    out.chi_square += std::pow(axis.dot(deviation), 2) / variance;
+    estimated += axis.dot(by_captures * axis) / variance;
+    ++out.directions;
+  }
+  if (out.directions == 0) return out;
+  estimated /= out.directions;
+  // Welch's degrees of freedom, of a sum of which only this share is estimated.
+  out.probability = tailOfF(out.chi_square / out.directions, out.directions,
+                            fit.freedom / (estimated * estimated));
+  return out;
+}
+
+std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
+                                        const CalibrationOptions& options,
+                                        const CalibrationFit& fit, ReadingKind kind,
+                                        const std::vector<Parameter>& reported) {
+  std::vector<std::string> warnings;
+  if (options.free_shapes) return warnings;
+  std::optional<HeldTest> doubted;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!canBeFittedAsWell(info, arms, options, kind)) continue;
+    const HeldTest test = testHeld(info, arms, options, fit, kind);
+    if (test.probability < (doubted ? doubted->probability : kLeastProbability)) doubted = test;
+    if (info.parameter != FitParameter::kLengthScale || arms.front().free_curve) continue;
+    if (auto warning = warningOfLengths(test, fit, reported)) warnings.push_back(*warning);
+  }
+  if (!doubted) return warnings;
+  const FitParameterInfo& info = *doubted->info;
+  std::string values;
+  if (doubted->value.size() == 1) {
+    const std::string unit = info.numbers.front().unit;
+    values =
+        text(std::setprecision(4), ", ", doubted->initial, unit.empty() ? "" : " ", unit,
+             ", and ask for ", doubted->value[0], " +- ", std::setprecision(2), doubted->error[0]);
+  }
+  return {text("the captures contradict the scene's ", info.word, values, std::setprecision(2),
+               " (probability, if it is right: ", doubted->probability, "): fit ", info.word,
+               " as well; values and standard errors take it as exact")};
+}
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,221 @@
+#include "helix_arm/calibration/calibration_parameters.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <stdexcept>
+#include <utility>
+
+namespace helix_arm::estimation {
+namespace {
+
+using Options = CalibrationOptions;
+
+constexpr FitPrior kStiffnessPrior{"the prior of the stiffness",
+                                   [](const Options& o) { return o.stiffness_prior; }};
+constexpr FitPrior kLengthScalePrior{"the prior of the length scale",
+                                     [](const Options& o) { return o.length_scale_prior; }};
+constexpr FitPrior kBaseTranslation{"the base's prior of translation",
+                                    [](const Options& o) { return o.base_prior.translation; }};
+constexpr FitPrior kBaseRotation{"the base's prior of rotation",
+                                 [](const Options& o) { return o.base_prior.rotation; }};
+constexpr FitPrior kTagTranslation{"the tags' prior of translation",
+                                   [](const Options& o) { return o.tag_prior.translation; }};
+constexpr FitPrior kTagRotation{"the tags' prior of rotation",
+                                [](const Options& o) { return o.tag_prior.rotation; }};
+constexpr FitPrior kBleedPrior{"the prior of the bleed",
+                               [](const Options& o) { return o.bleed_prior; }};
+
+FitParameterInfo stiffness(FitParameter parameter, const char* word, FitGroup group,
+                           StiffnessEntry entry, const char* unit, bool Options::*flag) {
+  const bool load = entry == StiffnessEntry::kEps;
+  FitParameterInfo info{parameter, word, word, group, load ? FitNeed::kLoad : FitNeed::kArm};
+  info.block = ParameterBlock::kStiffness;
+  info.entry = entry;
+  info.numbers = {{"", unit, kStiffnessPrior}};
+  info.flag = flag;
+  info.uncertain_if_held = !load;
+  return info;
+}
+
+FitParameterInfo lengthScale(FitParameter parameter, const char* word, LengthScaling scaling) {
+  FitParameterInfo info{parameter, word, "length_scale", FitGroup::kNone, FitNeed::kArm};
+  info.block = ParameterBlock::kLengthScale;
+  info.numbers = {{"", "", kLengthScalePrior}};
+  info.scaling = scaling;
+  return info;
+}
+
+FitParameterInfo contraction() {
+  return {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
+          FitNeed::kFreeLengths};
+}
+
+FitParameterInfo response() {
+  return {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries};
+}
+
+FitParameterInfo placement(FitParameter parameter, const char* word, const char* name, FitNeed need,
+                           ParameterBlock block, std::vector<FitNumber> numbers,
+                           bool Options::*flag) {
+  FitParameterInfo info{parameter, word, name, FitGroup::kPlacement, need};
+  info.block = block;
+  info.numbers = std::move(numbers);
+  info.flag = flag;
+  return info;
+}
+
+FitParameterInfo base() {
+  return placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,
+                   {{"_x", "m", kBaseTranslation},
+                    {"_y", "m", kBaseTranslation},
+                    {"_z", "m", kBaseTranslation},
+                    {"_rx", "rad", kBaseRotation},
+                    {"_ry", "rad", kBaseRotation},
+                    {"_rz", "rad", kBaseRotation}},
+                   &Options::base);
+}
+
+FitParameterInfo tags() {
+  FitParameterInfo info =
+      placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,
+                {{"_along", "m", kTagTranslation},
+                 {"_y", "m", kTagTranslation},
+                 {"_z", "m", kTagTranslation},
+                 {"_rx", "rad", kTagRotation},
+                 {"_ry", "rad", kTagRotation},
+                 {"_rz", "rad", kTagRotation}},
+                &Options::tags);
+  info.uncertain_if_held = true;
+  return info;
+}
+
+FitParameterInfo bleed() {
+  FitParameterInfo info =
+      placement(FitParameter::kBleed, "bleed", "bleed", FitNeed::kCorners, ParameterBlock::kBleed,
+                {{"", "m", kBleedPrior}}, &Options::bleed);
+  info.implied = true;
+  info.uncertain_if_held = true;
+  return info;
+}
+
+// "a, b, c", or "a and b".
+std::string membersOf(FitGroup group) {
+  std::vector<std::string> members;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (info.group == group) members.emplace_back(info.word);
+  }
+  const char* const between = members.size() == 2 ? " and " : ", ";
+  std::string text;
+  for (const std::string& word : members) text += (text.empty() ? "" : between) + word;
+  return text;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text;
+}
+
+}  // namespace
+
+bool FitParameterInfo::aboutShape() const {
+  return block == ParameterBlock::kStiffness || block == ParameterBlock::kLengthScale;
+}
+
+bool FitParameterInfo::aboutRig() const {
+  return need == FitNeed::kTags || need == FitNeed::kCorners;
+}
+
+const std::vector<FitParameterInfo>& fitParameters() {
+  using Entry = StiffnessEntry;
+  static const std::vector<FitParameterInfo> kTable{
+      stiffness(FitParameter::kKappa, "K_kappa", FitGroup::kStiffness, Entry::kKappa, "m^2",
+                &Options::K_kappa),
+      stiffness(FitParameter::kGamma, "K_gamma", FitGroup::kStiffness, Entry::kGamma, "",
+                &Options::K_gamma),
+      stiffness(FitParameter::kTau, "K_tau", FitGroup::kNone, Entry::kTau, "m^2", &Options::K_tau),
+      stiffness(FitParameter::kEps, "K_eps", FitGroup::kNone, Entry::kEps, "N", &Options::K_eps),
+      lengthScale(FitParameter::kLengthScale, "length_scale", LengthScaling::kCommon),
+      lengthScale(FitParameter::kLengthScaleEach, "length_scale_each", LengthScaling::kEach),
+      contraction(),
+      response(),
+      base(),
+      tags(),
+      bleed()};
+  return kTable;
+}
+
+const FitParameterInfo& infoOf(FitParameter parameter) {
+  return fitParameters().at(static_cast<std::size_t>(parameter));
+}
+
+const char* wordOf(FitGroup group) {
+  switch (group) {
+    case FitGroup::kStiffness:
+      return "stiffness";
+    case FitGroup::kPlacement:
+      return "placement";
+    case FitGroup::kNone:
+      break;
+  }
+  return "";
+}
+
+std::vector<std::string> fitWords() {
+  std::vector<std::string> words;
+  FitGroup last = FitGroup::kNone;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (info.group != FitGroup::kNone && info.group != last) words.emplace_back(wordOf(info.group));
+    words.emplace_back(info.word);
+    last = info.group;
+  }
+  return words;
+}
+
+std::string fitWordsText() {
+  std::vector<std::string> words = fitWords();
+  for (std::string& word : words) {
+    for (const FitGroup group : {FitGroup::kStiffness, FitGroup::kPlacement}) {
+      if (word == wordOf(group)) word += " (" + membersOf(group) + ")";
+    }
+    for (const FitParameterInfo& info : fitParameters()) {
+      if (word == info.word && info.need == FitNeed::kLoad) word += " (under load)";
+    }
+  }
+  return joined(words);
+}
+
+std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bool corners) {
+  std::set<std::string> asked(words.begin(), words.end());
+  if (asked.empty()) asked.insert(wordOf(kDefaultFitGroup));
+  const std::vector<std::string> known = fitWords();
+  for (const std::string& word : asked) {
+    if (std::find(known.begin(), known.end(), word) != known.end()) continue;
+    throw std::invalid_argument("\"" + word + "\" is not a parameter to fit; expected some of " +
+                                joined(known));
+  }
+  std::set<FitParameter> out;
+  for (const FitParameterInfo& info : fitParameters()) {
+    const bool met = corners || info.need != FitNeed::kCorners;
+    const bool by_group = info.group != FitGroup::kNone && asked.count(wordOf(info.group)) > 0;
+    if (asked.count(info.word) > 0 || (by_group && met)) out.insert(info.parameter);
+  }
+  return out;
+}
+
+void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options) {
+  options.length_scale = LengthScaling::kNone;
+  for (const FitParameterInfo& info : fitParameters()) {
+    const bool fitted = parameters.count(info.parameter) > 0;
+    if (info.flag != nullptr) options.*info.flag = fitted;
+    // The last request wins: per actuator rather than one scale for all.
+    if (info.scaling != LengthScaling::kNone && fitted) options.length_scale = info.scaling;
+  }
+}
+
+bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options) {
+  if (info.flag != nullptr) return options.*info.flag;
+  return info.scaling != LengthScaling::kNone && options.length_scale == info.scaling;
+}
+
+}  // namespace helix_arm::estimation

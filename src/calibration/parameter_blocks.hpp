@@ -1,0 +1,118 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "helix_arm/calibration/calibration_parameters.hpp"
+#include "shape_model.hpp"
+
+/// The free parameters of a calibration, as blocks of its least-squares problem.
+namespace helix_arm::estimation {
+
+/// Which parameters are free.
+struct Selection {
+  std::vector<StiffnessEntry> stiffness;
+  LengthScaling length_scale = LengthScaling::kNone;
+  std::set<ParameterBlock> rig;  ///< those of base, bleed and tags that are fitted
+  bool free_shapes = false;
+  bool curve = false;  ///< of the arms' FreeCurve
+
+  bool has(ParameterBlock block) const;
+};
+
+/// All requested parameters.
+Selection selectionOf(const CalibrationOptions& options);
+
+/// Number of length scales.
+int lengthScales(const Selection& selection, const model::Arm& arm);
+
+/// Properties of a parameter, for reports and for its verdict.
+struct ParameterInfo {
+  std::string name, unit;
+  double deviation;  ///< of its prior, in the parameter's units; for stiffness and scales, of the
+                     ///< logarithm
+  bool logarithmic;
+  double reference;      ///< if logarithmic, the value is reference * exp(parameter)
+  double initial;        ///< value in the scenes; 0 if they have none and a reference replaces it
+  bool about_shape;      ///< stiffness or length scale
+  bool reported = true;  ///< false for the numbers of a curve, which mean nothing on their own
+};
+
+/// Parameters of a calibration, fitted or not.
+struct Values {
+  Eigen::VectorXd curve;                    ///< see FreeCurve
+  Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
+  /// Numbers of every rig parameter except the tags: right-hand motion [m, rad] of the base, bleed
+  /// [m].
+  std::map<ParameterBlock, Eigen::VectorXd> rig;
+  std::vector<lie::Vector6> tags;       ///< shift along and across the arm [m], rotation [rad]
+  std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, if shapes are free
+};
+
+/// Values of the free parameters and their division into blocks: those of ParameterInfo first, then
+/// the shapes of captures. The blocks of the least-squares problem and the columns of its
+/// information matrix have the same order.
+class ParameterBlocks {
+ public:
+  struct Block {
+    ParameterBlock kind;
+    int of;      ///< index of its tag or capture; 0 for kinds with a single block
+    int column;  ///< index of its first number among all free parameters
+    Eigen::VectorXd mean, deviation;  ///< of its prior
+
+    int size() const { return static_cast<int>(deviation.size()); }
+  };
+
+  /// Creates all blocks except those of shapes, at their initial values.
+  ///
+  /// @param arms  at least one.
+  /// @param model  model of these arms and the selected stiffness.
+  ParameterBlocks(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                  const Selection& selection, const ShapeModel& model);
+
+  /// Multiplies the deviation of the curve's prior.
+  void loosenCurve(double factor);
+
+  /// Adds the block of the next capture's shape, at the mean of its prior.
+  void addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation);
+
+  const std::vector<Block>& all() const { return blocks_; }
+  /// Index of a block. @throws std::out_of_range if there is none.
+  int indexOf(ParameterBlock kind, int of) const;
+  /// Number of free parameters of all blocks.
+  int columns() const;
+
+  /// Free parameters except those of shapes.
+  const std::vector<ParameterInfo>& infos() const { return infos_; }
+  /// Values of the free parameters in the order of infos().
+  Eigen::VectorXd vector() const;
+  /// Values of all free parameters, by their columns.
+  Eigen::VectorXd numbers() const;
+  void setNumbers(const Eigen::VectorXd& numbers);
+
+  const Values& values() const { return values_; }
+  Values& values() { return values_; }
+
+  /// The numbers of a block within the values; valid until the values are replaced.
+  double* data(const Block& block);
+  const double* data(const Block& block) const;
+
+ private:
+  void add(ParameterBlock kind, int of, Eigen::VectorXd mean, Eigen::VectorXd deviation);
+  void addStiffness(const CalibrationOptions& options, const Selection& selection,
+                    const ShapeModel& model);
+  void addLengthScales(const CalibrationOptions& options, const Selection& selection,
+                       const model::Arm& arm);
+  void addCurve(const FreeCurve& curve);
+  void addRig(const FitParameterInfo& info, const CalibrationOptions& options, int of,
+              const std::string& name);
+
+  Values values_;
+  std::vector<Block> blocks_;
+  std::vector<ParameterInfo> infos_;
+};
+
+}  // namespace helix_arm::estimation

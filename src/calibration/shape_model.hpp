@@ -1,0 +1,122 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <vector>
+
+#include "helix_arm/calibration/calibration_parameters.hpp"
+#include "helix_arm/model/taper.hpp"
+#include "helix_arm/statics/solution.hpp"
+
+/// Shapes of arms as a function of the stiffness, for calibration.
+namespace helix_arm::estimation {
+
+/// All components of a stiffness.
+struct Elasticity {
+  model::Stiffness ratios;
+  double K_eps = 0;  ///< [N]; 0 without load
+};
+double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
+
+/// A shape and the derivatives of its pieces with respect to the parameters.
+struct ShapeThere {
+  model::Shape shape;
+  Eigen::MatrixXd by_stiffness, by_scale;  ///< (6 pieces x entries), with respect to logarithms
+  Eigen::MatrixXd by_curve;  ///< (6 pieces x numbers of a FreeCurve), filled by those who fit one
+  bool found = true;         ///< false: no shape balances the load
+};
+
+/// Shapes of all arms at a given stiffness, and their derivatives with respect to it. Without load,
+/// these are linear maps of the lengths, with analytic derivatives; for arms with pieces, solutions
+/// and central differences.
+class ShapeModel {
+ public:
+  ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted);
+
+  double referenceOf(StiffnessEntry entry) const {
+    Elasticity reference = reference_;
+    return entryOf(reference, entry);
+  }
+
+  // The stiffness with the fitted entries multiplied by exp(logs). An entry that is 0 starts from
+  // its reference. The other entries are unchanged.
+  Elasticity elasticityAt(const double* logs, Elasticity elasticity) const;
+  const Elasticity& initial() const { return initial_; }
+
+  // Shape of arm `a` at these lengths and, if requested, its derivatives with respect to the
+  // logarithms of the stiffness and of factors on the lengths: none, one for all, or one each.
+  ShapeThere at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales = 0,
+                bool derivatives = false);
+
+ private:
+  using Maps = std::vector<std::vector<model::Equilibrium<lie::SE3>>>;  // [arm][section]
+  using Changes = std::vector<Eigen::MatrixXd>;  // [entry] of a section's map by the logs
+  using Statics = std::function<statics::Solution(const Eigen::VectorXd& lengths)>;
+  // A loaded arm at the logs and one step to either side of them.
+  struct Loaded {
+    Statics there;
+    std::vector<Statics> above, below;  // [entry]
+    // Cache of the last result, since all tags of a capture request the same shape.
+    Eigen::VectorXd lengths;
+    bool has_changes = false;
+    ShapeThere last;
+  };
+
+  int size() const { return static_cast<int>(fitted_.size()); }
+
+  std::vector<model::Strand<lie::SE3>> strandsAt(int a, int k, const Eigen::VectorXd& logs) const;
+  Changes changesAt(int a, int k) const;
+  Statics staticsAt(const ArmCaptures& data, const Eigen::VectorXd& logs) const;
+
+  void update(const double* logs, bool derivatives);
+  ShapeThere unloaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives) const;
+  ShapeThere loaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives);
+
+  const std::vector<ArmCaptures>& arms_;
+  const std::vector<StiffnessEntry> fitted_;
+  Elasticity initial_, reference_;
+  Eigen::VectorXd at_;
+  bool has_changes_ = false;
+  Maps maps_;
+  std::vector<std::vector<Changes>> changes_;  // [arm][section]
+  std::vector<Loaded> loaded_;                 // [arm]
+};
+
+// Cholesky factors of symmetric matrices of some hundred columns, in the vector instructions of
+// the processor. Matrices are row major; of a symmetric one, only the upper triangle is read.
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Columns of some matrices are padded with zeros to a multiple of this.
+inline constexpr int kRowPadding = 8;
+inline int padded(int columns) { return (columns + kRowPadding - 1) / kRowPadding * kRowPadding; }
+
+/// Replaces the upper triangle of S by U, S = U'U. The rest stays.
+/// @return false if S is not positive definite.
+bool factorUpper(RowMajor& S);
+
+/// Replaces x by the solution of U'U x = b.
+void solveUpper(const RowMajor& U, Eigen::VectorXd& x);
+
+/// Replaces X by U'^-1 X.
+///
+/// @param X  (any x padded columns).
+void divideByTransposed(const RowMajor& U, RowMajor& X);
+/// Replaces x (any) by U'^-1 x.
+void divideByTransposed(const RowMajor& U, Eigen::VectorXd& x);
+
+/// (U'U)^-1, both triangles.
+RowMajor inverseOfUpper(const RowMajor& U);
+
+/// Replaces the first `count` rows of `square`, from their diagonal on, by those of weight * W'W.
+///
+/// @param W  (rows x stride) row major. @param stride  padded(). @param square  (count x stride).
+void squareRows(const double* W, int rows, int stride, int count, double weight, double* square);
+
+/// Subtracts W'W from the upper triangle of S: row and column i of W'W from row and column at[i].
+///
+/// @param W  (rows x padded columns). @param at  (columns) ascending. @param square  workspace.
+void subtractSquare(const RowMajor& W, const std::vector<int>& at, std::vector<double>& square,
+                    RowMajor& S);
+
+}  // namespace helix_arm::estimation

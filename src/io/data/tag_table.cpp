@@ -1,0 +1,128 @@
+#include "helix_arm/io/tag_table.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/number.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+constexpr double kMostNumber = 1e9;
+
+}  // namespace
+
+int TagRow::number(const std::string& column) const {
+  const double value = (*this)[column];
+  if (value >= 0 && value <= kMostNumber && value == std::floor(value)) {
+    return static_cast<int>(value);
+  }
+  faults.add(line(), column + " is not a whole number from 0 to " + formatNumber(kMostNumber));
+  return -1;
+}
+
+void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns) {
+  std::string missing, expected = "capture, pressure_1_kpa .., tag";
+  const auto look = [&data, &missing](const std::string& column) {
+    if (data.find(column) < 0) missing += (missing.empty() ? "" : ", ") + column;
+  };
+  look("capture");
+  look("tag");
+  for (const std::string& column : columns) {
+    look(column);
+    expected += ", " + column;
+  }
+  if (missing.empty()) return;
+  FaultList faults(data.path);
+  faults.add(0, "has no column " + missing + "; expected " + expected);
+  faults.throwIfAny();
+}
+
+namespace {
+
+constexpr double kNormTolerance = 1e-2;  // rounding to two digits
+
+lie::SE3 readPoseCells(const TagRow& at) {
+  const Eigen::Quaterniond q(at["qw"], at["qx"], at["qy"], at["qz"]);
+  const Eigen::Vector3d p(at["x_m"], at["y_m"], at["z_m"]);
+  if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
+    at.faults.add(at.line(), "has a quaternion qx, qy, qz, qw that is not of norm 1");
+    return {Eigen::Matrix3d::Identity(), p};
+  }
+  return {q.normalized().toRotationMatrix(), p};
+}
+
+}  // namespace
+
+std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
+  requireTagColumns(data, {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"});
+  return readTagTable<TagPoseCapture>(data, actuators, [&X_BF](int id, const TagRow& row) {
+    return TagPose{id, X_BF * readPoseCells(row), row.line()};
+  });
+}
+
+namespace {
+
+std::vector<std::string> cornerColumns() {
+  std::vector<std::string> columns;
+  for (int i = 1; i <= estimation::Corners::ColsAtCompileTime; ++i) {
+    for (const char* axis : {"x", "y"}) columns.push_back(axis + std::to_string(i) + "_px");
+  }
+  return columns;
+}
+
+}  // namespace
+
+std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators) {
+  const std::vector<std::string> columns = cornerColumns();
+  requireTagColumns(data, columns);
+  auto captures =
+      readTagTable<TagCornerCapture>(data, actuators, [&columns](int id, const TagRow& row) {
+        TagCorners tag{id, {}, row.line()};
+        for (int i = 0; i < tag.corners.size(); ++i) tag.corners(i) = row[columns[i]];
+        return tag;
+      });
+  const int time = data.find("time_s");
+  for (TagCornerCapture& capture : captures) {
+    if (time < 0) break;
+    const auto line =
+        std::lower_bound(data.lines.begin(), data.lines.end(), capture.tags.front().line);
+    capture.time = data.values(line - data.lines.begin(), time);
+  }
+  return captures;
+}
+
+std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
+                         const std::string& comment) {
+  std::ostringstream text;
+  std::istringstream lines(comment);
+  for (std::string line; std::getline(lines, line);) text << "# " << line << "\n";
+  const bool timed = !captures.empty() &&
+                     std::all_of(captures.begin(), captures.end(),
+                                 [](const auto& capture) { return capture.time.has_value(); });
+  text << (timed ? "capture,time_s" : "capture");
+  for (int i = 1; i <= actuators; ++i) text << ",pressure_" << i << "_kpa";
+  text << ",tag";
+  for (const std::string& column : cornerColumns()) text << "," << column;
+  text << "\n";
+  for (const TagCornerCapture& capture : captures) {
+    basics::require(capture.pressure.size() == actuators, "tagCornerCsv: capture ", capture.number,
+                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
+    for (const TagCorners& tag : capture.tags) {
+      text << capture.number;
+      if (timed) text << "," << formatNumber(*capture.time);
+      for (const double pressure : capture.pressure) {
+        text << "," << formatNumber(kilopascals(pressure));
+      }
+      text << "," << tag.id;
+      for (int i = 0; i < tag.corners.size(); ++i) text << "," << formatNumber(tag.corners(i));
+      text << "\n";
+    }
+  }
+  return text.str();
+}
+
+}  // namespace helix_arm::io

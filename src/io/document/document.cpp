@@ -1,0 +1,478 @@
+#include "document.hpp"
+
+#include <algorithm>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include <yaml-cpp/eventhandler.h>
+#include <yaml-cpp/yaml.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/regular_file.hpp"
+#include "helix_arm/io/number.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+std::optional<std::string> plainText(std::string text, FaultList& faults) {
+  const auto binary = std::find_if(text.begin(), text.end(), [](char c) {
+    return static_cast<unsigned char>(c) < 0x20 && c != '\t' && c != '\n' && c != '\r';
+  });
+  if (binary == text.end()) return text;
+  const auto line = std::count(text.begin(), binary, '\n') + 1;
+  faults.add(static_cast<int>(line), "holds a control character; expected a text file");
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
+                                        FaultList& faults) {
+  basics::RegularFile file(path);
+  std::optional<std::string> text = file.readAll(most);
+  if (!text) {
+    faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));
+    return std::nullopt;
+  }
+  return plainText(std::move(*text), faults);
+}
+
+std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults) {
+  std::string text(most + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > most) {
+    faults.add(0, "has more than " + std::to_string(most) + " bytes; expected at most that");
+    return std::nullopt;
+  }
+  return plainText(std::move(text), faults);
+}
+
+namespace {
+
+// With aliases, a short file may expand to an endless tree, or to many copies of a long text.
+constexpr std::size_t kMostBytes = kMostSceneBytes;
+constexpr int kMostValues = 20000;
+constexpr int kDeepest = 50;
+constexpr std::size_t kLongestKey = 200;  // each fault repeats the keys above it
+
+// Inside brackets, yaml-cpp keeps every possible key until it is decided, about 200 bytes each.
+constexpr long kMostMarks = 4L * kMostValues;
+
+struct TooLarge {};
+
+// Records where documents start, and throws TooLarge before an oversized tree is built.
+// YAML::LoadAll cannot be used to find a second document: it does not return from a stray `,`
+// between documents.
+class Survey : public YAML::EventHandler {
+ public:
+  std::optional<YAML::Mark> last;
+  void OnDocumentStart(const YAML::Mark& mark) override { last = mark; }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override { count(); }
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override { count(); }
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                const std::string&) override {
+    count();
+  }
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {
+    enter();
+  }
+  void OnSequenceEnd() override { --depth_; }
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                  YAML::EmitterStyle::value) override {
+    enter();
+  }
+  void OnMapEnd() override { --depth_; }
+
+ private:
+  void count() {
+    if (++count_ > 2 * kMostValues) throw TooLarge();  // keys count, too
+  }
+  void enter() {
+    count();
+    if (++depth_ > kDeepest + 1) throw TooLarge();
+  }
+
+  int count_ = 0, depth_ = 0;
+};
+
+// The code point at `at`, which moves behind it; nothing where the bytes are not UTF-8.
+std::optional<char32_t> codePoint(const std::string& text, std::size_t& at) {
+  constexpr char32_t kLeast[] = {0, 0x80, 0x800, 0x10000};  // by the number of bytes that follow
+  const auto first = static_cast<unsigned char>(text[at++]);
+  if (first < 0x80) return first;
+  const std::size_t more = first < 0xe0 ? 1 : first < 0xf0 ? 2 : 3;
+  if (first < 0xc0 || first > 0xf4 || text.size() - at < more) return std::nullopt;
+  char32_t code = first & (0x3fU >> more);
+  for (std::size_t k = 0; k < more; ++k) {
+    const auto next = static_cast<unsigned char>(text[at++]);
+    if ((next & 0xc0U) != 0x80) return std::nullopt;
+    code = code << 6U | (next & 0x3fU);
+  }
+  const bool surrogate = code >= 0xd800 && code <= 0xdfff;
+  if (code < kLeast[more] || code > 0x10ffff || surrogate) return std::nullopt;
+  return code;
+}
+
+// What makes a scalar something else than text; empty if it is text. Names and paths end at a NUL,
+// terminals obey control characters, and yaml-cpp writes U+FFFD in place of what is no character.
+// @param spaces  control characters that are accepted.
+const char* faultOfText(const std::string& text, const std::string& spaces) {
+  for (std::size_t at = 0; at < text.size();) {
+    const std::optional<char32_t> code = codePoint(text, at);
+    const bool none = code && ((*code & 0xfffeU) == 0xfffe || (*code >= 0xfdd0 && *code <= 0xfdef));
+    if (!code || none) return "bytes that are not UTF-8 text";
+    const bool control = *code < 0x20 || (*code >= 0x7f && *code < 0xa0);
+    if (control && spaces.find(text[at - 1]) == std::string::npos) return "a control character";
+  }
+  return "";
+}
+
+long markCount(const std::string& text) {
+  const std::string marks = "[]{},:";
+  return std::count_if(text.begin(), text.end(),
+                       [&](char c) { return marks.find(c) != std::string::npos; });
+}
+
+// Start of the second document of a text, which YAML::Load would ignore silently.
+std::optional<YAML::Mark> secondDocument(const std::string& text) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  Survey survey;
+  if (!parser.HandleNextDocument(survey) || !parser.HandleNextDocument(survey)) return std::nullopt;
+  return survey.last;
+}
+
+struct Conversion {
+  FaultList& faults;
+  std::optional<std::string> override_key;
+  int values = 0;
+  std::size_t bytes = 0;
+  bool is_text = true;  // what readers may look at
+
+  void count() {
+    if (++values > kMostValues) throw TooLarge();
+  }
+
+  Place place(const YAML::Mark& mark, const Place& fallback) const {
+    if (override_key) return {0, override_key};
+    return mark.is_null() ? fallback : Place{mark.line + 1, {}};
+  }
+
+  Value convert(const YAML::Node& node, const std::string& path, const Place& key_place,
+                int depth) {
+    Value value;
+    value.place = key_place;
+    count();
+    if (depth > kDeepest) throw TooLarge();
+    if (node.IsScalar()) {
+      value.kind = Value::Kind::kText;
+      value.text = node.Scalar();
+      if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
+      if (const std::string fault = faultOfText(value.text, "\t\n\r"); !fault.empty()) {
+        is_text = false;
+        report(faults, place(node.Mark(), key_place),
+               nameOf(path) + " holds " + fault + "; expected printable text in UTF-8");
+      }
+      value.quoted = node.Tag() == "!";
+      value.place = place(node.Mark(), key_place);
+    } else if (node.IsSequence()) {
+      value.kind = Value::Kind::kList;
+      for (std::size_t i = 0; i < node.size(); ++i) {
+        const Place here = place(node[i].Mark(), key_place);
+        value.entries.push_back({{}, convert(node[i], indexPath(path, i), here, depth + 1)});
+      }
+    } else if (node.IsMap()) {
+      value.kind = Value::Kind::kMap;
+      std::set<std::string> names;
+      for (const auto& pair : node) addEntry(value, names, pair.first, pair.second, path, depth);
+    }
+    return value;
+  }
+
+  void addEntry(Value& map, std::set<std::string>& names, const YAML::Node& key,
+                const YAML::Node& node, const std::string& path, int depth) {
+    const Place here = place(key.Mark(), map.place);
+    count();  // omitted ones, too
+    if (!key.IsScalar()) {
+      report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
+      return;
+    }
+    const std::string& name = key.Scalar();
+    if (name.size() > kLongestKey) {
+      report(faults, here,
+             nameOf(path) + " has a key of " + std::to_string(name.size()) +
+                 " characters; expected a name of at most " + std::to_string(kLongestKey));
+      return;
+    }
+    if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
+      is_text = false;
+      report(faults, here,
+             nameOf(path) + " has a key with " + fault + "; expected a name of printable text");
+      return;
+    }
+    if (!names.insert(name).second) {
+      report(faults, here, joinPath(path, name) + " is given twice; expected it once");
+      return;
+    }
+    map.entries.push_back({name, convert(node, joinPath(path, name), here, depth + 1)});
+  }
+};
+
+// Without the context that yaml-cpp appends to some messages.
+std::string reasonOf(const YAML::Exception& error) {
+  const std::string unknown_anchor = YAML::ErrorMsg::UNKNOWN_ANCHOR;
+  if (error.msg.compare(0, unknown_anchor.size(), unknown_anchor) == 0) return unknown_anchor;
+  return error.msg.substr(0, error.msg.find(": "));
+}
+
+std::optional<Value> parse(const std::string& text, const std::optional<std::string>& override_key,
+                           const std::string& path, FaultList& faults) {
+  const Place start{override_key ? 0 : 1, override_key};
+  try {
+    if (text.size() > kMostBytes || markCount(text) > kMostMarks) throw TooLarge();
+    if (const std::optional<YAML::Mark> second = secondDocument(text)) {
+      const Place place{second->line + 1, {}};
+      report(faults, override_key ? start : place, "begins a second document; expected only one");
+      return std::nullopt;
+    }
+    // A failed conversion reports the faults that were found before it.
+    FaultList found = faults.ofSameFile();
+    Conversion conversion{found, override_key};
+    Value document = conversion.convert(YAML::Load(text), path, start, 0);
+    faults.append(found);
+    if (!conversion.is_text) return std::nullopt;
+    return document;
+  } catch (const TooLarge&) {
+    report(faults, start, "is nested too deeply or holds too many values");
+  } catch (const YAML::Exception& error) {
+    const Place place{error.mark.is_null() ? start.line : error.mark.line + 1, {}};
+    report(faults, override_key ? start : place, "is not YAML: " + reasonOf(error));
+  }
+  return std::nullopt;
+}
+
+bool isOf(const DocumentKind& kind, const Value& document) {
+  return static_cast<std::size_t>(std::count_if(
+             kind.telling.begin(), kind.telling.end(),
+             [&](const std::string& key) { return document.find(key) != nullptr; })) >= kind.needed;
+}
+
+std::string kindOf(const Value& document) {
+  if (document.kind == Value::Kind::kText) return "a text";
+  return document.describe() + (document.kind == Value::Kind::kMap ? " of other keys" : "");
+}
+
+// The parts of `arm.sections.0.name`, or of `arm.sections[0].name`, as messages write it.
+std::vector<std::string> splitKey(const std::string& key) {
+  std::vector<std::string> parts(1);
+  for (const char c : key) {
+    if (c == '.' || c == '[') {
+      parts.emplace_back();
+    } else if (c != ']') {
+      parts.back() += c;
+    }
+  }
+  return parts;
+}
+
+// The list entry with the index `part`; null if there is none.
+Value* entryOf(Value& list, const std::string& part) {
+  for (std::size_t i = 0; i < list.entries.size(); ++i) {
+    if (part == std::to_string(i)) return &list.entries[i].value;
+  }
+  return nullptr;
+}
+
+Value* childOf(Value& map, const std::string& key, const Place& place) {
+  for (Value::Entry& entry : map.entries) {
+    if (entry.key == key) return &entry.value;
+  }
+  Value child;
+  child.kind = Value::Kind::kMap;
+  child.place = place;
+  map.entries.push_back({key, child});
+  return &map.entries.back().value;
+}
+
+bool isFlat(const Value& list) {
+  return std::none_of(list.entries.begin(), list.entries.end(), [](const Value::Entry& entry) {
+    return entry.value.kind == Value::Kind::kList || entry.value.kind == Value::Kind::kMap;
+  });
+}
+
+void emit(const Value& value, YAML::Emitter& out) {
+  switch (value.kind) {
+    case Value::Kind::kEmpty:
+      out << YAML::Null;
+      break;
+    case Value::Kind::kText:
+      if (value.quoted) out << YAML::DoubleQuoted;
+      out << value.text;
+      break;
+    case Value::Kind::kList:
+      if (isFlat(value)) out << YAML::Flow;
+      out << YAML::BeginSeq;
+      for (const Value::Entry& entry : value.entries) emit(entry.value, out);
+      out << YAML::EndSeq;
+      break;
+    case Value::Kind::kMap:
+      out << YAML::BeginMap;
+      for (const Value::Entry& entry : value.entries) {
+        out << YAML::Key << entry.key << YAML::Value;
+        emit(entry.value, out);
+      }
+      out << YAML::EndMap;
+      break;
+  }
+}
+
+}  // namespace
+
+const Value* Value::find(const std::string& key) const {
+  const auto found = std::find_if(entries.begin(), entries.end(),
+                                  [&key](const Entry& entry) { return entry.key == key; });
+  return kind == Kind::kMap && found != entries.end() ? &found->value : nullptr;
+}
+
+std::string Value::describe() const {
+  constexpr std::size_t kLongest = 60;
+  switch (kind) {
+    case Kind::kList:
+      return "a list";
+    case Kind::kMap:
+      return "a map";
+    case Kind::kText:
+      return quoted ? '"' + basics::quoted(text, kLongest) + '"' : basics::quoted(text, kLongest);
+    case Kind::kEmpty:
+      break;
+  }
+  return "empty";
+}
+
+void report(FaultList& faults, const Place& place, const std::string& fault) {
+  if (place.override_key) {
+    faults.add(0, "--set " + *place.override_key + ": " + fault);
+  } else {
+    faults.add(place.line, fault);
+  }
+}
+
+std::string joinPath(const std::string& parent, const std::string& key) {
+  if (parent.empty() || key.empty()) return parent + key;
+  return parent + "." + key;
+}
+
+std::string nameOf(const std::string& path) { return path.empty() ? "the document" : path; }
+
+std::string indexPath(const std::string& parent, std::size_t index) {
+  return parent + "[" + std::to_string(index) + "]";
+}
+
+std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
+                                   FaultList& faults) {
+  FaultList found = faults.ofSameFile();
+  std::optional<Value> document = parse(text, std::nullopt, {}, found);
+  if (!document || isOf(kind, *document)) {
+    faults.append(found);
+    return document;
+  }
+  report(faults, document->place,
+         "the document is " + kindOf(*document) + "; expected a map of " + alternatives(kind.keys));
+  return std::nullopt;
+}
+
+void applyOverride(Value& document, const Override& change, FaultList& faults) {
+  const Place place{0, change.key};
+  std::optional<Value> value = parse(change.value, change.key, change.key, faults);
+  if (!value) return;
+  Value* target = &document;
+  std::string path;
+  for (const std::string& part : splitKey(change.key)) {
+    if (part.empty()) {
+      report(faults, place, "is not a key; expected words and numbers separated by dots");
+      return;
+    }
+    if (target->kind == Value::Kind::kList) {
+      Value* entry = entryOf(*target, part);
+      if (entry == nullptr) {
+        report(faults, place,
+               nameOf(path) + " has " + std::to_string(target->entries.size()) +
+                   " entries; expected an index from 0, not " + part);
+        return;
+      }
+      target = entry;
+      path += "[" + part + "]";
+    } else if (target->kind == Value::Kind::kText) {
+      report(faults, place,
+             nameOf(path) + " is " + target->describe() + "; expected a map or a list");
+      return;
+    } else {
+      target->kind = Value::Kind::kMap;
+      target = childOf(*target, part, place);
+      path = joinPath(path, part);
+    }
+  }
+  *target = std::move(*value);
+}
+
+std::string writeDocument(const Value& document) {
+  YAML::Emitter out;
+  emit(document, out);
+  return std::string(out.c_str()) + "\n";
+}
+
+Value plainValue(const std::string& text) {
+  Value value;
+  value.kind = Value::Kind::kText;
+  value.text = text;
+  return value;
+}
+
+Value numberValue(double number) { return plainValue(formatNumber(number)); }
+
+Value numbersValue(const Eigen::VectorXd& numbers) {
+  Value list;
+  list.kind = Value::Kind::kList;
+  for (const double number : numbers) list.entries.push_back({{}, numberValue(number)});
+  return list;
+}
+
+Value listValue(const std::vector<Value>& values) {
+  Value list;
+  list.kind = Value::Kind::kList;
+  for (const Value& value : values) list.entries.push_back({{}, value});
+  return list;
+}
+
+Value* findValue(Value& map, const std::string& key) {
+  const auto found = std::find_if(map.entries.begin(), map.entries.end(),
+                                  [&key](const Value::Entry& entry) { return entry.key == key; });
+  return found == map.entries.end() ? nullptr : &found->value;
+}
+
+void setValue(Value& map, const std::string& key, Value value) {
+  if (Value* present = findValue(map, key)) {
+    *present = std::move(value);
+  } else {
+    map.entries.push_back({key, std::move(value)});
+  }
+}
+
+void eraseValue(Value& map, const std::string& key) {
+  map.entries.erase(std::remove_if(map.entries.begin(), map.entries.end(),
+                                   [&key](const Value::Entry& entry) { return entry.key == key; }),
+                    map.entries.end());
+}
+
+void MapWriter::text(const std::string& key, const std::string& text) {
+  Value value = plainValue(text);
+  value.quoted = true;
+  set(key, std::move(value));
+}
+
+}  // namespace helix_arm::io

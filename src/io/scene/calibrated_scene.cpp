@@ -1,0 +1,543 @@
+#include "helix_arm/io/calibrated_scene.hpp"
+
+#include <algorithm>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/calibration/calibration_parameters.hpp"
+#include "helix_arm/calibration/contraction_fit.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "io/document/document.hpp"
+#include "io/document/map_reader.hpp"
+#include "provenance_section.hpp"
+#include "scene_document.hpp"
+#include "section_reader.hpp"
+#include "vision_reader.hpp"
+
+namespace helix_arm::io {
+
+/// A map in the document of a scene that describes actuators: a ring or a single one.
+struct ActuatorEntry {
+  Value* keys;
+  std::string path;
+  int first;  ///< index of its first actuator in the arm
+  int count;
+};
+
+/// The sections of the document of a valid scene.
+std::vector<Value::Entry>& sectionsOf(Value& document);
+
+/// All actuators of the document of a valid scene, in the order of the arm.
+std::vector<ActuatorEntry> actuatorEntries(Value& document);
+
+std::vector<Value::Entry>& sectionsOf(Value& document) {
+  return findValue(*findValue(document, "arm"), "sections")->entries;
+}
+
+std::vector<ActuatorEntry> actuatorEntries(Value& document) {
+  std::vector<ActuatorEntry> entries;
+  int first = 0;
+  std::vector<Value::Entry>& sections = sectionsOf(document);
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    const std::string path = indexPath("arm.sections", k);
+    if (Value* ring = findValue(sections[k].value, "ring")) {
+      const int count = static_cast<int>(*parseNumber(ring->find("count")->text));
+      entries.push_back({ring, joinPath(path, "ring"), first, count});
+      first += count;
+      continue;
+    }
+    std::vector<Value::Entry>& actuators = findValue(sections[k].value, "actuators")->entries;
+    for (std::size_t i = 0; i < actuators.size(); ++i) {
+      const std::string item = indexPath(joinPath(path, "actuators"), i);
+      entries.push_back({&actuators[i].value, item, first++, 1});
+    }
+  }
+  return entries;
+}
+
+/// Replaces a curve of a scene's document and resets the length scales of its actuators; its
+/// response stays. Limits beyond the new curve are faults.
+/// @throws std::invalid_argument if the fit has no curve, or the name is not that of a curve of
+/// pressures.
+void putContraction(const Scene& scene, const std::string& name,
+                    const estimation::ContractionFit& fit, Value& document, FaultList& faults);
+
+/// Replaces the response of a curve; one with neither lag nor play is removed.
+/// @throws std::invalid_argument if the name is not that of a curve of pressures.
+void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
+                 Value& document);
+
+namespace {
+
+// Given limits that exceed the range of a new curve.
+void findLimitsBeyond(const std::string& name, const model::Range& range,
+                      const std::vector<ActuatorEntry>& entries, FaultList& faults) {
+  for (const ActuatorEntry& entry : entries) {
+    if (entry.keys->find("contraction")->text != name) continue;
+    for (const char* key : {"min_pressure_kpa", "max_pressure_kpa"}) {
+      const Value* limit = entry.keys->find(key);
+      if (limit == nullptr || range.contains(pascals(*parseNumber(limit->text)))) continue;
+      report(faults, limit->place,
+             joinPath(entry.path, key) + " is " + limit->text +
+                 "; expected a pressure where the new curve of " + name + " was measured, " +
+                 formatNumber(kilopascals(range.lower)) + " to " +
+                 formatNumber(kilopascals(range.upper)) +
+                 ": move the limit there, or measure the free length as far as that");
+    }
+  }
+}
+
+Value curveValue(const estimation::ContractionFit& fit) {
+  const auto inKilopascals = [](const std::vector<double>& pressures) {
+    Eigen::VectorXd kpa(static_cast<int>(pressures.size()));
+    std::transform(pressures.begin(), pressures.end(), kpa.begin(), &kilopascals);
+    return kpa;
+  };
+  MapWriter curve, value;
+  switch (fit.kind) {
+    case estimation::CurveKind::kQuintic:
+      curve.numbers("coefficients_m",
+                    Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
+                                                      static_cast<int>(fit.coefficients.size())));
+      curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
+      curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
+      value.set("quintic", curve.value());
+      break;
+    case estimation::CurveKind::kTable:
+    case estimation::CurveKind::kSpline:
+      curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
+      curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
+                                    fit.lengths.data(), static_cast<int>(fit.lengths.size())));
+      value.set("table", curve.value());
+      break;
+  }
+  return value.value();
+}
+
+// The map of a contraction by name.
+Value& contractionOf(const Scene& scene, const std::string& name, Value& document) {
+  Value& contractions = *findValue(document, "contractions");
+  Value* const present = findValue(contractions, name);
+  std::vector<std::string> known;
+  for (const Value::Entry& entry : contractions.entries) known.push_back(entry.key);
+  basics::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
+                  " has no contraction ", name, "; expected ", alternatives(known));
+  basics::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
+                  " of scene ", scene.name, " is a tendon; expected one that pressure drives");
+  return *present;
+}
+
+}  // namespace
+
+void putContraction(const Scene& scene, const std::string& name,
+                    const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
+  basics::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
+                  " has no curve: ", fit.reason);
+  Value& contraction = contractionOf(scene, name, document);
+  findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
+  Value changed = curveValue(fit);
+  if (const Value* response = contraction.find(kResponseKey)) {
+    setValue(changed, kResponseKey, *response);
+  }
+  contraction = std::move(changed);
+  // Scale factors of the old curve do not apply to the new one.
+  for (const ActuatorEntry& entry : actuatorEntries(document)) {
+    const bool scaled = entry.keys->find("length_scale") != nullptr;
+    if (scaled && entry.keys->find("contraction")->text == name) {
+      setValue(*entry.keys, "length_scale", numberValue(1));
+    }
+  }
+}
+
+void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
+                 Value& document) {
+  Value& contraction = contractionOf(scene, name, document);
+  if (response.instant()) {
+    eraseValue(contraction, kResponseKey);
+    return;
+  }
+  MapWriter keys;
+  keys.number("rise_time_constant_s", response.rise_time);
+  keys.number("fall_time_constant_s", response.fall_time);
+  if (response.play_count > 0) {
+    Eigen::VectorXd reach(response.play_count), weight(response.play_count);
+    for (int j = 0; j < response.play_count; ++j) {
+      const model::Response::Play& play = response.plays[static_cast<std::size_t>(j)];
+      reach[j] = kilopascals(play.reach);
+      weight[j] = play.weight;
+    }
+    keys.numbers("play_kpa", reach);
+    keys.numbers("play_weight", weight);
+  }
+  setValue(contraction, kResponseKey, keys.value());
+}
+
+namespace {
+
+const char* const kTitle =
+    "# A calibrated scene. Its key calibration names the scene and the measurements that it was "
+    "made\n"
+    "# from, and how far to trust each number.\n";
+
+// All maps of stiffness in the document, so that no old value remains in any.
+std::vector<Value*> stiffnessesOf(Value& document) {
+  std::vector<Value*> owners{findValue(document, "arm")}, given;
+  for (Value::Entry& section : sectionsOf(document)) owners.push_back(&section.value);
+  for (const ActuatorEntry& entry : actuatorEntries(document)) owners.push_back(entry.keys);
+  for (Value* owner : owners) {
+    if (Value* const own = findValue(*owner, "stiffness")) given.push_back(own);
+  }
+  return given;
+}
+
+void putStiffness(const model::Stiffness& stiffness, Value& document) {
+  for (Value* const one : stiffnessesOf(document)) {
+    setValue(*one, "K_gamma", numberValue(stiffness.gamma));
+    setValue(*one, "K_tau_m2", numberValue(stiffness.tau));
+    setValue(*one, "K_kappa_m2", numberValue(stiffness.kappa));
+  }
+}
+
+void putK_eps(const Scene& scene, double K_eps, Value& document) {
+  basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
+                  "scene ", scene.name, " has no load; expected one with a load");
+  for (Value* const one : stiffnessesOf(document)) {
+    if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
+  }
+}
+
+void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& document) {
+  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
+                       "the number of length scales", factors.size(), scene.arm.actuatorCount());
+  for (const ActuatorEntry& entry : actuatorEntries(document)) {
+    Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
+    if (const Value* given = entry.keys->find("length_scale")) {
+      const bool each = given->kind == Value::Kind::kList;
+      for (int i = 0; i < entry.count; ++i) {
+        scales[i] *= *parseNumber(each ? given->entries[i].value.text : given->text);
+      }
+    }
+    const bool common = (scales.array() == scales[0]).all();
+    setValue(*entry.keys, "length_scale", common ? numberValue(scales[0]) : numbersValue(scales));
+  }
+}
+
+void putPose(const lie::SE3& X, Value& map) {
+  setValue(map, "position_m", numbersValue(X.translation));
+  setValue(map, "rpy_deg", numbersValue(rpyDegOf(X.rotation)));
+}
+
+void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
+  basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
+                  "but scene ", scene.name, " has none; expected one with a camera");
+  lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
+  X_WC.rotation *= kOpticalInBody.transpose();
+  putPose(X_WC, *findValue(document, "camera"));
+}
+
+// The frame in which the poses of a group are given, relative to that of the base curve.
+lie::SE3 mountOf(const Scene& scene, const Value& group, int section, double s) {
+  const Value* name = group.find("actuator");
+  for (int i = scene.arm.firstActuator(section);
+       name != nullptr && i < scene.arm.firstActuator(section + 1); ++i) {
+    if (scene.arm.actuator(i).name == name->text) return model::poseAlong(scene.arm.actuator(i), s);
+  }
+  return {};
+}
+
+bool isSame(const estimation::TagPlacement& a, const estimation::TagPlacement& b) {
+  return a.s == b.s && a.X_ST.rotation == b.X_ST.rotation &&
+         a.X_ST.translation == b.X_ST.translation;
+}
+
+// A group of one tag with the mount of another group.
+Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPlacement& tag) {
+  MapWriter group;
+  for (const char* key : {"section", "actuator"}) {
+    if (const Value* value = mounted.find(key)) group.set(key, *value);
+  }
+  group.set("ids", listValue({plainValue(std::to_string(tag.id))}));
+  group.set("s", listValue({numberValue(tag.s)}));
+  Value value = group.value();
+  putPose(mountOf(scene, mounted, tag.section, tag.s).inverse() * tag.X_ST, value);
+  return value;
+}
+
+void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
+  basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
+                       "the number of tags", layout.tags.size(), scene.tags->tags.size());
+  Value& groups = *findValue(*findValue(document, "tags"), "groups");
+  std::vector<Value> placed;
+  std::size_t next = 0;
+  for (const Value::Entry& entry : groups.entries) {
+    const Value& group = entry.value;
+    const std::size_t first = next;
+    next += group.find("ids")->entries.size();
+    std::vector<Value> split;
+    bool moved = false;
+    for (std::size_t i = first; i < next; ++i) {
+      const estimation::TagPlacement& before = scene.tags->tags[i];
+      const int index = layout.find(before.id);
+      basics::require(index >= 0 && layout.tags[index].section == before.section,
+                      "calibratedSceneText: tag ", before.id, " of scene ", scene.name,
+                      " is not placed on its section; expected all tags of the scene");
+      moved = moved || !isSame(before, layout.tags[index]);
+      split.push_back(groupOf(scene, group, layout.tags[index]));
+    }
+    if (!moved) split = {group};
+    placed.insert(placed.end(), split.begin(), split.end());
+  }
+  groups = listValue(placed);
+}
+
+Value& tagsOf(const Scene& scene, Value& document) {
+  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
+                  scene.name, " has none; expected one with tags");
+  return *findValue(document, "tags");
+}
+
+// Input of the writers of parameters.
+struct Target {
+  const Scene& scene;
+  const SceneCalibration& calibration;
+  Value& document;
+  FaultList& faults;
+};
+using Writer = void (*)(const Target& to);
+
+void writeContractions(const Target& to) {
+  for (const auto& [name, fit] : to.calibration.contractions) {
+    putContraction(to.scene, name, fit, to.document, to.faults);
+  }
+}
+
+void writeResponses(const Target& to) {
+  for (const auto& [name, response] : to.calibration.responses) {
+    putResponse(to.scene, name, response, to.document);
+  }
+}
+
+void writeStiffness(const Target& to) {
+  if (to.calibration.stiffness) putStiffness(*to.calibration.stiffness, to.document);
+}
+
+void writeK_eps(const Target& to) {
+  if (to.calibration.K_eps) putK_eps(to.scene, *to.calibration.K_eps, to.document);
+}
+
+void writeLengthScale(const Target& to) {
+  if (!to.calibration.length_scale) return;
+  putLengthScale(to.scene, *to.calibration.length_scale, to.document);
+}
+
+void writeBase(const Target& to) {
+  if (to.calibration.X_CB) putCamera(to.scene, *to.calibration.X_CB, to.document);
+  if (!to.calibration.X_BF) return;
+  Value frame = MapWriter().value();
+  putPose(*to.calibration.X_BF, frame);
+  setValue(tagsOf(to.scene, to.document), "frame", std::move(frame));
+}
+
+void writeTags(const Target& to) {
+  if (!to.calibration.tags) return;
+  tagsOf(to.scene, to.document);
+  putTags(to.scene, *to.calibration.tags, to.document);
+}
+
+void writeBleed(const Target& to) {
+  if (to.calibration.bleed == 0) return;
+  Value& tags = tagsOf(to.scene, to.document);
+  setValue(tags, "size_m", numberValue(to.scene.tags->size - 2 * to.calibration.bleed));
+}
+
+// Adds the changes of the scene for a fitted parameter.
+void addChange(estimation::FitParameter parameter, const Scene& scene,
+               const estimation::Calibration& calibration, bool corners,
+               SceneCalibration& changes) {
+  using estimation::FitParameter;
+  switch (parameter) {
+    case FitParameter::kKappa:
+    case FitParameter::kGamma:
+    case FitParameter::kTau:
+    case FitParameter::kEps:
+      changes.stiffness = calibration.stiffness;
+      changes.K_eps = calibration.K_eps;
+      return;
+    case FitParameter::kLengthScale:
+    case FitParameter::kLengthScaleEach:
+      changes.length_scale = calibration.length_scale;
+      return;
+    case FitParameter::kContraction:  // have fits of their own
+    case FitParameter::kResponse:
+      return;
+    case FitParameter::kBase:
+      if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
+      if (!corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
+      return;
+    case FitParameter::kTags:
+      changes.tags = calibration.layout;
+      return;
+    case FitParameter::kBleed:
+      changes.bleed = calibration.bleed;
+      return;
+  }
+}
+
+// The writer of a parameter; parameters with common keys share one.
+Writer writerOf(estimation::FitParameter parameter) {
+  using estimation::FitParameter;
+  switch (parameter) {
+    case FitParameter::kKappa:
+    case FitParameter::kGamma:
+    case FitParameter::kTau:
+      return &writeStiffness;
+    case FitParameter::kEps:
+      return &writeK_eps;
+    case FitParameter::kLengthScale:
+    case FitParameter::kLengthScaleEach:
+      return &writeLengthScale;
+    case FitParameter::kContraction:
+      return &writeContractions;
+    case FitParameter::kResponse:
+      return &writeResponses;
+    case FitParameter::kBase:
+      return &writeBase;
+    case FitParameter::kTags:
+      return &writeTags;
+    case FitParameter::kBleed:
+      break;
+  }
+  return &writeBleed;
+}
+
+void putCalibration(const Target& to) {
+  // Length scales apply to the new curves, so they are written last.
+  std::vector<Writer> writers{writerOf(estimation::FitParameter::kContraction)};
+  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
+    const Writer writer = writerOf(info.parameter);
+    if (std::find(writers.begin(), writers.end(), writer) == writers.end()) {
+      writers.push_back(writer);
+    }
+  }
+  for (const Writer write : writers) write(to);
+  setValue(to.document, "calibration", writeProvenance(to.calibration.provenance));
+}
+
+}  // namespace
+
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners) {
+  SceneCalibration changes;
+  for (const estimation::FitParameter one : fitted) {
+    addChange(one, scene, calibration, corners, changes);
+  }
+  return changes;
+}
+
+std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
+                                const SceneCalibration& calibration, const std::string& sha256) {
+  FaultList faults(path);
+  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
+  if (!sha256.empty() && read_sha256 != sha256) {
+    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
+  }
+  const Scene scene = makeScene(document, faults);
+  putCalibration({scene, calibration, document, faults});
+  faults.throwIfAny();
+  std::string text = kTitle + writeDocument(document);
+
+  FaultList faults_after(path + ", once calibrated,");
+  const std::optional<Value> written = parseScene(text, faults_after);
+  faults_after.throwIfAny();
+  makeScene(*written, faults_after);
+  return text;
+}
+
+namespace {
+
+constexpr std::size_t kPlumbBob = 5;  // coefficients
+
+// Up to the last that is not 0, in one of the sizes that are known.
+std::size_t coefficientsOf(const estimation::Camera& camera) {
+  for (std::size_t i = kPlumbBob; i < camera.distortion.size(); ++i) {
+    if (camera.distortion[i] != 0) return camera.distortion.size();
+  }
+  return kPlumbBob;
+}
+
+Eigen::VectorXd distortionOf(const estimation::Camera& camera) {
+  return Eigen::Map<const Eigen::VectorXd>(camera.distortion.data(),
+                                           static_cast<Eigen::Index>(coefficientsOf(camera)));
+}
+
+void putIntrinsics(const estimation::Camera& camera, Value& map) {
+  setValue(map, "size_px", numbersValue(Eigen::Vector2d(camera.width, camera.height)));
+  setValue(map, "focal_px", numbersValue(Eigen::Vector2d(camera.fx, camera.fy)));
+  setValue(map, "centre_px", numbersValue(Eigen::Vector2d(camera.cx, camera.cy)));
+  if (camera.distorts()) {
+    setValue(map, "distortion", numbersValue(distortionOf(camera)));
+  } else {
+    eraseValue(map, "distortion");
+  }
+}
+
+void addMatrix(const char* name, int rows, const Eigen::VectorXd& entries, std::ostream& out) {
+  out << name << ":\n  rows: " << rows << "\n  cols: " << entries.size() / rows << "\n  data: [";
+  for (Eigen::Index i = 0; i < entries.size(); ++i) {
+    out << (i > 0 ? ", " : "") << formatNumber(entries[i]);
+  }
+  out << "]\n";
+}
+
+}  // namespace
+
+CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
+  return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
+}
+
+std::string sceneTextWithCamera(const std::string& path, const std::vector<Override>& overrides,
+                                const CameraChange& change) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  const Scene scene = makeScene(document, faults);
+  basics::require(scene.camera.has_value(), "scene ", scene.name,
+                  " has no camera; expected one with a section camera");
+  Value& camera = *findValue(document, "camera");
+  if (change.intrinsics) putIntrinsics(*change.intrinsics, camera);
+  if (change.X_WC) {
+    const CameraPlace place = cameraPlaceOf(*change.X_WC);
+    setValue(camera, "position_m", numbersValue(place.position));
+    setValue(camera, "rpy_deg", numbersValue(place.rpy_deg));
+  }
+  std::string text = "# The camera of this scene was calibrated or placed by helix_arm camera.\n" +
+                     writeDocument(document);
+  FaultList faults_after(path + ", with the new camera,");
+  const std::optional<Value> written = parseScene(text, faults_after);
+  faults_after.throwIfAny();
+  makeScene(*written, faults_after);
+  return text;
+}
+
+std::string cameraInfoText(const estimation::Camera& camera, const std::string& name) {
+  std::ostringstream out;
+  const bool rational = coefficientsOf(camera) > kPlumbBob;
+  Eigen::VectorXd K(9), R(9), P(12);
+  K << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1;
+  R << 1, 0, 0, 0, 1, 0, 0, 0, 1;
+  P << camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0;
+  out << "image_width: " << camera.width << "\nimage_height: " << camera.height
+      << "\ncamera_name: " << name << "\n";
+  addMatrix("camera_matrix", 3, K, out);
+  out << "distortion_model: " << (rational ? "rational_polynomial" : "plumb_bob") << "\n";
+  addMatrix("distortion_coefficients", 1, distortionOf(camera), out);
+  addMatrix("rectification_matrix", 3, R, out);
+  addMatrix("projection_matrix", 3, P, out);
+  return out.str();
+}
+
+}  // namespace helix_arm::io

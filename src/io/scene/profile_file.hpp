@@ -1,0 +1,48 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/regulator_profile.hpp"
+#include "helix_arm/regulator/modbus_profile.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
+#include "io/document/document.hpp"
+#include "io/document/map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// Reads the profile of a device on a serial line: the map below `ascii_serial`.
+///
+/// @param path  path of that map, for messages.
+/// @param name  the profile's.
+/// @return nothing, and at least one fault, if a rule is broken.
+std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
+                                                          const std::string& path,
+                                                          const std::string& name,
+                                                          FaultList& faults);
+
+/// Reads the profile of a device that speaks Modbus TCP: the map below `modbus_tcp`.
+///
+/// @param path  path of that map, for messages.
+/// @param name  the profile's.
+/// @return nothing, and at least one fault, if a rule is broken.
+std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
+                                                          const std::string& path,
+                                                          const std::string& name,
+                                                          FaultList& faults);
+
+/// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
+/// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.
+Value* relativeProfile(Value& scene);
+
+/// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
+/// it are reported with its own file and lines.
+/// @return nothing, and at least one fault, if there is no such profile.
+std::optional<regulator::SerialProfile> readSerialProfileFile(const MapReader& keys,
+                                                              FaultList& faults);
+/// The same of "modbus_tcp".
+std::optional<regulator::ModbusProfile> readModbusProfileFile(const MapReader& keys,
+                                                              FaultList& faults);
+
+}  // namespace helix_arm::io

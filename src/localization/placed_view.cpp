@@ -1,0 +1,162 @@
+#include "helix_arm/localization/placed_view.hpp"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "twist_equations.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr char kCulprit[] = "placed view";
+// Half the step of the differences of a tag's pose; large compared with rounding.
+constexpr double kMountStep = 1e-5;  // [m, rad]
+// Factor on priors that are to say hardly anything.
+constexpr double kWide = 30.0;
+
+lie::Vector6 bothParts(double translation, double rotation) {
+  lie::Vector6 out;
+  out << Eigen::Vector3d::Constant(translation), Eigen::Vector3d::Constant(rotation);
+  return out;
+}
+
+// Corners that an ideal camera sees.
+CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
+  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
+  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+  const Corners plane = view.layout.corners();
+  CornerObservation out{tag, {}};
+  for (int c = 0; c < 4; ++c) {
+    const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
+    out.direction.col(c) = p_C.head<2>() / p_C.z();
+  }
+  return out;
+}
+
+// Rigid motion [v; w] of a tag per displacement, in the base frame, about the tag's origin.
+lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::Shape& shape) {
+  lie::Matrix6 out;
+  for (int entry = 0; entry < 6; ++entry) {
+    lie::SE3 ends[2];
+    for (const int side : {0, 1}) {
+      const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kMountStep : kMountStep);
+      const TagPlacement placed = movedBy(tag, moved, rest_length);
+      ends[side] = model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+    }
+    out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kMountStep);
+  }
+  return out;
+}
+
+// Errors of all parameters of a fit by one standard deviation of each entry of the placements: six
+// columns for each tag of the layout, six for the base. A tag that is not fitted has none.
+std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model::Arm& arm,
+                                           const model::Shape& shape,
+                                           const std::vector<int>& tags) {
+  basics::requireValue(
+      shape.sectionCount() == placed.view.sections && shape.sectionCount() == arm.sectionCount(),
+      kCulprit, "the number of sections of the shape", shape.sectionCount(),
+      "that of the view and of the arm");
+  for (const int tag : tags) {
+    basics::requireValue(tag >= 0 && tag < static_cast<int>(placed.view.layout.tags.size()),
+                         kCulprit, "the index of a tag", tag, "one of the layout");
+  }
+  TwistEquations equations(placed.view.layout, placed.view.sections, placed.fit);
+  const CornerModel corners{placed.view.X_CB, placed.view.camera.focal() / placed.fit.corner_noise,
+                            equations.options()};
+  equations.expect(shape);
+  FitPoint point;
+  equations.start(shape.twists(), point);
+  std::vector<CornerObservation> seen;
+  seen.reserve(tags.size());
+  for (const int tag : tags) seen.push_back(observe(placed.view, point.shape, tag));
+  NormalEquations<Eigen::Dynamic> system;
+  equations.evaluate(corners, seen, -1, point, system);
+  if (!std::isfinite(point.cost)) return std::nullopt;
+
+  const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
+  const Eigen::Index size = system.gradient.size();
+  const auto count = static_cast<Eigen::Index>(placed.view.layout.tags.size());
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, 6 * (count + 1));
+  const auto set = [&](Eigen::Index placement, const Eigen::MatrixXd& gradient,
+                       const lie::Vector6& deviations) {
+    out.middleCols<6>(6 * placement) = factors.solve(gradient) * deviations.asDiagonal();
+  };
+  Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(size, 6);
+  for (const CornerObservation& one : seen) {
+    const auto index = static_cast<std::size_t>(one.tag);
+    const TagPlacement& tag = placed.view.layout.tags[index];
+    const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
+    set(one.tag, by_motion * motions(tag, arm.restLength(tag.section), point.shape),
+        placed.deviations.tags[index]);
+    by_base += by_motion;
+  }
+  set(count, by_base, placed.deviations.base);
+  return out;
+}
+
+Eigen::MatrixXd covarianceOf(const Eigen::MatrixXd& errors) { return errors * errors.transpose(); }
+
+}  // namespace
+
+PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior& tag,
+                                         const BasePrior& base_prior)
+    : tags(layout.tags.size(), bothParts(tag.translation, tag.rotation)),
+      base(bothParts(base_prior.translation, base_prior.rotation)) {
+  if (const int base_tag = layout.baseTag(); base_tag >= 0) {
+    tags[static_cast<std::size_t>(base_tag)].setZero();
+  }
+}
+
+void PlacedView::validate() const {
+  view.validate();
+  fit.validate();
+  basics::requireValue(deviations.tags.size() == view.layout.tags.size(), kCulprit,
+                       "the number of tags with deviations", deviations.tags.size(),
+                       "that of the layout");
+  const auto check = [](const lie::Vector6& given) {
+    for (const double value : given) {
+      basics::requireNotNegative(kCulprit, "a placement's deviation [m, rad]", value);
+    }
+  };
+  for (const lie::Vector6& tag : deviations.tags) check(tag);
+  check(deviations.base);
+}
+
+std::optional<Eigen::MatrixXd> placementCovariance(const PlacedView& placed, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags) {
+  const auto errors = errorsOfFit(placed, arm, shape, tags);
+  if (!errors) return std::nullopt;
+  return covarianceOf(errors->topRows(6 * placed.view.sections));
+}
+
+std::optional<Eigen::MatrixXd> placementDifference(const PlacedView& placed, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags,
+                                                   const std::vector<int>& others) {
+  const auto errors = errorsOfFit(placed, arm, shape, tags);
+  const auto of_others = errorsOfFit(placed, arm, shape, others);
+  if (!errors || !of_others) return std::nullopt;
+  return covarianceOf((*of_others - *errors).topRows(6 * placed.view.sections));
+}
+
+std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedView& placed, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags) {
+  PlacedView free = placed;
+  free.deviations.base.setZero();
+  free.fit.base_prior.translation *= kWide;
+  free.fit.base_prior.rotation *= kWide;
+  free.fit.bleed_prior *= kWide;
+  const auto errors = errorsOfFit(free, arm, shape, tags);
+  if (!errors) return std::nullopt;
+  RigEstimate::Matrix out = RigEstimate::Matrix::Zero();
+  const int first = placed.fit.free_base ? 0 : 6;
+  const int count = (placed.fit.free_base ? 6 : 0) + (placed.fit.free_bleed ? 1 : 0);
+  out.block(first, first, count, count) = covarianceOf(errors->bottomRows(count));
+  return out;
+}
+
+}  // namespace helix_arm::estimation

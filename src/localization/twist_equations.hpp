@@ -1,0 +1,446 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
+
+/// Residuals of tags against a shape, and their derivatives with respect to motions of the arm's
+/// parts.
+namespace helix_arm::estimation {
+
+/// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
+/// seen from the nominal base B0 and about its origin, changes them by by_v v + by_w w; the bleed
+/// changes them by by_bleed.
+template <int kRows>
+struct TagRows {
+  static constexpr int kCount = kRows;
+  Eigen::Matrix<double, kRows, 1> residual;
+  Eigen::Matrix<double, kRows, 3> by_v, by_w;
+  Eigen::Matrix<double, kRows, 1> by_bleed;
+};
+
+struct CornerModel {
+  using Observation = CornerObservation;
+  using Rows = TagRows<8>;
+  static constexpr bool kBleeds = true;
+
+  lie::SE3 X_CB0;  // nominal base seen from the camera
+  double weight;   // focal length / noise
+  const TwistFitOptions& options;
+
+  int residuals() const { return 8; }
+  // RMS of the corners' distances along one axis [px].
+  double shown(const Observation&, const lie::SE3&, double square) const {
+    return options.corner_noise * std::sqrt(square / residuals());
+  }
+
+  // False if a corner is behind the camera.
+  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners& plane,
+                Rows& rows) const {
+    const Eigen::Matrix3d& R = X_B0T.rotation;
+    for (int c = 0; c < 4; ++c) {
+      const Eigen::Vector3d arm = R.col(0) * plane(0, c) + R.col(1) * plane(1, c);
+      const Eigen::Vector3d p = arm + X_B0T.translation;
+      const Eigen::Vector3d p_C = X_CB0 * p;
+      if (!(p_C.z() > 0)) return false;
+      const double per_z = 1.0 / p_C.z(), scale = weight * per_z;
+      // Towards the centre of the tag, along both of its axes.
+      const Eigen::Vector3d inward =
+          R.col(0) * (plane(0, c) > 0 ? -1.0 : 1.0) + R.col(1) * (plane(1, c) > 0 ? -1.0 : 1.0);
+      for (int axis = 0; axis < 2; ++axis) {
+        const int row = 2 * c + axis;
+        const double direction = p_C[axis] * per_z;
+        const Eigen::Vector3d n =
+            scale * (X_CB0.rotation.row(axis) - direction * X_CB0.rotation.row(2)).transpose();
+        rows.residual[row] = weight * (direction - seen.direction(axis, c));
+        rows.by_v.row(row) = n.transpose();
+        rows.by_w.row(row) = p.cross(n).transpose();
+        rows.by_bleed[row] = n.dot(inward);
+      }
+    }
+    return true;
+  }
+};
+
+struct PoseModel {
+  using Observation = PoseObservation;
+  using Rows = TagRows<6>;
+  static constexpr bool kBleeds = false;
+
+  const TwistFitOptions& options;
+
+  int residuals() const { return options.rotation_noise > 0 ? 6 : 3; }
+  // Distance of the positions [m].
+  double shown(const Observation& seen, const lie::SE3& X_B0T, double) const {
+    return (X_B0T.translation - seen.X_BT.translation).norm();
+  }
+
+  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners&, Rows& rows) const {
+    const double weight = 1.0 / options.position_noise;
+    const Eigen::Matrix3d& R = X_B0T.rotation;
+    rows.residual.setZero();
+    rows.by_v.setZero();
+    rows.by_w.setZero();
+    rows.residual.head<3>() = weight * (X_B0T.translation - seen.X_BT.translation);
+    rows.by_v.topRows<3>().setIdentity();
+    rows.by_v *= weight;
+    rows.by_w.topRows<3>() = -weight * lie::skew(X_B0T.translation);
+    if (options.rotation_noise > 0) {
+      const lie::SE3 turn{seen.X_BT.rotation.transpose() * R, Eigen::Vector3d::Zero()};
+      const lie::Vector6 phi = turn.log();
+      rows.residual.tail<3>() = phi.tail<3>() / options.rotation_noise;
+      rows.by_w.bottomRows<3>() = lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() *
+                                  R.transpose() / options.rotation_noise;
+    }
+    return true;
+  }
+};
+
+/// Motion of a part of the arm due to a change of a twist, about the origin of B0 and seen from B0:
+/// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
+struct Mover {
+  Eigen::Matrix3d v_by_v, v_by_w;
+
+  static Mover none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
+  // Motion of all parts beyond s on a piece that starts at X_B0k.
+  Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
+    const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
+    v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
+    v_by_w = s * X_B0k.rotation * J.topRightCorner<3, 3>();
+    v_by_w += lie::skew(X_B0k.translation) * v_by_v;
+  }
+  // Motion of the whole arm with the base.
+  explicit Mover(const lie::SE3& X_B0B)
+      : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
+
+  // Sum over several pieces that change together.
+  Mover& operator+=(const Mover& other) {
+    v_by_v += other.v_by_v;
+    v_by_w += other.v_by_w;
+    return *this;
+  }
+  Mover& operator*=(double share) {
+    v_by_v *= share;
+    v_by_w *= share;
+    return *this;
+  }
+
+  template <class Rows, class Jacobian>
+  void fill(const Rows& rows, int column, Jacobian& J) const {
+    J.template middleCols<3>(column).noalias() = rows.by_v.lazyProduct(v_by_v);
+    J.template middleCols<3>(column + 3).noalias() = rows.by_v.lazyProduct(v_by_w);
+    J.template middleCols<3>(column + 3).noalias() += rows.by_w.lazyProduct(v_by_v);
+  }
+
+ private:
+  Mover(const Eigen::Matrix3d& by_v, const Eigen::Matrix3d& by_w) : v_by_v(by_v), v_by_w(by_w) {}
+};
+
+inline bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
+inline bool isFinite(const PoseObservation& seen) {
+  return seen.X_BT.translation.allFinite() && seen.X_BT.rotation.allFinite();
+}
+
+// The robust least-squares problem of a twist fit: its cost and its normal equations.
+
+inline constexpr int kBaseParameters = 6;
+inline constexpr int kMaxParameters = 6 * model::kMaxSections + kBaseParameters + 1;
+
+/// An iterate of the search.
+struct FitPoint {
+  model::Twists twists;
+  model::Shape shape;  ///< with these mean twists
+  lie::SE3 X_B0B;
+  lie::Vector6 base_offset = lie::Vector6::Zero();  ///< log of X_B0B, for the prior
+  double bleed = 0;
+  double cost = std::numeric_limits<double>::infinity();
+  std::vector<TagResidual> residuals;
+  std::vector<double> squares;  ///< per tag: sum of squared residuals, in expected variances
+};
+
+/// Normal equations of all parameters: twists, base, bleed.
+template <int kSize>
+struct NormalEquations {
+  static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
+  using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
+  using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
+  Vector gradient;
+  Matrix hessian;  ///< lower triangle
+};
+
+/// Owns its workspace: nothing allocates once a point has capacity for its tags.
+class TwistEquations {
+ public:
+  /// Requires a valid layout, number of sections and options.
+  TwistEquations(TagLayout layout, int sections, const TwistFitOptions& options)
+      : layout_(std::move(layout)), sections_(sections), options_(options), rig_(options) {
+    know(rig_);
+    starts_.resize(model::kMaxPieces);
+    partial_movers_.resize(model::kMaxPieces, Mover::none());
+    movers_.reserve(sections_);
+  }
+
+  const TagLayout& layout() const { return layout_; }
+  int sections() const { return sections_; }
+  const TwistFitOptions& options() const { return options_; }
+
+  /// Sets the centre of the model's prior, and resets the noise to the expected noise.
+  void expect(const model::Shape& model) {
+    expected_ = model;
+    prior_ = model.twists();
+    noise_scale_ = 1;
+  }
+  /// Sets what is known of base and bleed, as far as they are free. Requires a covariance that is
+  /// positive definite.
+  void know(const RigEstimate& rig) {
+    rig_ = rig;
+    both_information_ = rig.covariance.inverse();
+    base_information_.setZero();
+    base_information_.topLeftCorner<kBaseParameters, kBaseParameters>() =
+        rig.covariance.topLeftCorner<kBaseParameters, kBaseParameters>().inverse();
+  }
+  const RigEstimate& rig() const { return rig_; }
+  const model::Twists& prior() const { return prior_; }
+  /// Sets the factor on the tags' expected errors.
+  void setNoiseScale(double scale) { noise_scale_ = scale; }
+
+  /// Number of parameters.
+  template <class Model>
+  int parameters() const {
+    return bleedColumn() + (bleeds<Model>() ? 1 : 0);
+  }
+  /// Sum of a tag's squared residuals beyond which it is an outlier.
+  template <class Model>
+  double threshold(const Model& model) const {
+    const double scale = options_.robust_scale * noise_scale_;
+    return scale * scale * model.residuals();
+  }
+  /// Standard deviation of the model's prior of one entry of the twists.
+  double modelDeviation(int entry) const {
+    return entry % 6 < 3 ? options_.model_prior.translation : options_.model_prior.rotation;
+  }
+  /// Whether an entry of the twists is fixed at 0.
+  bool held(int entry) const {
+    return options_.planar && std::find(std::begin(kOutOfPlane), std::end(kOutOfPlane),
+                                        entry % 6) != std::end(kOutOfPlane);
+  }
+
+  /// Sets a point to these twists, with held entries at 0, and to the known base and bleed.
+  void start(const model::Twists& twists, FitPoint& point) const {
+    point.squares.clear();
+    point.twists = twists;
+    for (int entry = 0; entry < 6 * sections_; ++entry) {
+      if (held(entry)) point.twists.data()[entry] = 0;
+    }
+    point.shape = expected_.about(point.twists);
+    point.base_offset.setZero();
+    if (options_.free_base) point.base_offset = rig_.mean.head<kBaseParameters>();
+    point.X_B0B = lie::SE3::exp(point.base_offset);
+    point.bleed = options_.free_bleed ? rig_.mean[kBaseParameters] : 0.0;
+  }
+
+  /// Sets `to` to the point one step away from `from`.
+  template <class Model, class Step>
+  void move(const FitPoint& from, const Step& step, FitPoint& to) const {
+    to.twists = from.twists;
+    for (int k = 0; k < sections_; ++k) to.twists.col(k) += step.template segment<6>(6 * k);
+    to.shape = expected_.about(to.twists);
+    to.X_B0B = from.X_B0B;
+    to.base_offset = from.base_offset;
+    if (options_.free_base) {
+      to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
+      to.base_offset = to.X_B0B.log();
+    }
+    to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
+  }
+
+  /// Computes a point's cost and residuals, and the normal equations there. The cost is infinite if
+  /// a tag is behind the camera.
+  ///
+  /// @param skipped  index in `seen` of a tag to omit, or -1.
+  template <class Model, int kSize>
+  void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
+                int skipped, FitPoint& point, NormalEquations<kSize>& system) {
+    const int size = parameters<Model>();
+    system.gradient.setZero(size);
+    system.hessian.setZero(size, size);
+    point.residuals.clear();
+    point.squares.clear();
+    point.cost = std::numeric_limits<double>::infinity();
+    starts_[0] = point.X_B0B;
+    base_mover_ = Mover(point.X_B0B);
+    const model::Shape::Pieces& pieces = point.shape.pieces();
+    const int per_section = point.shape.piecesPerSection();
+    movers_.clear();
+    for (int j = 0; j + 1 < pieces.cols(); ++j) {
+      starts_[j + 1] = point.shape.beyond(starts_[j], j);
+      Mover mover(starts_[j], pieces.col(j), 1.0);
+      if (per_section > 1) {
+        if (j % per_section > 0) mover += partial_movers_[j - 1];
+        partial_movers_[j] = mover;
+        mover *= 1.0 / per_section;
+      }
+      if ((j + 1) % per_section == 0) movers_.push_back(mover);
+    }
+    const Corners plane = layout_.corners(point.bleed);
+    const double limit = threshold(model);
+    double cost = 0;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const TagPlacement& tag = layout_.tags[seen[i].tag];
+      const PiecePlace place = placeOnPieces(tag, per_section);
+      const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
+      typename Model::Rows rows;
+      if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
+      const double square = rows.residual.squaredNorm();
+      const double weight = 1.0 / (1.0 + square / limit);
+      point.squares.push_back(square);
+      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
+      if (static_cast<int>(i) == skipped) continue;
+      cost += limit * std::log1p(square / limit);
+      accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
+    }
+    point.cost = cost + addPriors<Model>(point, system);
+  }
+
+  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, seen
+  /// from the nominal base and about its origin, with the weight 1. `point` is that of the last
+  /// evaluate().
+  template <class Model>
+  Eigen::MatrixXd gradientByMotion(const Model& model, const typename Model::Observation& seen,
+                                   const FitPoint& point) const {
+    const TagPlacement& tag = layout_.tags[seen.tag];
+    const PiecePlace place = placeOnPieces(tag, point.shape.piecesPerSection());
+    typename Model::Rows rows;
+    model.evaluate(seen, poseOf(tag, place, point.shape), layout_.corners(point.bleed), rows);
+    const auto J = jacobian<Eigen::Dynamic, Model>(tag.section, place, rows, point.shape);
+    Eigen::MatrixXd out(J.cols(), 6);
+    out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
+    return out;
+  }
+
+  /// Adds the priors' equations; returns their cost.
+  template <class Model, int kSize>
+  double addPriors(const FitPoint& point, NormalEquations<kSize>& system) const {
+    double cost = 0;
+    for (int entry = 0; entry < 6 * sections_; ++entry) {
+      const double precision = 1 / modelDeviation(entry);
+      const double residual =
+          held(entry) ? 0 : precision * (point.twists.data()[entry] - prior_.data()[entry]);
+      cost += residual * residual;
+      system.hessian(entry, entry) += precision * precision;
+      system.gradient[entry] += precision * residual;
+    }
+    if (options_.free_base) {
+      // What is known is of log X_B0B; a step multiplies X_B0B from the right.
+      const bool both = bleeds<Model>();
+      const RigEstimate::Matrix& information = both ? both_information_ : base_information_;
+      RigEstimate::Vector residual = -rig_.mean;
+      residual.head<kBaseParameters>() += point.base_offset;
+      residual[kBaseParameters] = both ? residual[kBaseParameters] + point.bleed : 0.0;
+      RigEstimate::Matrix rows = RigEstimate::Matrix::Identity();
+      rows.topLeftCorner<kBaseParameters, kBaseParameters>() =
+          lie::SE3::rightJacobianInverse(point.base_offset);
+      const RigEstimate::Vector weighted = information * residual;
+      cost += residual.dot(weighted);
+      const RigEstimate::Matrix hessian = rows.transpose() * information * rows;
+      const RigEstimate::Vector gradient = rows.transpose() * weighted;
+      const int count = kBaseParameters + (both ? 1 : 0), first = baseColumn();
+      for (int i = 0; i < count; ++i) {
+        system.gradient[first + i] += gradient[i];
+        for (int k = 0; k < count; ++k) system.hessian(first + i, first + k) += hessian(i, k);
+      }
+    } else if (bleeds<Model>()) {
+      const int b = bleedColumn();
+      const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
+      const double residual = point.bleed - rig_.mean[kBaseParameters];
+      cost += information * residual * residual;
+      system.hessian(b, b) += information;
+      system.gradient[b] += information * residual;
+    }
+    return cost;
+  }
+
+ private:
+  // v_z, w_x and w_y, which are 0 for a planar arm.
+  static constexpr int kOutOfPlane[] = {2, 3, 4};
+
+  int baseColumn() const { return 6 * sections_; }
+  int bleedColumn() const { return 6 * sections_ + (options_.free_base ? kBaseParameters : 0); }
+  template <class Model>
+  bool bleeds() const {
+    return Model::kBleeds && options_.free_bleed;
+  }
+
+  lie::SE3 poseOf(const TagPlacement& tag, const PiecePlace& place,
+                  const model::Shape& shape) const {
+    return starts_[place.piece] * lie::SE3::exp(place.s * shape.pieces().col(place.piece)) *
+           tag.X_ST;
+  }
+
+  // Derivative of one tag's residuals by all parameters.
+  template <int kSize, class Model>
+  auto jacobian(int k, const PiecePlace& place, const typename Model::Rows& rows,
+                const model::Shape& shape) const {
+    constexpr int kRows = Model::Rows::kCount;
+    using Jacobian =
+        Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, NormalEquations<kSize>::kMax>;
+    Jacobian J = Jacobian::Zero(kRows, parameters<Model>());
+    for (int j = 0; j < k; ++j) movers_[j].fill(rows, 6 * j, J);
+    Mover mover(starts_[place.piece], shape.pieces().col(place.piece), place.s);
+    if (shape.piecesPerSection() > 1) {
+      if (place.piece % shape.piecesPerSection() > 0) mover += partial_movers_[place.piece - 1];
+      mover *= 1.0 / shape.piecesPerSection();
+    }
+    mover.fill(rows, 6 * k, J);
+    if (options_.free_base) base_mover_.fill(rows, baseColumn(), J);
+    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
+    if (options_.planar) {
+      for (int j = 0; j <= k; ++j) {
+        for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
+      }
+    }
+    return J;
+  }
+
+  // Adds one tag's equations.
+  template <class Model, int kSize>
+  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
+                  const model::Shape& shape, NormalEquations<kSize>& system) const {
+    const auto J = jacobian<kSize, Model>(k, place, rows, shape);
+    const int size = static_cast<int>(system.gradient.size());
+    for (int column = 0; column < size; ++column) {
+      const Eigen::Matrix<double, Model::Rows::kCount, 1> weighted = weight * J.col(column);
+      system.gradient[column] += weighted.dot(rows.residual);
+      for (int row = column; row < size; ++row) {
+        system.hessian(row, column) += weighted.dot(J.col(row));
+      }
+    }
+  }
+
+  TagLayout layout_;
+  int sections_;
+  TwistFitOptions options_;
+  RigEstimate rig_;                                          // known of base and bleed
+  RigEstimate::Matrix both_information_, base_information_;  // of rig_, and of its base alone
+  model::Shape expected_;                                    // the model's
+  model::Twists prior_;                                      // of the twists
+  double noise_scale_ = 1;
+  std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
+  // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
+  // section up to it, as if each changed by the whole change of the twist.
+  std::vector<Mover> partial_movers_;
+  std::vector<Mover> movers_;     // of what lies beyond each section except the last
+  Mover base_mover_{lie::SE3()};  // of the whole arm
+};
+
+}  // namespace helix_arm::estimation

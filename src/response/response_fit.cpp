@@ -1,0 +1,484 @@
+#include "helix_arm/response/response_fit.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "response_readings.hpp"
+
+namespace helix_arm::estimation {
+
+inline constexpr double kSignificantResponse = 2.0;  // standard errors
+inline constexpr double kLongestLag = 60.0;          // [s]
+inline constexpr int kMostResponseSteps = 60;
+inline constexpr double kResponseAtRest =
+    1e-8;  // of the sum of squares: a smaller gain ends a descent
+
+// A number of a response that is fitted.
+struct ResponseNumber {
+  enum Kind { kLag, kRise, kFall, kReach, kWeight } kind;  // kLag: both alike
+  int play = 0;
+};
+
+inline double responseValueOf(const model::Response& response, const ResponseNumber& number) {
+  const auto play = static_cast<std::size_t>(number.play);
+  switch (number.kind) {
+    case ResponseNumber::kLag:
+    case ResponseNumber::kRise:
+      return response.rise_time;
+    case ResponseNumber::kFall:
+      return response.fall_time;
+    case ResponseNumber::kReach:
+      return response.plays[play].reach;
+    case ResponseNumber::kWeight:
+      break;
+  }
+  return response.plays[play].weight;
+}
+
+struct ResponseCandidate {
+  model::Response response;
+  std::vector<ResponseNumber> numbers;
+  double rss = std::numeric_limits<double>::infinity();
+  Eigen::VectorXd residual, error;  // error: (numbers) standard errors
+
+  double ratio(std::size_t k) const {
+    return responseValueOf(response, numbers[k]) / error[static_cast<Eigen::Index>(k)];
+  }
+};
+
+class ResponseDescent {
+ public:
+  explicit ResponseDescent(const ResponseReadings& readings) : readings_(readings) {}
+
+  // Least squares from a start (Levenberg and Marquardt, within bounds); with standard errors.
+  ResponseCandidate polish(const model::Response& start,
+                           std::vector<ResponseNumber> numbers) const {
+    ResponseCandidate now{start, std::move(numbers), 0.0, readings_.residual(start), {}};
+    now.rss = now.residual.squaredNorm();
+    double damping = 1e-3;
+    for (int step = 0; step < kMostResponseSteps && !now.numbers.empty(); ++step) {
+      const Eigen::MatrixXd J = jacobian(now);
+      const Eigen::VectorXd gradient = J.transpose() * now.residual;
+      Eigen::MatrixXd normal = J.transpose() * J;
+      for (Eigen::Index k = 0; k < gradient.size(); ++k) {
+        const double diagonal = normal(k, k);
+        // At a bound that it would leave, or without effect.
+        if (diagonal == 0 ||
+            (responseValueOf(now.response, at(now, k)) <= least(at(now, k)) && gradient[k] > 0)) {
+          normal.row(k).setZero();
+          normal.col(k).setZero();
+        }
+      }
+      const double before = now.rss;
+      for (; damping < 1e6; damping *= 10) {
+        Eigen::MatrixXd damped = normal;
+        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
+          damped(k, k) = normal(k, k) > 0 ? normal(k, k) * (1 + damping) : 1.0;
+        }
+        Eigen::VectorXd wanted = gradient;
+        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
+          if (normal(k, k) == 0) wanted[k] = 0;
+        }
+        const Eigen::VectorXd move = -damped.ldlt().solve(wanted);
+        model::Response next = now.response;
+        for (Eigen::Index k = 0; k < move.size(); ++k) {
+          set(next, at(now, k), responseValueOf(next, at(now, k)) + move[k]);
+        }
+        Eigen::VectorXd residual = readings_.residual(next);
+        if (!(residual.squaredNorm() < now.rss)) continue;
+        now.response = next;
+        now.residual = std::move(residual);
+        now.rss = now.residual.squaredNorm();
+        damping = std::max(damping / 100, 1e-9);
+        break;
+      }
+      if (before - now.rss <= kResponseAtRest * before) break;
+    }
+    now.error = errors(now);
+    return now;
+  }
+
+  // The weakest number that is within two standard errors of 0 is left out until none is.
+  ResponseCandidate prune(ResponseCandidate fit) const {
+    for (;;) {
+      std::size_t weakest = fit.numbers.size();
+      for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
+        if (fit.numbers[k].kind == ResponseNumber::kReach || fit.ratio(k) > kSignificantResponse)
+          continue;
+        if (weakest == fit.numbers.size() || fit.ratio(k) < fit.ratio(weakest)) weakest = k;
+      }
+      if (weakest == fit.numbers.size()) return fit;
+      const ResponseNumber out = fit.numbers[weakest];
+      model::Response response = fit.response;
+      std::vector<ResponseNumber> left;
+      if (out.kind == ResponseNumber::kWeight) {
+        for (int j = out.play; j + 1 < response.play_count; ++j) {
+          response.plays[static_cast<std::size_t>(j)] =
+              response.plays[static_cast<std::size_t>(j + 1)];
+        }
+        --response.play_count;
+      } else {
+        set(response, out, 0.0);
+      }
+      for (const ResponseNumber& one : fit.numbers) {
+        const bool of_play =
+            one.kind == ResponseNumber::kReach || one.kind == ResponseNumber::kWeight;
+        if (out.kind == ResponseNumber::kWeight && of_play) {
+          if (one.play == out.play) continue;
+          left.push_back({one.kind, one.play - (one.play > out.play ? 1 : 0)});
+        } else if (of_play || one.kind != out.kind) {
+          left.push_back(one);
+        }
+      }
+      fit = polish(response, std::move(left));
+    }
+  }
+
+  // Of a fit with this many readings that count; the lower, the better.
+  double criterion(const ResponseCandidate& fit, double effective) const {
+    const auto k = static_cast<double>(fit.numbers.size());
+    return effective * std::log(std::max(fit.rss, 1e-300)) + k * std::log(std::max(effective, 2.0));
+  }
+
+  void set(model::Response& response, const ResponseNumber& number, double value) const {
+    const auto play = static_cast<std::size_t>(number.play);
+    value = std::max(value, least(number));
+    switch (number.kind) {
+      case ResponseNumber::kLag:
+        response.rise_time = response.fall_time = std::min(value, kLongestLag);
+        return;
+      case ResponseNumber::kRise:
+        response.rise_time = std::min(value, kLongestLag);
+        return;
+      case ResponseNumber::kFall:
+        response.fall_time = std::min(value, kLongestLag);
+        return;
+      case ResponseNumber::kReach:
+        response.plays[play].reach = std::min(value, 0.5 * readings_.range());
+        return;
+      case ResponseNumber::kWeight:
+        break;
+    }
+    double others = 0.0;
+    for (int j = 0; j < response.play_count; ++j) {
+      if (j != number.play) others += response.plays[static_cast<std::size_t>(j)].weight;
+    }
+    response.plays[play].weight =
+        std::clamp(value, 0.0, std::max(model::Response::kMostWeight - others, 0.0));
+  }
+
+ private:
+  static const ResponseNumber& at(const ResponseCandidate& fit, Eigen::Index k) {
+    return fit.numbers[static_cast<std::size_t>(k)];
+  }
+  double least(const ResponseNumber& number) const {
+    return number.kind == ResponseNumber::kReach ? readings_.range() / 200 : 0.0;
+  }
+
+  Eigen::MatrixXd jacobian(const ResponseCandidate& fit) const {
+    Eigen::MatrixXd J(fit.residual.size(), static_cast<Eigen::Index>(fit.numbers.size()));
+    for (Eigen::Index k = 0; k < J.cols(); ++k) {
+      const ResponseNumber& number = at(fit, k);
+      const double value = responseValueOf(fit.response, number);
+      const double step = number.kind == ResponseNumber::kReach    ? 1e-4 * readings_.range()
+                          : number.kind == ResponseNumber::kWeight ? 1e-4
+                                                                   : std::max(1e-3 * value, 1e-5);
+      model::Response next = fit.response;
+      // Weights at their largest sum only go down.
+      const bool full = number.kind == ResponseNumber::kWeight;
+      set(next, number, full ? value - step : value + step);
+      if (full && value < step) set(next, number, value + step);
+      const double moved = responseValueOf(next, number) - value;
+      J.col(k) = moved == 0 ? Eigen::VectorXd::Zero(J.rows()).eval()
+                            : ((readings_.residual(next) - fit.residual) / moved).eval();
+    }
+    return J;
+  }
+
+  Eigen::VectorXd errors(const ResponseCandidate& fit) const {
+    const auto n = static_cast<Eigen::Index>(fit.numbers.size());
+    Eigen::VectorXd out = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
+    if (n == 0) return out;
+    const Eigen::MatrixXd J = jacobian(fit);
+    std::vector<Eigen::Index> active;  // parameters with an effect
+    for (Eigen::Index k = 0; k < n; ++k) {
+      if (J.col(k).squaredNorm() > 0) active.push_back(k);
+    }
+    const auto m = static_cast<Eigen::Index>(active.size());
+    if (m == 0) return out;
+    Eigen::MatrixXd effect(J.rows(), m);
+    for (Eigen::Index k = 0; k < m; ++k) effect.col(k) = J.col(active[static_cast<std::size_t>(k)]);
+    const double freedom =
+        static_cast<double>(std::max<Eigen::Index>(J.rows() - m - readings_.coefficients(), 1));
+    const double variance = readings_.correlationFactor(fit.residual) * fit.rss / freedom;
+    const Eigen::MatrixXd covariance =
+        (effect.transpose() * effect).ldlt().solve(Eigen::MatrixXd::Identity(m, m));
+    for (Eigen::Index k = 0; k < m; ++k) {
+      out[active[static_cast<std::size_t>(k)]] =
+          std::sqrt(std::max(variance * covariance(k, k), 0.0));
+    }
+    return out;
+  }
+
+  const ResponseReadings& readings_;
+};
+
+namespace {
+
+constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10,
+                                                1.0 / 5};  // of the range
+constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
+constexpr int kLeastInMotion = 10;       // rows
+constexpr int kLeastTrials = 3;          // for the scatter between them
+constexpr double kStartWeight = 0.3;     // of a play, where nothing linear tells it
+// Of the polynomial for positions: a strongly bent arm needs more than the second degree.
+constexpr int kLeastDegree = 2, kMostDegree = 4;
+constexpr int kMostCoefficients = 84;  // six pressures to the third degree
+
+std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion) {
+  if (motion.rising + motion.falling < kLeastInMotion) return {};
+  if (std::min(motion.rising, motion.falling) < kLeastInMotion / 2) return {{ResponseNumber::kLag}};
+  return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
+}
+
+// Common lags to start from: none, and the best of a series.
+std::vector<double> startingLags(const ResponseReadings& readings, bool lags) {
+  if (!lags) return {0.0};
+  double best = 0.0, least = std::numeric_limits<double>::infinity();
+  for (double lag = 0.03; lag < 31; lag *= 1.5) {
+    model::Response response;
+    response.rise_time = response.fall_time = lag;
+    const double rss = readings.residual(response).squaredNorm();
+    if (rss < least) {
+      least = rss;
+      best = lag;
+    }
+  }
+  return {0.0, best};
+}
+
+// Plays to start from: none, the linear fit, and single ones.
+std::vector<model::Response> startingPlays(const ResponseReadings& readings,
+                                           const model::Response& lags) {
+  std::vector<model::Response> out;
+  std::vector<double> reaches;
+  for (const double part : kPlayThresholds) reaches.push_back(part * readings.range());
+  if (readings.perActuator()) {
+    const model::Response linear = readings.withWeights(lags, reaches);
+    if (linear.play_count > 1) {
+      out.push_back(linear);
+      // Two thresholds may stand for one play between them.
+      double weight = 0.0;
+      for (int j = 0; j < linear.play_count; ++j) {
+        weight += linear.plays[static_cast<std::size_t>(j)].weight;
+      }
+      model::Response between = lags;
+      between.play_count = 1;
+      between.plays[0] = {linear.halfWidth() / weight, weight};
+      out.push_back(between);
+    }
+    // Noise of the readings may have hidden some of them from it.
+    model::Response all = lags;
+    for (const double reach : reaches) {
+      all.plays[static_cast<std::size_t>(all.play_count++)] = {reach, kStartWeight / 2};
+    }
+    out.push_back(all);
+  }
+  model::Response best;
+  double least = std::numeric_limits<double>::infinity();
+  for (double reach = readings.range() / 60; reach < readings.range() / 3; reach *= 1.35) {
+    model::Response single = lags;
+    if (readings.perActuator()) single = readings.withWeights(lags, {reach});
+    if (!readings.perActuator()) {
+      single.play_count = 1;
+      single.plays[0] = {reach, kStartWeight};
+    }
+    if (single.play_count == 0) continue;
+    const double rss = readings.residual(single).squaredNorm();
+    if (rss >= least) continue;
+    least = rss;
+    best = single;
+  }
+  if (best.play_count > 0) out.push_back(best);
+  return out;
+}
+
+std::vector<ResponseNumber> withPlayNumbers(std::vector<ResponseNumber> numbers,
+                                            const model::Response& response) {
+  for (int j = 0; j < response.play_count; ++j) numbers.push_back({ResponseNumber::kWeight, j});
+  if (response.play_count == 1) numbers.push_back({ResponseNumber::kReach, 0});
+  return numbers;
+}
+
+void reportResponse(const ResponseReadings& readings, const ResponseCandidate& fit,
+                    ResponseFit& out) {
+  out.response = fit.response;
+  for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
+    const ResponseNumber& number = fit.numbers[k];
+    const Estimate estimate{responseValueOf(fit.response, number),
+                            fit.error[static_cast<Eigen::Index>(k)]};
+    const auto play = static_cast<std::size_t>(number.play);
+    if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kRise)
+      out.rise_time = estimate;
+    if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kFall)
+      out.fall_time = estimate;
+    if (number.kind == ResponseNumber::kReach) out.reach[play] = estimate;
+    if (number.kind == ResponseNumber::kWeight) out.weight[play] = estimate;
+  }
+  for (int j = 0; j < fit.response.play_count; ++j) {
+    const auto play = static_cast<std::size_t>(j);
+    out.reach[play].value = fit.response.plays[play].reach;
+  }
+  out.rms = std::sqrt(fit.rss / static_cast<double>(readings.rows()));
+  out.effective = readings.effective(fit.response);
+}
+
+// Whether the first errors of trials that were left out are less than the others, by two standard
+// errors of the differences between trials. With fewer than three trials nothing contradicts it.
+bool areLess(const Eigen::VectorXd& errors, const Eigen::VectorXd& others) {
+  const Eigen::VectorXd gain = others - errors;
+  const auto trials = static_cast<double>(gain.size());
+  if (trials < kLeastTrials) return true;
+  const double mean = gain.mean();
+  const double variance = (gain.array() - mean).square().sum() / (trials - 1);
+  return mean > kSignificantResponse * std::sqrt(variance / trials);
+}
+
+bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
+                    const ResponseCandidate& other) {
+  return areLess(readings.heldOutErrors(one.response), readings.heldOutErrors(other.response));
+}
+
+// Whether a polynomial of a higher degree explains the readings better, for its number of
+// coefficients and on trials that are left out.
+bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
+                  const model::Response& response) {
+  if (finer.coefficients() > kMostCoefficients || finer.count() < 3 * finer.coefficients()) {
+    return false;
+  }
+  const Eigen::VectorXd residual = finer.residual(response);
+  const double effective = static_cast<double>(finer.count()) / finer.correlationFactor(residual);
+  const double gain =
+      std::log(coarse.residual(response).squaredNorm() / std::max(residual.squaredNorm(), 1e-300));
+  const auto more =
+      static_cast<double>((finer.coefficients() - coarse.coefficients()) * finer.outputs());
+  return effective * gain > more * std::log(std::max(effective, 2.0)) &&
+         areLess(finer.heldOutErrors(response), coarse.heldOutErrors(response));
+}
+
+ResponseFit fitReadings(const ResponseReadings& readings) {
+  ResponseFit out;
+  if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
+    std::ostringstream text;
+    text << "the data hold " << readings.count() << " readings; expected at least "
+         << 3 * readings.coefficients() << " at pressures that differ";
+    out.failure = text.str();
+    return out;
+  }
+  const std::vector<ResponseNumber> lags = responseLags(readings.motion());
+  const bool reverses = readings.largestReversal() >= kLeastReversal;
+  const ResponseDescent descent(readings);
+  std::vector<ResponseCandidate> candidates{descent.polish({}, {})};
+  out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
+  for (const double lag : startingLags(readings, !lags.empty())) {
+    model::Response start;
+    start.rise_time = start.fall_time = lag;
+    if (lag > 0) candidates.push_back(descent.polish(start, lags));
+    if (!reverses) continue;
+    const model::Response from = candidates.back().response;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      candidates.push_back(descent.polish(
+          plays, withPlayNumbers(lag > 0 ? lags : std::vector<ResponseNumber>{}, plays)));
+    }
+  }
+  const auto better = [](const ResponseCandidate& a, const ResponseCandidate& b) {
+    return a.rss < b.rss;
+  };
+  // A lag found without plays makes up for some of them: again from the lags found with them.
+  if (reverses) {
+    model::Response from = std::min_element(candidates.begin(), candidates.end(), better)->response;
+    from.play_count = 0;
+    const bool lagged = from.rise_time > 0 || from.fall_time > 0;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      candidates.push_back(descent.prune(descent.polish(
+          plays, withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays))));
+    }
+  }
+  const ResponseCandidate& closest =
+      *std::min_element(candidates.begin(), candidates.end(), better);
+  const double effective =
+      static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);
+  ResponseCandidate best =
+      *std::min_element(candidates.begin(), candidates.end(),
+                        [&](const ResponseCandidate& a, const ResponseCandidate& b) {
+                          return descent.criterion(a, effective) < descent.criterion(b, effective);
+                        });
+  best = descent.prune(std::move(best));
+  bool play_is_scatter = false;
+  if (best.response.play_count > 0) {
+    candidates.erase(
+        std::remove_if(candidates.begin(), candidates.end(),
+                       [](const ResponseCandidate& one) { return one.response.play_count > 0; }),
+        candidates.end());
+    ResponseCandidate plain =
+        descent.prune(*std::min_element(candidates.begin(), candidates.end(), better));
+    play_is_scatter = !predictsBetter(readings, best, plain);
+    if (play_is_scatter) best = std::move(plain);
+  }
+  reportResponse(readings, best, out);
+  const bool lagged = best.response.rise_time > 0 || best.response.fall_time > 0;
+  out.lag = lags.empty() ? ResponseVerdict::kNotDetermined
+            : lagged     ? ResponseVerdict::kFound
+                         : ResponseVerdict::kNone;
+  out.play = !reverses                      ? ResponseVerdict::kNotDetermined
+             : best.response.play_count > 0 ? ResponseVerdict::kFound
+                                            : ResponseVerdict::kNone;
+  if (out.lag == ResponseVerdict::kNotDetermined) {
+    out.lag_reason =
+        "nothing was recorded in motion: record a series with times (time_s) through "
+        "steps of the pressure";
+  }
+  if (out.play == ResponseVerdict::kNotDetermined) {
+    out.play_reason =
+        "the pressures do not turn back by a twentieth of their range: record on the "
+        "way down as well, in the order taken";
+  }
+  const std::string none = " within two standard errors of 0 and is left out";
+  if (out.lag == ResponseVerdict::kNone) out.lag_reason = "the lag is" + none;
+  if (out.play == ResponseVerdict::kNone) {
+    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
+                                        "two standard errors of the differences between trials"
+                                      : "the weight of every play is" + none;
+  }
+  return out;
+}
+
+}  // namespace
+
+ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening) {
+  return fitReadings({history, shortening, ResponseReadings::Kind::kPerActuator});
+}
+
+ResponseFit fitResponseToPositions(const model::InputHistory& history,
+                                   const Eigen::MatrixXd& position) {
+  const auto readingsOf = [&](int degree) {
+    return ResponseReadings(history, position, ResponseReadings::Kind::kOfTheArm, degree);
+  };
+  int degree = kLeastDegree;
+  ResponseFit fit = fitReadings(readingsOf(degree));
+  for (int higher = degree + 1; fit.fitted() && higher <= kMostDegree; ++higher) {
+    const ResponseReadings finer = readingsOf(higher);
+    if (!explainsMore(finer, readingsOf(degree), fit.response)) continue;
+    fit = fitReadings(finer);
+    degree = higher;
+  }
+  return fit;
+}
+
+}  // namespace helix_arm::estimation

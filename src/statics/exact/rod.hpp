@@ -1,0 +1,321 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/lie/so3.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/taper.hpp"
+#include "helix_arm/statics/load.hpp"
+
+/// Dormand and Prince's pair of order 8 with estimates of order 5 and 3 (Hairer, Norsett, Wanner,
+/// Solving Ordinary Differential Equations I, section II.10).
+namespace helix_arm::statics::dormand_prince {
+
+inline constexpr int kStages = 12;
+inline constexpr std::array<double, kStages> kNodes = {0.0,
+                                                       0.05260015195876773,
+                                                       0.0789002279381516,
+                                                       0.1183503419072274,
+                                                       0.2816496580927726,
+                                                       0.3333333333333333,
+                                                       0.25,
+                                                       0.3076923076923077,
+                                                       0.6512820512820513,
+                                                       0.6,
+                                                       0.8571428571428571,
+                                                       1.0};
+inline constexpr double kWeights[kStages][kStages] = {
+    {},
+    {0.05260015195876773},
+    {0.0197250569845379, 0.0591751709536137},
+    {0.02958758547680685, 0, 0.08876275643042054},
+    {0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792},
+    {0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242},
+    {0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125},
+    {0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
+     0.008273789163814023},
+    {0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
+     20.154067550477894, -43.48988418106996},
+    {0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
+     15.279233632882423, -33.28821096898486, -0.020331201708508627},
+    {-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
+     -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196},
+    {2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
+     27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
+     0.6433927460157636}};
+inline constexpr std::array<double, kStages> kStep = {0.054293734116568765,
+                                                      0,
+                                                      0,
+                                                      0,
+                                                      0,
+                                                      4.450312892752409,
+                                                      1.8915178993145003,
+                                                      -5.801203960010585,
+                                                      0.3111643669578199,
+                                                      -0.1521609496625161,
+                                                      0.20136540080403034,
+                                                      0.04471061572777259};
+inline constexpr std::array<double, kStages> kError5 = {0.01312004499419488,
+                                                        0,
+                                                        0,
+                                                        0,
+                                                        0,
+                                                        -1.2251564463762044,
+                                                        -0.4957589496572502,
+                                                        1.6643771824549864,
+                                                        -0.35032884874997366,
+                                                        0.3341791187130175,
+                                                        0.08192320648511571,
+                                                        -0.022355307863886294};
+inline constexpr std::array<double, kStages> kError3 = {-0.18980075407240762,
+                                                        0,
+                                                        0,
+                                                        0,
+                                                        0,
+                                                        4.450312892752409,
+                                                        1.8915178993145003,
+                                                        -5.801203960010585,
+                                                        -0.4226823213237919,
+                                                        -0.1521609496625161,
+                                                        0.20136540080403034,
+                                                        0.02265179219836082};
+
+// Differential equations of frame and moment along a loaded rod: g = g* + C [n; m] in the body
+// frame, X' = X g, m' = m x w + n x v.
+
+}  // namespace helix_arm::statics::dormand_prince
+
+namespace helix_arm::statics {
+
+/// A point load; force and moment in the base frame.
+struct Pull {
+  Eigen::Vector3d offset, force, moment;
+};
+
+/// Part of the arm between two shooting nodes. The point loads at its end act on it.
+struct Segment {
+  int section = 0;
+  double begin = 0.0, end = 1.0;  // s along the section
+  Eigen::Vector3d force;          // at the end, including all loads beyond [N]
+  Eigen::Vector3d weight;         // per unit s [N]
+  std::vector<Pull> pulls;        // at the end
+  double growth = 0.0;            // exponent of the error growth along the segment
+
+  Eigen::Vector3d forceAt(double s) const { return force + (end - s) * weight; }
+};
+
+struct SectionLaw {
+  lie::Matrix6 C;  // twist over the section per body wrench; of a tapered one, the mean
+  model::Equilibrium<lie::SE3>::Basis null_space;
+  std::shared_ptr<const model::TaperOf<lie::SE3>> taper;  // null if the section is not tapered
+  double per_K = 0.0;                                     // l / K_eps
+};
+
+/// The integrated state: the quaternion (x y z w) and the body moment; then either the position and
+/// the integral of the angular strain, or kColumns columns of the flow's derivative.
+template <int kColumns>
+struct Flow {
+  static constexpr int kSize = 7 + (kColumns == 0 ? 6 : 6 * kColumns);
+  using State = Eigen::Matrix<double, kSize, 1>;
+
+  const SectionLaw& law;
+  const Segment& segment;
+  lie::Vector6 unloaded;                               // of a tapered section, the mean
+  std::optional<model::TaperTwist<lie::SE3>> profile;  // of a tapered section
+  lie::Matrix6 compliance;                             // twist per body wrench, without taper
+  double share;                                        // fraction of the load
+  double size;                                         // of the arm [m]
+  double moment_unit;                                  // [N m]
+  double tolerance;
+
+  static Eigen::Matrix3d rotation(const State& y) {
+    const double qx = y[0], qy = y[1], qz = y[2], qw = y[3];
+    const double f = 2.0 / y.template head<4>().squaredNorm();
+    Eigen::Matrix3d R;
+    R << 1 - f * (qy * qy + qz * qz), f * (qx * qy - qw * qz), f * (qx * qz + qw * qy),  //
+        f * (qx * qy + qw * qz), 1 - f * (qx * qx + qz * qz), f * (qy * qz - qw * qx),   //
+        f * (qx * qz - qw * qy), f * (qy * qz + qw * qx), 1 - f * (qx * qx + qy * qy);
+    return R;
+  }
+
+  lie::Vector6 wrench(double s, const State& y) const {
+    lie::Vector6 w;
+    w << rotation(y).transpose() * (share * segment.forceAt(s)), y.template segment<3>(4);
+    return w;
+  }
+
+  State operator()(double s, const State& y) const {
+    State dy;
+    const Eigen::Matrix3d R = rotation(y);
+    const Eigen::Vector3d n = R.transpose() * (share * segment.forceAt(s)),
+                          m = y.template segment<3>(4);
+    lie::Matrix6 C_here;
+    if (profile) C_here = law.per_K * law.taper->complianceAt(s);
+    const lie::Matrix6& C = profile ? C_here : compliance;
+    const lie::Vector6 g =
+        (profile ? profile->at(s) : unloaded) + C.leftCols<3>() * n + C.rightCols<3>() * m;
+    const Eigen::Vector3d v = g.head<3>(), w = g.tail<3>();
+    const Eigen::Vector3d u = y.template head<3>();
+    dy.template head<3>() = 0.5 * (y[3] * w + u.cross(w));
+    dy[3] = -0.5 * u.dot(w);
+    dy.template segment<3>(4) = m.cross(w) + n.cross(v);
+    if constexpr (kColumns == 0) {
+      dy.template segment<3>(7) = R * v;
+      dy.template segment<3>(10) = w;
+    } else {
+      using Columns = Eigen::Matrix<double, 6, kColumns>;
+      using Half = Eigen::Matrix<double, 3, kColumns>;
+      const Eigen::Map<const Columns> d(y.data() + 7);
+      Eigen::Map<Columns> dd(dy.data() + 7);
+      const Eigen::Matrix3d n_hat = lie::skew(n), w_hat = lie::skew(w);
+      const Half dn = n_hat * d.template topRows<3>(), dm = d.template bottomRows<3>();
+      const Columns dg = C.leftCols<3>() * dn + C.rightCols<3>() * dm;
+      dd.template topRows<3>() = dg.template bottomRows<3>() - w_hat * d.template topRows<3>();
+      dd.template bottomRows<3>() = lie::skew(m) * dg.template bottomRows<3>() - w_hat * dm +
+                                    n_hat * dg.template topRows<3>() - lie::skew(v) * dn;
+    }
+    return dy;
+  }
+
+  // Squared error of the state, relative to the arm's size and one radian. The derivative is
+  // excluded, since it need not be more accurate than the state.
+  double squaredError(const State& e) const {
+    double sum = 4.0 * e.template head<4>().squaredNorm() +
+                 e.template segment<3>(4).squaredNorm() / (moment_unit * moment_unit);
+    if constexpr (kColumns == 0) sum += e.template segment<3>(7).squaredNorm() / (size * size);
+    return sum;
+  }
+
+  // Integrates y from s to end. False if the steps vanish or the numbers overflow.
+  bool advance(double s, double end, State& y, double& h) const {
+    std::array<State, dormand_prince::kStages> k;
+    // Ten times the steps that shapes in equilibrium need.
+    const double most_steps =
+        200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
+    for (int steps = 0; s < end; ++steps) {
+      // If the end is almost reached, the rest is one step.
+      const bool last = s + h * (1.0 + 1e-10) >= end || end - s <= 1e-14;
+      if (steps > most_steps || !(last || s + h > s)) return false;
+      const double step = last ? end - s : h;
+      k[0] = (*this)(s, y);
+      for (int i = 1; i < dormand_prince::kStages; ++i) {
+        State sum = dormand_prince::kWeights[i][0] * k[0];
+        for (int j = 1; j < i; ++j) {
+          if (dormand_prince::kWeights[i][j] != 0) sum += dormand_prince::kWeights[i][j] * k[j];
+        }
+        k[i] = (*this)(s + dormand_prince::kNodes[i] * step, y + step * sum);
+      }
+      State next = dormand_prince::kStep[0] * k[0], error5 = dormand_prince::kError5[0] * k[0],
+            error3 = dormand_prince::kError3[0] * k[0];
+      for (int i = 5; i < dormand_prince::kStages; ++i) {
+        next += dormand_prince::kStep[i] * k[i];
+        error5 += dormand_prince::kError5[i] * k[i];
+        error3 += dormand_prince::kError3[i] * k[i];
+      }
+      const double square5 = squaredError(error5), square3 = squaredError(error3);
+      const double error =
+          square5 == 0 ? 0.0 : step * square5 / std::sqrt(square5 + 0.01 * square3) / tolerance;
+      const double factor =
+          std::isfinite(error) ? std::clamp(0.9 * std::pow(error + 1e-30, -0.125), 0.2, 6.0) : 0.2;
+      if (error <= 1.0) {
+        y += step * next;
+        y.template head<4>().normalize();
+        s = last ? end : s + step;
+        // A step that was shortened to reach the end does not reduce the step size.
+        h = last ? std::max(h, step * factor) : step * factor;
+      } else {
+        h = step * std::min(factor, 0.9);
+      }
+    }
+    return y.allFinite();
+  }
+};
+
+/// A loaded arm as a rod. It is divided into segments at point loads, at the ends of sections, and
+/// where errors of the start would grow too much along a segment.
+class Rod {
+ public:
+  /// @param load  valid for the arm. @param tolerance  relative to the arm's size and one radian.
+  Rod(const model::Arm& arm, const Load& load, double tolerance);
+
+  int sections() const { return static_cast<int>(laws_.size()); }
+  /// Null without links.
+  const std::shared_ptr<const model::Links>& links() const { return links_; }
+  /// The link after segment j; null if the next segment begins where this one ends.
+  const lie::SE3* linkAfter(int j) const {
+    const Segment& segment = segments_[j];
+    return links_ && segment.end == 1.0 ? &(*links_)[segment.section] : nullptr;
+  }
+  /// From the base to the tip.
+  const std::vector<Segment>& segments() const { return segments_; }
+  int segmentCount() const { return static_cast<int>(segments_.size()); }
+
+  /// The integrator of segment j; keeps a reference to this rod.
+  /// @param unloaded  the arm without load. @param share  fraction of the load.
+  template <int kColumns>
+  Flow<kColumns> flow(int j, const model::Unloaded& unloaded, double share) const;
+  /// Rotation of the unloaded arm from the start of a section to s of it.
+  lie::SO3 unloadedRotation(int section, double s, const model::Unloaded& unloaded) const;
+  /// Motion of the unloaded arm between two s of a section.
+  lie::SE3 unloadedMotion(int section, double from, double to,
+                          const model::Unloaded& unloaded) const;
+  /// Twist per body wrench at s of a section.
+  lie::Matrix6 compliance(int section, double s, const model::Unloaded& unloaded) const;
+  bool tapered() const { return tapered_; }
+  bool hasTables() const { return has_tables_; }
+
+  /// Magnitude of the whole load [N], [N m].
+  double forceScale() const { return force_scale_; }
+  double momentScale() const { return moment_scale_; }
+  /// Moment that bends the arm by about one radian [N m].
+  double momentUnit() const { return moment_unit_; }
+  /// False if a moment keeps its direction: it then has no potential energy that decides about
+  /// stability.
+  bool conservative() const { return conservative_; }
+
+ private:
+  double tolerance_;
+  std::vector<SectionLaw> laws_;
+  std::vector<Segment> segments_;
+  std::shared_ptr<const model::Links> links_;
+  std::vector<int> first_;  // actuator of each section
+  bool tapered_ = false;
+  bool has_tables_ = false;
+
+  lie::Matrix6 constantCompliance(int section, const model::Unloaded& unloaded) const {
+    return has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * section))
+                       : laws_[section].C;
+  }
+  std::optional<model::TaperTwist<lie::SE3>> profileOf(int section,
+                                                       const model::Unloaded& unloaded) const;
+  double size_ = 0.0;  // length of the arm [m]
+  double force_scale_ = 0.0;
+  double moment_scale_ = 0.0;
+  bool conservative_ = true;
+  double moment_unit_ = 1.0;
+};
+
+template <int kColumns>
+Flow<kColumns> Rod::flow(int j, const model::Unloaded& unloaded, double share) const {
+  const Segment& segment = segments_[j];
+  // A tenth of the tolerance per step, for about ten steps.
+  return {laws_[segment.section],
+          segment,
+          unloaded.twists.col(segment.section),
+          profileOf(segment.section, unloaded),
+          constantCompliance(segment.section, unloaded),
+          share,
+          size_,
+          moment_unit_,
+          0.1 * tolerance_};
+}
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,138 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <optional>
+#include <vector>
+
+#include "box_levenberg_marquardt.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/correction.hpp"
+
+namespace helix_arm::statics {
+
+/// Range of the actuators' lengths [m] within the limits of their inputs, one interval per
+/// actuator; at first those of the arm. Keeps a reference to the arm.
+class LengthBox {
+ public:
+  explicit LengthBox(const model::Arm& arm);
+
+  /// Narrows the limits of the inputs to lower .. upper (n), which are within the arm's.
+  void limit(const model::InputRef& lower, const model::InputRef& upper) noexcept;
+  /// Limits of an input.
+  const model::Range& limits(int i) const { return limits_[static_cast<std::size_t>(i)]; }
+
+  int size() const { return static_cast<int>(lower_.size()); }
+  /// (n) [m]
+  const Eigen::VectorXd& lower() const { return lower_; }
+  const Eigen::VectorXd& upper() const { return upper_; }
+
+  /// Inputs (n) that give lengths (n) [m] inside the box.
+  /// @param input  initial guesses, replaced by the result.
+  void readInputs(const Eigen::VectorXd& lengths, Eigen::VectorXd& input) const noexcept;
+
+ private:
+  const model::Arm& arm_;
+  std::vector<model::Range> limits_;
+  Eigen::VectorXd at_lower_limit_, at_upper_limit_;  // lengths at the limits of the inputs [m]
+  Eigen::VectorXd lower_, upper_;                    // of the lengths [m]
+};
+
+/// Residual if no shape balances the load: larger than that of any target [m].
+inline constexpr double kNoBalance = 1e9;
+
+/// The function whose root the inverse seeks: the weighted error of a target as a function of the
+/// actuators' lengths.
+class InverseTask {
+ public:
+  enum class Kind { kPosition, kPose, kTwists };
+
+  /// @param loaded  model of the arm if a load bends it, else null.
+  InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight);
+
+  /// The targets are those of the corrected model, which outlives the task.
+  void correctBy(const CorrectedModel& corrected);
+
+  void setPosition(const Eigen::Vector3d& position);
+  void setPose(const lie::SE3& pose);
+  void setTwists(const model::Twists& twists);
+
+  Kind kind() const { return kind_; }
+  /// Position of the desired tip [m].
+  const Eigen::Vector3d& position() const { return pose_.translation; }
+  /// Rows of the residual: 3, 6, or 6 per section.
+  int rows() const { return rows_; }
+  int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
+  /// Whether the arm has more actuators than the target requires.
+  bool hasSpareActuators() const { return arm_->actuatorCount() > std::min(rows_, map_rank_); }
+
+  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. Every row is
+  /// kNoBalance if no shape balances the load.
+  void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                Eigen::MatrixXd& jacobian) const noexcept;
+
+  /// Distance between the tip at these lengths and the desired tip [m].
+  double positionError(const Eigen::VectorXd& lengths) const noexcept;
+
+  /// Squared residual of a given tip [m^2], for position and pose targets.
+  double squaredErrorOfTip(const lie::SE3& tip) const noexcept;
+
+ private:
+  void evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                             Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                   Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                      Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                         Eigen::MatrixXd& jacobian) const;
+  void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                            Eigen::MatrixXd& jacobian) const;
+  /// Free lengths (n) [m] with the scales of the correction.
+  const Eigen::VectorXd& scaled(const Eigen::VectorXd& lengths) const noexcept;
+  model::Twists twistsAt(const Eigen::VectorXd& lengths) const noexcept;
+  std::optional<model::Shape> loadedShape(const Eigen::VectorXd& lengths) const;
+  // Computes the residual of a tip; returns the derivative of its last rows with respect to a
+  // rotation of the tip about its own axes.
+  Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
+  // Sets the column of the Jacobian for a body motion of the tip.
+  void setColumn(const lie::SE3& tip, const lie::Vector6& motion, const Eigen::Matrix3d& by_turn,
+                 int column, Eigen::MatrixXd& jacobian) const noexcept;
+
+  const model::Arm* arm_;
+  const ArmModel* loaded_;
+  double rotation_weight_;
+  bool corrected_ = false;
+  model::Twists offset_;            // of the correction
+  Eigen::VectorXd scale_;           // (n) of the free lengths
+  mutable Eigen::VectorXd scaled_;  // (n) [m]
+  int map_rank_ = 0;                // number of independent motions of all sections together
+  Kind kind_ = Kind::kPosition;
+  int rows_ = 3;
+  lie::SE3 pose_;  // pose of the desired tip, for targets of every kind
+  model::Twists twists_;
+};
+
+/// Additional starts of the inverse: lengths sampled within the limits, and the corners of the
+/// limits for arms with few actuators. All memory is allocated in the constructor.
+class InverseStarts {
+ public:
+  /// @param loaded  model of the arm if a load bends it, else null.
+  InverseStarts(const model::Arm& arm, const ArmModel* loaded, const LengthBox& box);
+
+  /// Lengths (n) [m] of start `number` of a task, counted from 0. The order is: the starts whose
+  /// tips are nearest to the target, the nearest corners, then samples spread over all starts. Call
+  /// it with consecutive numbers within one task.
+  Eigen::MatrixXd::ConstColXpr next(int number, const InverseTask& task) noexcept;
+
+ private:
+  int nearest(int count, const InverseTask& task) const noexcept;
+
+  Eigen::MatrixXd lengths_;  // (n x starts) [m], the corners first
+  int corners_ = 0;
+  std::vector<lie::SE3> tips_;
+  std::vector<char> used_;
+};
+
+}  // namespace helix_arm::statics

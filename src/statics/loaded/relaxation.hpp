@@ -1,0 +1,722 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "gauss_rule.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "linear_chain.hpp"
+#include "shape_motion.hpp"
+#include "unloaded_change.hpp"
+
+namespace helix_arm::statics {
+
+/// Maximum number of elements: parts of an arm between section ends and point loads.
+inline constexpr int kMaxElements = model::kMaxSections + kMaxInnerPoints;
+/// Maximum number of unknowns of the loaded tier in a group with kDof dimensions.
+template <int kDof>
+inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
+
+/// Number of Gauss points of the reference solution for checks.
+inline constexpr int kFineNodes = 16;
+template <int kDof>
+inline constexpr int kMaxFineRates = kDof* kFineNodes* kMaxElements;
+
+// Tolerances of the loaded tier.
+
+inline constexpr int kMaxIterations = 100;
+// Largest change at convergence, relative to the arm's size and one radian.
+inline constexpr double kAtRest = 1e-11;
+// The step of the lowest order is accepted if the next step would be shorter by this factor and at
+// most this long, relative to the arm's size and one radian.
+inline constexpr double kContracting = 0.5;
+inline constexpr double kTrustedStep = 0.02;
+// Rotation of a section relative to its unloaded shape beyond which its coordinates are ambiguous
+// [rad].
+inline constexpr double kFarthestTurn = 5.5;
+inline constexpr double kFarthestResidual = 1e6;
+inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
+
+// Fraction of the order's stated error that the error estimate may reach. Beyond it, the shape is
+// compared with a finer solution.
+inline constexpr double kDoubt = 0.25;
+// Limit of the rates in the highest mode, relative to the arm's size and one radian.
+inline constexpr double kLargestTail = 0.065;
+// Turn of an element that is not resolved at all [rad]: per Gauss point, and as a whole for the
+// less accurate single step.
+inline constexpr double kTurnOfNode = 3.0;
+inline constexpr double kTurnOfOneStep = 20.0;
+// Largest turn that the finer solution resolves [rad], and the permitted difference from it as a
+// fraction of the stated error.
+inline constexpr double kFinestTurn = 40.0;
+inline constexpr double kAgreement = 0.7;
+inline constexpr double kLargestAmplification = 1.0 - 1e-9;
+
+// Stiffness of a shape that may have another beside it: 2 a = 1/4 of the square of its turn [rad],
+// and as much to spare.
+inline constexpr double kBranching = 0.5;
+// Load steps, relative to the whole load.
+inline constexpr double kFirstLoadStep = 0.25;
+inline constexpr double kLeastLoadStep = 1e-3;
+// Distance of a step's shape from the predicted one: relative to the step, or to the arm's size and
+// one radian.
+inline constexpr double kOnBranch = 0.5;
+inline constexpr double kNearBranch = 0.05;
+
+// Eigenvalues of a map in a Krylov space (Arnoldi), by finite differences of the map.
+
+}  // namespace helix_arm::statics
+
+namespace helix_arm::statics::krylov {
+
+inline constexpr int kDimensions = 8;  // dimension of the Krylov space
+inline constexpr double kStep = 1e-6;  // difference step, relative to the arm's size and one radian
+
+using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                                 kDimensions + 1, kDimensions + 1>;
+
+/// Real parts of eigenvalues.
+struct Range {
+  double least, largest;
+};
+
+/// Those of H; the largest is infinite if H is not finite.
+inline Range eigenvalues(const Projection& H) {
+  if (!H.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
+  const auto real = Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().eval();
+  return {real.minCoeff(), real.maxCoeff()};
+}
+
+/// The same for the derivative of a map, in the Krylov space of a start vector with components in
+/// all entries. Allocates nothing except for the eigenvalues.
+///
+/// @tparam kMostSize  maximum of `size`.
+/// @param size  number of entries of a motion.
+/// @param respond  respond(motion, change) sets `change` (size) to the derivative's product with a
+///     unit vector `motion` (size), by a difference of kStep.
+template <int kMostSize, class Respond>
+Range eigenvalues(int size, const Respond& respond) {
+  using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostSize,
+                              kDimensions + 1>;
+  int count = std::min(kDimensions, size);
+  Basis basis(size, count + 1);
+  for (int i = 0; i < size; ++i) basis(i, 0) = std::sin(1.0 + 2.0 * i * i);
+  basis.col(0).normalize();
+  Projection H = Projection::Zero(count + 1, count + 1);
+  for (int j = 0; j < count; ++j) {
+    auto next = basis.col(j + 1);
+    respond(basis.col(j), next);
+    for (int i = 0; i <= j; ++i) {
+      H(i, j) = basis.col(i).dot(next);
+      next -= H(i, j) * basis.col(i);
+    }
+    H(j + 1, j) = next.norm();
+    if (!(H(j + 1, j) > kStep)) count = j + 1;
+    next /= H(j + 1, j);
+  }
+  return eigenvalues(H.topLeftCorner(count, count));
+}
+
+}  // namespace helix_arm::statics::krylov
+
+namespace helix_arm::statics {
+
+/// Anderson's acceleration of a fixed-point iteration x = F(x): the next x is the combination of
+/// the last values F(x) whose changes F(x) - x cancel best (least squares).
+///
+/// @tparam kMost  maximum number of entries of x; nothing is allocated.
+template <int kMost>
+class Anderson {
+ public:
+  using Values = Eigen::Ref<Eigen::VectorXd>;
+
+  /// @param weight  (n) weight of each entry in the least squares.
+  explicit Anderson(const Eigen::Ref<const Eigen::VectorXd>& weight) : weight_(weight) {
+    for (Memory* memory : {&changes_, &answers_}) memory->resize(weight.size(), kDepth);
+  }
+
+  /// Adds x and F(x), (n) each, and replaces x by the next iterate.
+  /// @return the largest entry of the weighted change F(x) - x, for the old x.
+  double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer);
+
+ private:
+  static constexpr int kDepth = 5;
+  using Stack = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMost, 1>;
+  using Memory = Eigen::Matrix<double, Eigen::Dynamic, kDepth, Eigen::ColMajor, kMost, kDepth>;
+
+  Stack weight_, last_answer_, last_change_;
+  Memory changes_, answers_;                    // differences of consecutive values
+  Eigen::Matrix<double, kDepth, kDepth> gram_;  // of the changes
+  int calls_ = 0;
+};
+
+/// The elements of an arm without load: poses seen from their starts, and compliance at the Gauss
+/// points.
+template <class Group>
+template <int kNodes>
+class LoadedArmOf<Group>::UnloadedElements {
+ public:
+  using Tangent = typename Group::Tangent;
+  using Matrix = typename Group::Matrix;
+  using Motion = typename UnloadedChange<Group>::Motion;
+
+  /// Keeps references to the arm and to the unloaded state.
+  UnloadedElements(const LoadedArmOf& arm, const Unloaded& unloaded)
+      : arm_(arm), unloaded_(unloaded) {
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    const int count = static_cast<int>(arm.elements_.size());
+    if (arm.tapered_ || arm.has_tables_) compliance_.resize(kNodes * count);
+    for (int e = 0; e < count; ++e) {
+      const Element& element = arm.elements_[e];
+      if (arm.tapers_[element.section]) {
+        addTapered(e, rule);
+        continue;
+      }
+      twist_[e] = element.length * unloaded.twists.col(element.section);
+      for (int j = 0; j < kNodes; ++j) {
+        const Group X = Group::exp(rule.nodes()[j] * twist_[e]);
+        rotation_[e * kNodes + j] = X.rotation;
+        translation_[e * kNodes + j] = X.translation;
+        if (compliance_.empty()) continue;
+        compliance_[e * kNodes + j] =
+            arm.has_tables_ ? Matrix(unloaded.compliance.template middleCols<Group::kDof>(
+                                  Group::kDof * element.section))
+                            : arm.compliance_[element.section];
+      }
+    }
+  }
+
+  /// Twist over element e; of a tapered one, the sum of its steps.
+  const Tangent& twist(int e) const { return twist_[e]; }
+  Group atNode(int node) const { return {rotation_[node], translation_[node]}; }
+  Group end(int e) const { return isTapered(e) ? end_[e] : Group::exp(twist_[e]); }
+  /// At t in [0, 1] of element e.
+  Group at(int e, double t) const {
+    if (!isTapered(e)) return Group::exp(t * twist_[e]);
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    const Element& element = arm_.elements_[e];
+    Group X;
+    double from = 0.0;
+    for (int j = 0; j < kNodes && rule.nodes()[j] <= t; ++j) {
+      X = atNode(e * kNodes + j);
+      from = rule.nodes()[j];
+    }
+    return X * Group::exp(profileOf(element.section)
+                              .step(element.begin + from * element.length,
+                                    element.begin + t * element.length));
+  }
+  /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
+  /// from the element's start.
+  std::vector<Motion> changes(int e, const UnloadedChange<Group>& change) const {
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    std::vector<Motion> out;
+    for (int j = 0; j <= kNodes; ++j) {
+      out.push_back(changeAt(e, j < kNodes ? rule.nodes()[j] : 1.0, j, change, out));
+    }
+    return out;
+  }
+  /// The same at t in [0, 1], from changes().
+  Motion changeAt(int e, double t, const UnloadedChange<Group>& change,
+                  const std::vector<Motion>& at_nodes) const {
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    int before = 0;
+    while (before < kNodes && rule.nodes()[before] <= t) ++before;
+    return changeAt(e, t, before, change, at_nodes);
+  }
+
+  /// Twist per wrench, both seen from the node's frame.
+  const Matrix& compliance(int e, int j) const {
+    if (!compliance_.empty()) return compliance_[e * kNodes + j];
+    return arm_.compliance_[arm_.elements_[e].section];
+  }
+
+ private:
+  bool isTapered(int e) const {
+    return arm_.tapered_ && arm_.tapers_[arm_.elements_[e].section] != nullptr;
+  }
+
+  model::TaperTwist<Group> profileOf(int section) const {
+    const int first = arm_.first_[section];
+    return {*arm_.tapers_[section],
+            unloaded_.lengths.segment(first, arm_.first_[section + 1] - first)};
+  }
+
+  // At t, with `before` nodes before it.
+  Motion changeAt(int e, double t, int before, const UnloadedChange<Group>& change,
+                  const std::vector<Motion>& at_nodes) const {
+    const Element& element = arm_.elements_[e];
+    if (!isTapered(e)) {
+      return Group::leftJacobian(t * twist_[e]) *
+             (t * element.length * change.twist(element.section, 0.0));
+    }
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    const double from = before > 0 ? rule.nodes()[before - 1] : 0.0;
+    const TaperStep<Group> step =
+        taperStep(profileOf(element.section), change, element.section,
+                  element.begin + from * element.length, element.begin + t * element.length);
+    const Motion moved = Group::leftJacobian(step.twist) * step.by;
+    if (before == 0) return moved;
+    return at_nodes[before - 1] + atNode(e * kNodes + before - 1).adjoint() * moved;
+  }
+
+  // Magnus steps from Gauss point to Gauss point.
+  void addTapered(int e, const GaussRule<kNodes>& rule) {
+    const Element& element = arm_.elements_[e];
+    const model::TaperTwist<Group> profile = profileOf(element.section);
+    Group X;
+    double from = element.begin;
+    twist_[e].setZero();
+    for (int j = 0; j <= kNodes; ++j) {
+      const double to = element.begin + (j < kNodes ? rule.nodes()[j] : 1.0) * element.length;
+      const Tangent step = profile.step(from, to);
+      twist_[e] += step;
+      X = X * Group::exp(step);
+      from = to;
+      if (j == kNodes) break;
+      rotation_[e * kNodes + j] = X.rotation;
+      translation_[e * kNodes + j] = X.translation;
+      compliance_[e * kNodes + j] =
+          arm_.per_K_[element.section] * arm_.tapers_[element.section]->complianceAt(to);
+    }
+    end_[e] = X;
+  }
+
+  const LoadedArmOf& arm_;
+  const Unloaded& unloaded_;
+  Tangent twist_[kMaxElements];
+  decltype(Group::rotation) rotation_[kNodes * kMaxElements];
+  typename Group::Point translation_[kNodes * kMaxElements];
+  Group end_[kMaxElements];         // of tapered elements
+  std::vector<Matrix> compliance_;  // at the nodes, if it is not one constant per section
+};
+
+/// One solution of the loaded tier, with kNodes Gauss points per element. All data is on the stack.
+template <class Group>
+template <int kNodes>
+class LoadedArmOf<Group>::Relaxation {
+ public:
+  static constexpr int kDof = Group::kDof;
+  static constexpr int kRates = kDof * kNodes;  // per element
+  using Tangent = typename Group::Tangent;
+  using Point = typename Group::Point;
+  using Points = Eigen::Matrix<double, Group::kSpace, kNodes>;
+  // One capacity for all orders; a larger one for the reference solution.
+  static constexpr int kMostRates = std::max(kMaxRates<kDof>, kRates* kMaxElements);
+  using Rates =
+      Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
+
+  Relaxation(const LoadedArmOf& arm, const Load& load, const Unloaded& unloaded)
+      : arm_(arm),
+        load_(load),
+        rule_(GaussRule<kNodes>::get()),
+        count_(elementCount(arm)),
+        unloaded_(arm, unloaded) {
+    scale_ << Eigen::Matrix<double, Group::kSpace, 1>::Constant(1.0 / arm.size_),
+        Eigen::Matrix<double, Group::kRotations, 1>::Ones();
+    rates_.setZero(kDof, kNodes * count_);
+  }
+
+  // Starts at another solution.
+  void startFrom(const Relaxation& other) { rates_ = other.rates_; }
+  // Starts at given rates, as a function of element and t in [0, 1].
+  template <class RateAt>
+  void startAt(const RateAt& rateAt) {
+    for (int node = 0; node < rates_.cols(); ++node) {
+      rates_.col(node) = rateAt(node / kNodes, rule_.nodes()[node % kNodes]);
+    }
+  }
+  Tangent rateAt(int e, double t) const {
+    return rates_.template middleCols<kNodes>(e * kNodes) * rule_.at(t);
+  }
+
+  // Out of line, since it is long and has many callers.
+  [[gnu::noinline]] void run(bool one_step) {
+    if (one_step) {
+      takeOneStep();
+    } else {
+      iterate();
+    }
+    if (status_ == SolveStatus::kConverged && !supported()) status_ = SolveStatus::kUnsupported;
+    if (!tip_.translation.allFinite()) status_ = SolveStatus::kNotConverged;
+  }
+
+  // Marks an unstable equilibrium as not converged. For stability, a change of strain must change
+  // the load's strain by less than itself.
+  void refuseUnstable() {
+    if (status_ != SolveStatus::kConverged) return;
+    const krylov::Range amplification = amplifications();
+    if (!(amplification.largest <= 1.0)) status_ = SolveStatus::kNotConverged;
+    amplification_ = std::clamp(amplification.largest, 0.0, kLargestAmplification);
+    stiffening_ = std::max(-amplification.least, 0.0);
+  }
+
+  // Whether the shape may lie on another branch than the one that grows from the unloaded shape.
+  // Where a motion x has another stable shape beside it, as in a buckled column (stiffness 1 -
+  // amplification = 3 a x^2 - e, with a = 1/8 in Euler's), that stiffness is at most 2 a x^2.
+  bool branches() const {
+    if (status_ != SolveStatus::kConverged) return false;
+    double turned = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      turned += (rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights())
+                    .template tail<Group::kRotations>()
+                    .norm();
+    }
+    return 1.0 - amplification_ <= kBranching * turned * turned;
+  }
+
+  // Whether the tip error may exceed the stated one. The contribution of the omitted modes is
+  // estimated from the highest mode, times the fraction of it that affects the tip, which depends
+  // on how well the Gauss points resolve the turns of the arm. The limits are from comparisons with
+  // finer solutions under loads of all kinds.
+  bool doubtful(double stated) const {
+    if (status_ != SolveStatus::kConverged) return false;
+    double tail = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
+      tail += scale_.cwiseProduct(u * rule_.highest()).norm();
+    }
+    const double turned = turn();
+    const double resolved = kNodes == kLeastOrder + 1 ? kTurnOfOneStep : kTurnOfNode * kNodes;
+    double seen = 1.0;
+    for (int i = 0; i < kNodes && turned < resolved; ++i) seen *= turned / resolved;
+    const double off = tail * seen / (1.0 - amplification_) + remainder();
+    return !(tail <= kLargestTail && off <= kDoubt * stated);
+  }
+
+  // Compares with a finer solution, which is taken as the true one.
+  void compareWith(const TipOf<Group>& finer, double stated) {
+    const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
+    const bool resolved = turn() <= kFinestTurn;
+    load_steps_ = finer.load_steps;
+    if (finer.converged() && resolved && off <= kAgreement * stated) return;
+    status_ = SolveStatus::kNotConverged;
+    residual_ = std::max(residual_, off);
+  }
+
+  // Applies the load in steps along the branch that grows from the unloaded shape. Where steps
+  // leave it however short they are, the shape does not count as converged.
+  [[gnu::noinline]] void stepLoad() {
+    Rates here = rates_, slope, predicted;
+    here.setZero();
+    rates_.setZero();
+    evaluate(slope);  // of the branch where it begins, since the wrench is that of no load
+    double reached = 0.0, step = kFirstLoadStep;
+    while (reached < 1.0) {
+      share_ = std::min(reached + step, 1.0);
+      rates_ = predicted = here + (share_ - reached) * slope;
+      iterate();
+      const double off = largest(rates_ - predicted), moved = largest(predicted - here);
+      if (status_ == SolveStatus::kConverged && off <= std::max(kOnBranch * moved, kNearBranch)) {
+        slope = (rates_ - here) / (share_ - reached);
+        here = rates_;
+        reached = share_;
+        ++load_steps_;
+        if (off <= kNearBranch) step *= 2.0;
+        continue;
+      }
+      step = 0.5 * (share_ - reached);
+      status_ = SolveStatus::kNotConverged;
+      if (step < kLeastLoadStep) break;
+    }
+    share_ = 1.0;
+  }
+
+  // Newton's step, which leaves only rounding errors.
+  void polish();
+  // Motions of the elements' starts and of the tip by the change's parameters and, in six more
+  // columns on request, by a force and a moment at the tip.
+  typename LinearChain<Group>::Response respond(const UnloadedChange<Group>& change, bool by_load);
+  // Motions of the ends of the shape's pieces.
+  std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> pieceMotions(
+      int sections, const UnloadedChange<Group>& change,
+      const typename LinearChain<Group>::Response& response) const;
+
+  TipOf<Group> result() const { return {tip_, status_, residual_, iterations_, load_steps_}; }
+  Solution solution(int sections) const {
+    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_, load_steps_};
+  }
+
+  // Pose at t in [0, 1] of an element, seen from the base.
+  Group poseAt(int e, double t) const {
+    const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.upTo(t);
+    return start_[e] * Group::exp(z) * unloaded_.at(e, t);
+  }
+
+  model::Shape shape(int sections) const {
+    model::Shape::Pieces pieces(6, sections * kLoadedPieces);
+    lie::SE3 before;
+    Place place{*this};
+    for (int piece = 0; piece < pieces.cols(); ++piece) {
+      const lie::SE3 X = place.at(piece / kLoadedPieces,
+                                  static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
+      const Eigen::Vector3d turn = lie::inSpace(unloaded_.twist(place.e)).template tail<3>() /
+                                   arm_.elements_[place.e].length;
+      pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
+      before = X;
+      if (arm_.links_in_space_ && (piece + 1) % kLoadedPieces == 0) {
+        before = before * (*arm_.links_in_space_)[piece / kLoadedPieces];
+      }
+    }
+    return {pieces, kLoadedPieces, arm_.links_in_space_};
+  }
+
+  // The curve at evenly spaced s, including base and tip.
+  std::vector<model::CurvePoint<lie::SE3>> curve(int sections, int count) const {
+    std::vector<model::CurvePoint<lie::SE3>> out;
+    out.reserve(count);
+    Place place{*this};
+    for (int i = 0; i < count; ++i) {
+      const double s = model::curvePlace(sections, i, count);
+      const int k = std::min(static_cast<int>(s), sections - 1);
+      out.push_back({s, place.at(k, s - k)});
+    }
+    return out;
+  }
+
+ private:
+  // Poses in sequence along the arm, from base to tip.
+  struct Place {
+    const Relaxation& shape;
+    int e = 0;
+
+    // Goes to s of section k, at or beyond the previous place; its t in [0, 1] of element e.
+    double go(int k, double s) {
+      const auto& elements = shape.arm_.elements_;
+      while (e + 1 < shape.count_ &&
+             (elements[e].section < k || elements[e].begin + elements[e].length < s)) {
+        ++e;
+      }
+      const Element& element = elements[e];
+      return std::min((s - element.begin) / element.length, 1.0);
+    }
+    // Pose there.
+    lie::SE3 at(int k, double s) {
+      const double t = go(k, s);
+      return lie::inSpace(shape.poseAt(e, t));
+    }
+  };
+
+  static int elementCount(const LoadedArmOf& arm) { return static_cast<int>(arm.elements_.size()); }
+
+  // Rates that balance the load on the shape of rates_; sets start_ and tip_ for that shape.
+  [[gnu::noinline]] void evaluate(Rates& out) {
+    out.resize(kDof, rates_.cols());
+    Group X;
+    farthest_ = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      start_[e] = X;
+      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
+      const Eigen::Matrix<double, kDof, kNodes> z = u * rule_.before();
+      for (int j = 0; j < kNodes; ++j) {
+        const int node = e * kNodes + j;
+        const Group X_j = X * Group::exp(z.col(j)) * unloaded_.atNode(node);
+        at_rotation_[node] = X_j.rotation;
+        at_[node] = X_j.translation;
+        z_[node] = z.col(j);
+        farthest_ = std::max(farthest_, z.col(j).template tail<Group::kRotations>().norm());
+      }
+      X = X * Group::exp(u * rule_.weights()) * unloaded_.end(e);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
+    }
+    tip_ = X;
+
+    Tangent W = Tangent::Zero();  // of all loads beyond, about the base's origin
+    for (int e = count_ - 1; e >= 0; --e) {
+      const Element& element = arm_.elements_[e];
+      const Group& next = e + 1 < count_ ? start_[e + 1] : tip_;
+      const Group end = element.linked ? next * linkAfter(e).inverse() : next;
+      for (const int p : element.points) {
+        const PointLoad& point = load_.points[p];
+        const Point force = within<Group>(load_.forceOf(point));
+        add(force,
+            momentOf(end * within<Group>(point.offset), force) + turningWithin<Group>(point.moment),
+            W);
+      }
+      const Point weight =
+          within<Group>(element.length * load_.mass[element.section] * load_.gravity);
+      Points x;
+      for (int j = 0; j < kNodes; ++j) x.col(j) = at_[e * kNodes + j];
+      const Points beyond = x * rule_.after();
+      const double stretch = share_ * element.length;
+      for (int j = 0; j < kNodes; ++j) {
+        const int node = e * kNodes + j;
+        Tangent W_j = W;
+        add((1.0 - rule_.nodes()[j]) * weight, momentOf(beyond.col(j), weight), W_j);
+        wrench_[node] = seenFrom<Group>({at_rotation_[node], at_[node]}, W_j);
+        const Tangent strain = stretch * (unloaded_.compliance(e, j) * wrench_[node]);
+        out.col(node) = Group::solveRightJacobian(z_[node], moved(unloaded_.atNode(node), strain));
+      }
+      add(weight, momentOf(x * rule_.weights(), weight), W);
+    }
+    pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
+            W.template tail<Group::kRotations>().norm();
+  }
+
+  // The fixed point's derivatives at the last evaluated shape.
+  std::vector<LinearElement<Group>> linearised(const UnloadedChange<Group>& change) const;
+  LinearElement<Group> linearised(int e, const UnloadedChange<Group>& change) const;
+  typename LinearChain<Group>::Motion wrenchAtTip(int parameters, bool by_load) const;
+  typename LinearChain<Group>::Response respondToOneStep(const UnloadedChange<Group>& change,
+                                                         bool by_load);
+
+  const Group& linkAfter(int e) const { return (*arm_.links_)[arm_.elements_[e].section]; }
+
+  static void add(const Point& force, const Moment<Group>& moment, Tangent& W) {
+    W.template head<Group::kSpace>() += force;
+    W.template tail<Group::kRotations>() += moment;
+  }
+
+  void finish(SolveStatus status) {
+    status_ = farthest_ < kFarthestTurn ? status : SolveStatus::kNotConverged;
+  }
+
+  // One step from the unloaded shape and a second one from the result. The remaining steps are
+  // extrapolated from these two (Aitken: each step is the previous one times a constant factor).
+  void takeOneStep() {
+    Rates next;
+    evaluate(next);
+    const Rates first = next;
+    rates_ = first;
+    evaluate(next);
+    iterations_ = 2;
+    double first_square = 0.0, step_square = 0.0, product = 0.0;
+    double first_turn = 0.0, step_turn = 0.0;
+    for (int node = 0; node < first.cols(); ++node) {
+      const Tangent one = scale_.cwiseProduct(first.col(node));
+      const Tangent step = scale_.cwiseProduct(next.col(node) - first.col(node));
+      first_square += one.squaredNorm();
+      step_square += step.squaredNorm();
+      product += one.dot(step);
+      first_turn += one.template tail<Group::kRotations>().squaredNorm();
+      step_turn += step.template tail<Group::kRotations>().squaredNorm();
+    }
+    residual_ = std::sqrt(step_square);
+    const double factor = first_square > 0 ? product / first_square : 0.0;
+    rates_ = next;
+    rates_ += factor / (1.0 - factor) * (next - first);
+    place();
+    const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
+    // Considers rotations separately, too: a load along the arm shortens it by more than it bends
+    // it, and the shortening is the same in every step.
+    factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
+    const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
+    finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
+  }
+
+  // Upper bound of the largest turn of an element, including that due to the load [rad].
+  double turn() const {
+    double largest = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      largest = std::max(largest, unloaded_.twist(e).template tail<Group::kRotations>().norm());
+    }
+    return largest + farthest_;
+  }
+
+  // Contribution of the steps that the lowest order omits, each the last one times the same factor;
+  // 0 for the other orders, which take all steps. Where the load stiffens, as where it hangs, that
+  // factor is negative; a stretch or torsion that is the same in every step hides it in factor_.
+  double remainder() const {
+    const double factor = std::min(std::max(factor_, amplification_), kLargestAmplification);
+    const double hidden = stiffening_ / (1.0 + stiffening_);
+    return kNodes == kLeastOrder + 1 ? residual_ * std::max(factor / (1.0 - factor), hidden) : 0.0;
+  }
+
+  // Sets the starts of the elements and the tip for the shape of rates_.
+  void place() {
+    Group X;
+    for (int e = 0; e < count_; ++e) {
+      start_[e] = X;
+      X = X * Group::exp(rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights()) *
+          unloaded_.end(e);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
+    }
+    tip_ = X;
+  }
+
+  void iterate() {
+    Rates answer;
+    Rates weight = scale_.replicate(1, rates_.cols());
+    Anderson<kMostRates> anderson(flat(weight));
+    for (iterations_ = 1; iterations_ <= kMaxIterations; ++iterations_) {
+      evaluate(answer);
+      residual_ = anderson.advance(flat(rates_), flat(answer));
+      if (residual_ <= kAtRest) {
+        rates_ = answer;
+        place();
+        return finish(SolveStatus::kConverged);
+      }
+      if (!(residual_ < kFarthestResidual)) break;
+    }
+    iterations_ = std::min(iterations_, kMaxIterations);
+    place();
+    finish(SolveStatus::kNotConverged);
+  }
+
+  // Of all elements together, relative to the arm's size and one radian.
+  double largest(const Rates& change) const {
+    return count_ * (scale_.asDiagonal() * change).colwise().norm().maxCoeff();
+  }
+
+  static Eigen::Map<Eigen::VectorXd> flat(Rates& rates) { return {rates.data(), rates.size()}; }
+
+  // Factors by which the load's response amplifies changes of strain: the eigenvalues of the
+  // iteration's derivative, in a Krylov space (Arnoldi).
+  [[gnu::noinline]] krylov::Range amplifications() {
+    Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
+    evaluate(answer);
+    const krylov::Range range = krylov::eigenvalues<kRates * kMaxElements>(
+        static_cast<int>(found.size()), [&](const auto& motion, auto& change) {
+          flat(rates_) = flat(found) + krylov::kStep * motion.cwiseQuotient(flat(weight));
+          evaluate(moved);
+          change = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / krylov::kStep;
+        });
+    rates_ = found;
+    place();
+    return range;
+  }
+
+  bool supported() const {
+    for (int e = 0; e < count_; ++e) {
+      const auto& free = arm_.null_space_[arm_.elements_[e].section];
+      for (int j = 0; j < kNodes; ++j) {
+        for (int i = 0; i < free.cols(); ++i) {
+          if (std::abs(free.col(i).dot(wrench_[e * kNodes + j])) > kNoWork * pull_) return false;
+        }
+      }
+    }
+    return true;
+  }
+
+  const LoadedArmOf& arm_;
+  const Load& load_;
+  const GaussRule<kNodes>& rule_;
+  int count_;
+  UnloadedElements<kNodes> unloaded_;
+  Tangent scale_;
+  Rates rates_;
+  // Last evaluated shape.
+  std::array<Group, kMaxElements> start_;
+  decltype(Group::rotation) at_rotation_[kNodes * kMaxElements];
+  Point at_[kNodes * kMaxElements];
+  Tangent z_[kNodes * kMaxElements];
+  Tangent wrench_[kNodes * kMaxElements];  // seen from the node
+  double pull_ = 0.0;                      // magnitude of the whole load [N m]
+  Group tip_;
+  SolveStatus status_ = SolveStatus::kNotConverged;
+  double residual_ = 0.0, farthest_ = 0.0;
+  double share_ = 1.0;  // of the load
+  int load_steps_ = 0;
+  double factor_ = 0.0;         // ratio of consecutive steps
+  double amplification_ = 0.0;  // 0 if the load is too small to matter
+  double stiffening_ = 0.0;     // the negative one of the largest magnitude
+  int iterations_ = 0;
+};
+
+}  // namespace helix_arm::statics
