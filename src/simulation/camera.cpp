@@ -173,14 +173,50 @@ cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
   return picture;
 }
 
+namespace {
+
+constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
+
+}  // namespace
+
 /// Bars that move through the picture, in front of everything else.
 class Occluders {
  public:
   /// @param count  of bars, >= 0.
-  Occluders(int count, std::mt19937& generator);
+  Occluders(int count, std::mt19937& generator) : bars_(count) {
+    const auto rate = [&generator] {
+      const double speed = uniform(generator, 0.015, 0.05);
+      return uniform(generator, -1, 1) < 0 ? -speed : speed;
+    };
+    const auto phase = [&generator] { return uniform(generator, 0, 2 * CV_PI); };
+    for (Bar& bar : bars_) {
+      bar.x_rate = rate();
+      bar.x_phase = phase();
+      bar.y_rate = rate();
+      bar.y_phase = phase();
+      bar.turn_rate = rate();
+      bar.turn_phase = phase();
+      bar.half_width = uniform(generator, 0.02, 0.04);
+      bar.half_length = uniform(generator, 0.2, 0.4);
+      bar.gray = uniform(generator, 50, 120);
+    }
+  }
 
   /// Draws the bars at their positions in picture number picture_number.
-  void draw(int picture_number, cv::Mat& picture) const;
+  void draw(int picture_number, cv::Mat& picture) const {
+    const double width = picture.cols, height = picture.rows;
+    for (const Bar& bar : bars_) {
+      const double t = picture_number;
+      const cv::Point2d center(width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
+                               height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase)));
+      const double angle = bar.turn_rate * t + bar.turn_phase;
+      const cv::Point2d right(std::cos(angle), std::sin(angle)), down(-right.y, right.x);
+      const cv::Point2d a = bar.half_length * height * right, b = bar.half_width * height * down;
+      const cv::Point2d corners[] = {center - a - b, center + a - b, center + a + b,
+                                     center - a + b};
+      fillPolygon(picture, corners, 4, bar.gray);
+    }
+  }
 
  private:
   // In fractions of the picture and radians per picture.
@@ -190,45 +226,6 @@ class Occluders {
 
   std::vector<Bar> bars_;
 };
-
-namespace {
-
-constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
-
-}  // namespace
-
-Occluders::Occluders(int count, std::mt19937& generator) : bars_(count) {
-  const auto rate = [&generator] {
-    const double speed = uniform(generator, 0.015, 0.05);
-    return uniform(generator, -1, 1) < 0 ? -speed : speed;
-  };
-  const auto phase = [&generator] { return uniform(generator, 0, 2 * CV_PI); };
-  for (Bar& bar : bars_) {
-    bar.x_rate = rate();
-    bar.x_phase = phase();
-    bar.y_rate = rate();
-    bar.y_phase = phase();
-    bar.turn_rate = rate();
-    bar.turn_phase = phase();
-    bar.half_width = uniform(generator, 0.02, 0.04);
-    bar.half_length = uniform(generator, 0.2, 0.4);
-    bar.gray = uniform(generator, 50, 120);
-  }
-}
-
-void Occluders::draw(int picture_number, cv::Mat& picture) const {
-  const double width = picture.cols, height = picture.rows;
-  for (const Bar& bar : bars_) {
-    const double t = picture_number;
-    const cv::Point2d center(width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
-                             height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase)));
-    const double angle = bar.turn_rate * t + bar.turn_phase;
-    const cv::Point2d right(std::cos(angle), std::sin(angle)), down(-right.y, right.x);
-    const cv::Point2d a = bar.half_length * height * right, b = bar.half_width * height * down;
-    const cv::Point2d corners[] = {center - a - b, center + a - b, center + a + b, center - a + b};
-    fillPolygon(picture, corners, 4, bar.gray);
-  }
-}
 
 namespace {
 
@@ -283,36 +280,6 @@ void SimulatedCameraConfig::validate() const {
                        "a value >= 0");
 }
 
-struct SimulatedCamera::Workspace {
-  Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints, const ArmBody& body_in,
-            const SimulatedCameraConfig& config_in);
-
-  const cv::Mat& render(const model::Shape& shape);
-
-  void collectLayers(const model::Shape& shape);
-  void drawPiece(int piece);
-  double radiusOf(int piece) const {
-    if (body.radius.empty()) return kUsualRadius;
-    return body.radius[std::min(piece / kPiecesPerSection, view.sections - 1)];
-  }
-  void develop();
-
-  ArmView view;
-  ArmBody body;
-  SimulatedCameraConfig config;
-  TagPainter tags;
-  cv::Mat backdrop, sharp, blurred, picture;
-  std::vector<float> noise;  // added by develop() before truncation
-  std::mt19937 generator;
-  Occluders occluders;
-  int picture_number = 0;
-
-  // State of the picture that is being rendered.
-  std::vector<lie::SE3> tag_poses;  // X_CT
-  std::vector<ArmNode> nodes;
-  std::vector<Layer> layers;
-};
-
 namespace {
 
 // Returns the view after checking all parts.
@@ -352,119 +319,140 @@ std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
 
 }  // namespace
 
-SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints,
-                                      const ArmBody& body_in,
-                                      const SimulatedCameraConfig& config_in)
-    : view(checked(view_in, body_in, config_in)),
-      body(body_in),
-      config(config_in),
-      tags(view.camera, prints, config.bleed),
-      generator(config.seed),
-      occluders(config.occluders, generator) {
-  const estimation::Camera& camera = view.camera;
-  backdrop = paintBackdrop(camera.width, camera.height, config.clutter, config.seed);
-  noise = noiseTable(config.noise, config.seed);
-  noise.resize(kNoiseTable + camera.width);  // a row may begin anywhere in the table
-  for (int x = 0; x < camera.width; ++x) noise[kNoiseTable + x] = noise[x % kNoiseTable];
-  picture.create(camera.height, camera.width, CV_8UC1);
-}
+struct SimulatedCamera::Workspace {
+  Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints, const ArmBody& body_in,
+            const SimulatedCameraConfig& config_in)
+      : view(checked(view_in, body_in, config_in)),
+        body(body_in),
+        config(config_in),
+        tags(view.camera, prints, config.bleed),
+        generator(config.seed),
+        occluders(config.occluders, generator) {
+    const estimation::Camera& camera = view.camera;
+    backdrop = paintBackdrop(camera.width, camera.height, config.clutter, config.seed);
+    noise = noiseTable(config.noise, config.seed);
+    noise.resize(kNoiseTable + camera.width);  // a row may begin anywhere in the table
+    for (int x = 0; x < camera.width; ++x) noise[kNoiseTable + x] = noise[x % kNoiseTable];
+    picture.create(camera.height, camera.width, CV_8UC1);
+  }
 
-const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
-  basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
-                       "the number of sections", shape.sectionCount(),
-                       "one per section of the arm in view");
-  basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
-                       "finite twists");
-  backdrop.copyTo(sharp);
-  collectLayers(shape);
-  for (const Layer& layer : layers) {
-    if (layer.tag < 0) {
-      drawPiece(layer.piece);
-    } else {
-      tags.draw(layer.tag, tag_poses[layer.tag], sharp);
+  const cv::Mat& render(const model::Shape& shape) {
+    basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
+                         "the number of sections", shape.sectionCount(),
+                         "one per section of the arm in view");
+    basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
+                         "finite twists");
+    backdrop.copyTo(sharp);
+    collectLayers(shape);
+    for (const Layer& layer : layers) {
+      if (layer.tag < 0) {
+        drawPiece(layer.piece);
+      } else {
+        tags.draw(layer.tag, tag_poses[layer.tag], sharp);
+      }
+    }
+    occluders.draw(picture_number, sharp);
+    if (config.blur > 0) {
+      const int reach = std::max(1, static_cast<int>(std::ceil(kBlurReach * config.blur)));
+      cv::GaussianBlur(sharp, blurred, cv::Size(2 * reach + 1, 2 * reach + 1), config.blur,
+                       config.blur, cv::BORDER_REPLICATE);
+    }
+    develop();
+    ++picture_number;
+    return picture;
+  }
+
+  void collectLayers(const model::Shape& shape) {
+    layers.clear();
+    tag_poses = estimation::tagPoses(view.layout, shape);
+    for (std::size_t i = 0; i < tag_poses.size(); ++i) {
+      lie::SE3& X_CT = tag_poses[i];
+      X_CT = view.X_CB * X_CT;
+      const double depth = X_CT.translation.norm();
+      if (-X_CT.rotation.col(2).dot(X_CT.translation) < kLeastCosine * depth) continue;
+      layers.push_back({depth, static_cast<int>(i), -1});
+    }
+
+    const auto curve = model::sampleToTip(shape, kPiecesPerSection * view.sections + 1);
+    nodes.assign(curve.size(), {});
+    for (std::size_t i = 0; i < curve.size(); ++i) {
+      const Eigen::Vector3d p_C = view.X_CB * curve[i].X.translation;
+      const auto pixel = view.camera.project(p_C);
+      nodes[i].depth = p_C.norm();
+      if (!pixel || !(pixel->cwiseAbs().maxCoeff() < kFarOff)) continue;
+      nodes[i].seen = true;
+      nodes[i].pixel = {pixel->x(), pixel->y()};
+      nodes[i].per_metre = view.camera.fx / p_C.z();
+    }
+    for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
+      if (!nodes[i].seen || !nodes[i + 1].seen) continue;
+      // Its depth is that of its far side, so that tags on its near side and beside it are drawn
+      // later.
+      layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + radiusOf(i), -1, i});
+    }
+    std::sort(layers.begin(), layers.end(),
+              [](const Layer& a, const Layer& b) { return a.depth > b.depth; });
+  }
+
+  void drawPiece(int piece) {
+    const ArmNode& from = nodes[piece];
+    const ArmNode& to = nodes[piece + 1];
+    // Direction across the arm at each end, from the neighbours, so that pieces join without gaps.
+    const double radius = radiusOf(piece);
+    const auto across = [this, radius](int i) {
+      const int last = static_cast<int>(nodes.size()) - 1;
+      const ArmNode& before = nodes[std::max(0, i - 1)].seen ? nodes[std::max(0, i - 1)] : nodes[i];
+      const ArmNode& after =
+          nodes[std::min(last, i + 1)].seen ? nodes[std::min(last, i + 1)] : nodes[i];
+      const cv::Point2d along = after.pixel - before.pixel;
+      const double length = std::hypot(along.x, along.y);
+      const double scale = length > 0 ? radius * nodes[i].per_metre / length : 0.0;
+      return cv::Point2d(-along.y * scale, along.x * scale);
+    };
+    const cv::Point2d across_from = across(piece), across_to = across(piece + 1);
+    const double tone = piece % 2 == 0 ? 1.0 : kRingGray;
+    for (const Band& band : kBands) {
+      const cv::Point2d corners[] = {
+          from.pixel + band.left * across_from, from.pixel + band.right * across_from,
+          to.pixel + band.right * across_to, to.pixel + band.left * across_to};
+      fillPolygon(sharp, corners, 4, tone * band.gray);
     }
   }
-  occluders.draw(picture_number, sharp);
-  if (config.blur > 0) {
-    const int reach = std::max(1, static_cast<int>(std::ceil(kBlurReach * config.blur)));
-    cv::GaussianBlur(sharp, blurred, cv::Size(2 * reach + 1, 2 * reach + 1), config.blur,
-                     config.blur, cv::BORDER_REPLICATE);
-  }
-  develop();
-  ++picture_number;
-  return picture;
-}
 
-void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
-  layers.clear();
-  tag_poses = estimation::tagPoses(view.layout, shape);
-  for (std::size_t i = 0; i < tag_poses.size(); ++i) {
-    lie::SE3& X_CT = tag_poses[i];
-    X_CT = view.X_CB * X_CT;
-    const double depth = X_CT.translation.norm();
-    if (-X_CT.rotation.col(2).dot(X_CT.translation) < kLeastCosine * depth) continue;
-    layers.push_back({depth, static_cast<int>(i), -1});
+  double radiusOf(int piece) const {
+    if (body.radius.empty()) return kUsualRadius;
+    return body.radius[std::min(piece / kPiecesPerSection, view.sections - 1)];
   }
 
-  const auto curve = model::sampleToTip(shape, kPiecesPerSection * view.sections + 1);
-  nodes.assign(curve.size(), {});
-  for (std::size_t i = 0; i < curve.size(); ++i) {
-    const Eigen::Vector3d p_C = view.X_CB * curve[i].X.translation;
-    const auto pixel = view.camera.project(p_C);
-    nodes[i].depth = p_C.norm();
-    if (!pixel || !(pixel->cwiseAbs().maxCoeff() < kFarOff)) continue;
-    nodes[i].seen = true;
-    nodes[i].pixel = {pixel->x(), pixel->y()};
-    nodes[i].per_metre = view.camera.fx / p_C.z();
-  }
-  for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
-    if (!nodes[i].seen || !nodes[i + 1].seen) continue;
-    // Its depth is that of its far side, so that tags on its near side and beside it are drawn
-    // later.
-    layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + radiusOf(i), -1, i});
-  }
-  std::sort(layers.begin(), layers.end(),
-            [](const Layer& a, const Layer& b) { return a.depth > b.depth; });
-}
-
-void SimulatedCamera::Workspace::drawPiece(int piece) {
-  const ArmNode& from = nodes[piece];
-  const ArmNode& to = nodes[piece + 1];
-  // Direction across the arm at each end, from the neighbours, so that pieces join without gaps.
-  const double radius = radiusOf(piece);
-  const auto across = [this, radius](int i) {
-    const int last = static_cast<int>(nodes.size()) - 1;
-    const ArmNode& before = nodes[std::max(0, i - 1)].seen ? nodes[std::max(0, i - 1)] : nodes[i];
-    const ArmNode& after =
-        nodes[std::min(last, i + 1)].seen ? nodes[std::min(last, i + 1)] : nodes[i];
-    const cv::Point2d along = after.pixel - before.pixel;
-    const double length = std::hypot(along.x, along.y);
-    const double scale = length > 0 ? radius * nodes[i].per_metre / length : 0.0;
-    return cv::Point2d(-along.y * scale, along.x * scale);
-  };
-  const cv::Point2d across_from = across(piece), across_to = across(piece + 1);
-  const double tone = piece % 2 == 0 ? 1.0 : kRingGray;
-  for (const Band& band : kBands) {
-    const cv::Point2d corners[] = {
-        from.pixel + band.left * across_from, from.pixel + band.right * across_from,
-        to.pixel + band.right * across_to, to.pixel + band.left * across_to};
-    fillPolygon(sharp, corners, 4, tone * band.gray);
-  }
-}
-
-void SimulatedCamera::Workspace::develop() {
-  const cv::Mat& light = config.blur > 0 ? blurred : sharp;
-  const auto gain = static_cast<float>(config.exposure);
-  for (int y = 0; y < light.rows; ++y) {
-    const uchar* from = light.ptr<uchar>(y);
-    const float* add = noise.data() + generator() % kNoiseTable;
-    uchar* to = picture.ptr<uchar>(y);
-    for (int x = 0; x < light.cols; ++x) {
-      const float value = gain * static_cast<float>(from[x]) + add[x];
-      to[x] = static_cast<uchar>(static_cast<int>(std::min(255.0F, std::max(0.0F, value))));
+  void develop() {
+    const cv::Mat& light = config.blur > 0 ? blurred : sharp;
+    const auto gain = static_cast<float>(config.exposure);
+    for (int y = 0; y < light.rows; ++y) {
+      const uchar* from = light.ptr<uchar>(y);
+      const float* add = noise.data() + generator() % kNoiseTable;
+      uchar* to = picture.ptr<uchar>(y);
+      for (int x = 0; x < light.cols; ++x) {
+        const float value = gain * static_cast<float>(from[x]) + add[x];
+        to[x] = static_cast<uchar>(static_cast<int>(std::min(255.0F, std::max(0.0F, value))));
+      }
     }
   }
-}
+
+  ArmView view;
+  ArmBody body;
+  SimulatedCameraConfig config;
+  TagPainter tags;
+  cv::Mat backdrop, sharp, blurred, picture;
+  std::vector<float> noise;  // added by develop() before truncation
+  std::mt19937 generator;
+  Occluders occluders;
+  int picture_number = 0;
+
+  // State of the picture that is being rendered.
+  std::vector<lie::SE3> tag_poses;  // X_CT
+  std::vector<ArmNode> nodes;
+  std::vector<Layer> layers;
+};
 
 SimulatedCamera::SimulatedCamera(const ArmView& view, const vision::TagFamily& family,
                                  const ArmBody& body, const SimulatedCameraConfig& config)

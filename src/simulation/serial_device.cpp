@@ -27,54 +27,6 @@
 
 namespace helix_arm::simulation {
 
-/// Protocol and valves of an emulated device, without line or clock.
-class SerialDialogue {
- public:
-  /// @throws std::invalid_argument naming the value and its rule.
-  explicit SerialDialogue(const SerialDeviceConfig& config);
-
-  /// Advances time by dt [s].
-  void step(double dt);
-  /// Executes a line.
-  /// @return whether it was understood, whether it has set points, and the answer to send, if any.
-  struct Outcome {
-    bool understood = false;
-    bool sets = false;
-    std::optional<std::string> answer;  // without a terminator
-  };
-  Outcome take(const std::string& line, DeviceFault fault);
-  /// The next unsolicited line, if it sends any.
-  std::optional<std::string> unasked(DeviceFault fault);
-  /// Freezes the readings, for kStuckValue.
-  void rememberReadings() { stuck_ = simulated_.pressure(); }
-  void fail(regulator::AirFault fault) { simulated_.fail(fault); }
-  /// Restarts, as after power-on.
-  void restart();
-
-  const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
-  const Eigen::VectorXd& setPoint() const { return set_point_; }
-  const std::vector<control::Valve>& valves() const { return valves_; }
-
- private:
-  std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
-  Outcome takeText(const std::string& line, DeviceFault fault);
-  Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
-  Outcome refusal() const;  // of a line that is not understood
-  void apply();
-  void ventAll();
-
-  SerialDeviceConfig config_;
-  regulator::SerialLines lines_;
-  bool vents_by_mode_;  // by a line that is not a set point
-  regulator::SimulatedRegulator simulated_;
-  Eigen::VectorXd set_point_;
-  std::vector<control::Valve> valves_;
-  std::vector<bool> held_;  // (channels) until a resume line
-  Eigen::VectorXd stuck_;
-  bool speaks_ = false;
-  double silence_ = 0;  // time since the last line [s]
-};
-
 namespace {
 
 using control::Valve;
@@ -108,51 +60,184 @@ bool ventsByMode(const regulator::SerialLines& lines, bool one_by_one) {
 
 }  // namespace
 
-SerialDialogue::SerialDialogue(const SerialDeviceConfig& config)
-    : config_(valid(config)),
-      lines_(config.profile),
-      vents_by_mode_(ventsByMode(lines_, config.profile.one_by_one)),
-      simulated_(config.channels, config.regulator),
-      stuck_(Eigen::VectorXd::Zero(config.channels)) {
-  restart();
-}
+/// Protocol and valves of an emulated device, without line or clock.
+class SerialDialogue {
+ public:
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit SerialDialogue(const SerialDeviceConfig& config)
+      : config_(valid(config)),
+        lines_(config.profile),
+        vents_by_mode_(ventsByMode(lines_, config.profile.one_by_one)),
+        simulated_(config.channels, config.regulator),
+        stuck_(Eigen::VectorXd::Zero(config.channels)) {
+    restart();
+  }
 
-void SerialDialogue::restart() {
-  ventAll();
-  speaks_ = lines_.start.empty();
-  silence_ = 0;
-}
+  /// Advances time by dt [s].
+  void step(double dt) {
+    const double left = config_.profile.watchdog - silence_;
+    silence_ += dt;
+    if (left > 0 && dt >= left) {
+      simulated_.step(left);
+      dt -= left;
+      ventAll();
+    }
+    simulated_.step(dt);
+  }
 
-// In force until the next set point.
-void SerialDialogue::ventAll() {
-  const auto channels = static_cast<std::size_t>(config_.channels);
-  set_point_ = Eigen::VectorXd::Zero(config_.channels);
-  valves_.assign(channels, Valve::kVent);
-  held_.assign(channels, false);
-  apply();
-}
+  /// Executes a line.
+  /// @return whether it was understood, whether it has set points, and the answer to send, if any.
+  struct Outcome {
+    bool understood = false;
+    bool sets = false;
+    std::optional<std::string> answer;  // without a terminator
+  };
 
-void SerialDialogue::step(double dt) {
-  const double left = config_.profile.watchdog - silence_;
-  silence_ += dt;
-  if (left > 0 && dt >= left) {
-    simulated_.step(left);
-    dt -= left;
+  Outcome take(const std::string& line, DeviceFault fault) {
+    if (!config_.profile.checksum) return takeText(line, fault);
+    const std::optional<std::string> text = regulator::withoutChecksum(line);
+    Outcome outcome = text ? takeText(*text, fault) : refusal();
+    if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
+    return outcome;
+  }
+
+  /// The next unsolicited line, if it sends any.
+  std::optional<std::string> unasked(DeviceFault fault) {
+    if (lines_.read || !speaks_) return std::nullopt;
+    const std::string line = readings(*lines_.reply, 0, fault);
+    return config_.profile.checksum ? regulator::withChecksum(line) : line;
+  }
+
+  /// Freezes the readings, for kStuckValue.
+  void rememberReadings() { stuck_ = simulated_.pressure(); }
+  void fail(regulator::AirFault fault) { simulated_.fail(fault); }
+
+  /// Restarts, as after power-on.
+  void restart() {
     ventAll();
+    speaks_ = lines_.start.empty();
+    silence_ = 0;
   }
-  simulated_.step(dt);
-}
 
-// A closed channel keeps its pressure.
-void SerialDialogue::apply() {
-  Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
-  for (int i = 0; i < goal.size(); ++i) {
-    const Valve valve = valves_[static_cast<std::size_t>(i)];
-    if (valve == Valve::kRegulate) goal[i] = set_point_[i];
-    if (valve == Valve::kClose) goal[i] = simulated_.pressure()[i];
+  const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
+  const Eigen::VectorXd& setPoint() const { return set_point_; }
+  const std::vector<control::Valve>& valves() const { return valves_; }
+
+ private:
+  std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
+
+  Outcome takeText(const std::string& line, DeviceFault fault) {
+    silence_ = 0;
+    for (std::size_t i = 0; i < lines_.start.size(); ++i) {
+      if (!lines_.start[i].match(line, "", 0)) continue;
+      speaks_ = speaks_ || i + 1 == lines_.start.size();
+      return {true, false, std::nullopt};
+    }
+    const int talkers = config_.profile.one_by_one ? config_.channels : 1;
+    for (int channel = 0; channel < talkers; ++channel) {
+      Outcome outcome = takeOf(line, channel, fault);
+      if (outcome.understood) return outcome;
+    }
+    return refusal();
   }
-  simulated_.command(goal);
-}
+
+  Outcome takeOf(const std::string& line, int channel, DeviceFault fault) {
+    const bool one = config_.profile.one_by_one;
+    const std::string address = config_.addresses.empty()
+                                    ? std::string()
+                                    : config_.addresses[static_cast<std::size_t>(channel)];
+    const auto count = static_cast<std::size_t>(config_.channels);
+    const auto isAny = [&](const std::vector<LineFormat>& formats) {
+      return std::any_of(formats.begin(), formats.end(),
+                         [&](const LineFormat& f) { return f.match(line, address, count); });
+    };
+    const auto isLast = [&](const std::vector<LineFormat>& formats) {
+      return !formats.empty() && formats.back().match(line, address, count);
+    };
+    const int first = one ? channel : 0;
+    const int end = one ? channel + 1 : config_.channels;
+    const auto answer = [&](const std::optional<LineFormat>& format, bool sets) {
+      apply();
+      Outcome outcome{true, sets, std::nullopt};
+      if (format) outcome.answer = readings(*format, channel, fault);
+      return outcome;
+    };
+    const auto turn = [&](Valve valve, bool hold) {
+      for (int i = first; i < end; ++i) {
+        valves_[static_cast<std::size_t>(i)] = valve;
+        held_[static_cast<std::size_t>(i)] = hold && !lines_.resume.empty();
+      }
+    };
+
+    if (lines_.read && lines_.read->match(line, address, count)) return answer(lines_.reply, false);
+    if (isLast(lines_.vent) && (vents_by_mode_ || !held_[static_cast<std::size_t>(channel)])) {
+      turn(Valve::kVent, vents_by_mode_);
+      set_point_.segment(first, end - first).setZero();
+      return answer(lines_.vent_reply, false);
+    }
+    if (isLast(lines_.resume)) {
+      for (int i = first; i < end; ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        if (held_[k]) valves_[k] = Valve::kRegulate;
+        held_[k] = false;
+      }
+      return answer(lines_.vent_reply, false);
+    }
+    if (isLast(lines_.close)) {
+      turn(Valve::kClose, true);
+      return answer(lines_.vent_reply, false);
+    }
+    if (const std::optional<LineFields> fields = lines_.write->match(line, address, count)) {
+      for (int i = first; i < end; ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        const double number = fields->pressures[static_cast<std::size_t>(i - first)];
+        set_point_[i] = std::clamp(config_.profile.toPascals(number), 0.0, 1e7);
+        if (!held_[k]) valves_[k] = Valve::kRegulate;
+      }
+      return answer(lines_.write_reply, true);
+    }
+    if (isAny(lines_.vent) || isAny(lines_.resume) || isAny(lines_.close)) {
+      return answer(lines_.vent_reply, false);
+    }
+    return {};
+  }
+
+  // of a line that is not understood
+  Outcome refusal() const {
+    return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
+  }
+
+  // A closed channel keeps its pressure.
+  void apply() {
+    Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
+    for (int i = 0; i < goal.size(); ++i) {
+      const Valve valve = valves_[static_cast<std::size_t>(i)];
+      if (valve == Valve::kRegulate) goal[i] = set_point_[i];
+      if (valve == Valve::kClose) goal[i] = simulated_.pressure()[i];
+    }
+    simulated_.command(goal);
+  }
+
+  // In force until the next set point.
+  void ventAll() {
+    const auto channels = static_cast<std::size_t>(config_.channels);
+    set_point_ = Eigen::VectorXd::Zero(config_.channels);
+    valves_.assign(channels, Valve::kVent);
+    held_.assign(channels, false);
+    apply();
+  }
+
+  SerialDeviceConfig config_;
+  regulator::SerialLines lines_;
+  bool vents_by_mode_;  // by a line that is not a set point
+  regulator::SimulatedRegulator simulated_;
+  Eigen::VectorXd set_point_;
+  std::vector<control::Valve> valves_;
+  std::vector<bool> held_;  // (channels) until a resume line
+  Eigen::VectorXd stuck_;
+  bool speaks_ = false;
+  double silence_ = 0;  // time since the last line [s]
+};
 
 std::string SerialDialogue::readings(const LineFormat& format, int channel, DeviceFault fault) {
   const regulator::SerialProfile& profile = config_.profile;
@@ -182,101 +267,6 @@ std::string SerialDialogue::readings(const LineFormat& format, int channel, Devi
     line.replace(at, profile.unit_word.size(), profile.unit_word == "psi" ? "kPa" : "psi");
   }
   return line;
-}
-
-SerialDialogue::Outcome SerialDialogue::takeOf(const std::string& line, int channel,
-                                               DeviceFault fault) {
-  const bool one = config_.profile.one_by_one;
-  const std::string address = config_.addresses.empty()
-                                  ? std::string()
-                                  : config_.addresses[static_cast<std::size_t>(channel)];
-  const auto count = static_cast<std::size_t>(config_.channels);
-  const auto isAny = [&](const std::vector<LineFormat>& formats) {
-    return std::any_of(formats.begin(), formats.end(),
-                       [&](const LineFormat& f) { return f.match(line, address, count); });
-  };
-  const auto isLast = [&](const std::vector<LineFormat>& formats) {
-    return !formats.empty() && formats.back().match(line, address, count);
-  };
-  const int first = one ? channel : 0;
-  const int end = one ? channel + 1 : config_.channels;
-  const auto answer = [&](const std::optional<LineFormat>& format, bool sets) {
-    apply();
-    Outcome outcome{true, sets, std::nullopt};
-    if (format) outcome.answer = readings(*format, channel, fault);
-    return outcome;
-  };
-  const auto turn = [&](Valve valve, bool hold) {
-    for (int i = first; i < end; ++i) {
-      valves_[static_cast<std::size_t>(i)] = valve;
-      held_[static_cast<std::size_t>(i)] = hold && !lines_.resume.empty();
-    }
-  };
-
-  if (lines_.read && lines_.read->match(line, address, count)) return answer(lines_.reply, false);
-  if (isLast(lines_.vent) && (vents_by_mode_ || !held_[static_cast<std::size_t>(channel)])) {
-    turn(Valve::kVent, vents_by_mode_);
-    set_point_.segment(first, end - first).setZero();
-    return answer(lines_.vent_reply, false);
-  }
-  if (isLast(lines_.resume)) {
-    for (int i = first; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      if (held_[k]) valves_[k] = Valve::kRegulate;
-      held_[k] = false;
-    }
-    return answer(lines_.vent_reply, false);
-  }
-  if (isLast(lines_.close)) {
-    turn(Valve::kClose, true);
-    return answer(lines_.vent_reply, false);
-  }
-  if (const std::optional<LineFields> fields = lines_.write->match(line, address, count)) {
-    for (int i = first; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const double number = fields->pressures[static_cast<std::size_t>(i - first)];
-      set_point_[i] = std::clamp(config_.profile.toPascals(number), 0.0, 1e7);
-      if (!held_[k]) valves_[k] = Valve::kRegulate;
-    }
-    return answer(lines_.write_reply, true);
-  }
-  if (isAny(lines_.vent) || isAny(lines_.resume) || isAny(lines_.close)) {
-    return answer(lines_.vent_reply, false);
-  }
-  return {};
-}
-
-SerialDialogue::Outcome SerialDialogue::take(const std::string& line, DeviceFault fault) {
-  if (!config_.profile.checksum) return takeText(line, fault);
-  const std::optional<std::string> text = regulator::withoutChecksum(line);
-  Outcome outcome = text ? takeText(*text, fault) : refusal();
-  if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
-  return outcome;
-}
-
-SerialDialogue::Outcome SerialDialogue::refusal() const {
-  return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
-}
-
-SerialDialogue::Outcome SerialDialogue::takeText(const std::string& line, DeviceFault fault) {
-  silence_ = 0;
-  for (std::size_t i = 0; i < lines_.start.size(); ++i) {
-    if (!lines_.start[i].match(line, "", 0)) continue;
-    speaks_ = speaks_ || i + 1 == lines_.start.size();
-    return {true, false, std::nullopt};
-  }
-  const int talkers = config_.profile.one_by_one ? config_.channels : 1;
-  for (int channel = 0; channel < talkers; ++channel) {
-    Outcome outcome = takeOf(line, channel, fault);
-    if (outcome.understood) return outcome;
-  }
-  return refusal();
-}
-
-std::optional<std::string> SerialDialogue::unasked(DeviceFault fault) {
-  if (lines_.read || !speaks_) return std::nullopt;
-  const std::string line = readings(*lines_.reply, 0, fault);
-  return config_.profile.checksum ? regulator::withChecksum(line) : line;
 }
 
 namespace {

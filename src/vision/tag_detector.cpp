@@ -77,53 +77,52 @@ struct TagDetector::Handle {
            std::max(kTile, kernelSize(config.quad_sigma));
   }
 
-  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
+  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region) {
+    std::vector<TagDetection> tags;
+    cv::Mat searched = gray(region);
+    const int right = std::max(0, leastSide() - region.width);
+    const int below = std::max(0, leastSide() - region.height);
+    if (right > 0 || below > 0) {
+      cv::copyMakeBorder(searched, copy, 0, below, 0, right,
+                         cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+      searched = copy;
+    } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
+      searched.copyTo(copy);  // libapriltag would blur the caller's picture
+      searched = copy;
+    }
+    image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]),
+                     searched.data};
+    const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
+        apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
+    tags.reserve(zarray_size(found.get()));
+    for (int i = 0; i < zarray_size(found.get()); ++i) {
+      const apriltag_detection_t* tag = nullptr;
+      zarray_get(found.get(), i, &tag);
+      TagDetection& out = tags.emplace_back();
+      out.id = tag->id;
+      out.hamming = tag->hamming;
+      out.margin = tag->decision_margin;
+      for (int k = 0; k < 4; ++k) {
+        // libapriltag has pixel centres at .5.
+        out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
+      }
+      if (config.refine_edges) {
+        out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
+      }
+    }
+    const auto key = [](const TagDetection& tag) {
+      return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
+    };
+    std::sort(tags.begin(), tags.end(),
+              [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
+    return tags;
+  }
 
   DetectorConfig config;
   TagFamily family;
   apriltag_detector_t* detector;
   cv::Mat copy;
 };
-
-std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const cv::Rect& region) {
-  std::vector<TagDetection> tags;
-  cv::Mat searched = gray(region);
-  const int right = std::max(0, leastSide() - region.width);
-  const int below = std::max(0, leastSide() - region.height);
-  if (right > 0 || below > 0) {
-    cv::copyMakeBorder(searched, copy, 0, below, 0, right,
-                       cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-    searched = copy;
-  } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
-    searched.copyTo(copy);  // libapriltag would blur the caller's picture
-    searched = copy;
-  }
-  image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]), searched.data};
-  const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
-      apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
-  tags.reserve(zarray_size(found.get()));
-  for (int i = 0; i < zarray_size(found.get()); ++i) {
-    const apriltag_detection_t* tag = nullptr;
-    zarray_get(found.get(), i, &tag);
-    TagDetection& out = tags.emplace_back();
-    out.id = tag->id;
-    out.hamming = tag->hamming;
-    out.margin = tag->decision_margin;
-    for (int k = 0; k < 4; ++k) {
-      // libapriltag has pixel centres at .5.
-      out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
-    }
-    if (config.refine_edges) {
-      out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
-    }
-  }
-  const auto key = [](const TagDetection& tag) {
-    return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
-  };
-  std::sort(tags.begin(), tags.end(),
-            [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
-  return tags;
-}
 
 TagDetector::TagDetector(const DetectorConfig& config)
     : handle_(std::make_unique<Handle>(config)) {}
