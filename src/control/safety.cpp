@@ -20,6 +20,7 @@ constexpr double kLeaving = 2.0;
 constexpr double kLongestStep = 0.1;
 
 constexpr std::array<const char*, 4> kStateNames = {"disabled", "enabled", "fault", "vented"};
+constexpr std::array<const char*, 3> kActionNames = {"vent", "hold", "close"};
 constexpr std::array<const char*, kSafetyCauseCount> kCauseNames = {
     "none",          "vent_requested", "emergency_stop", "stale_target",
     "stale_reading", "regulator_lost", "over_limit",     "low_supply",
@@ -82,17 +83,7 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
 
 const char* nameOf(SafetyState state) { return kStateNames[static_cast<std::size_t>(state)]; }
 const char* nameOf(SafetyCause cause) { return kCauseNames[static_cast<std::size_t>(cause)]; }
-const char* nameOf(FaultAction action) {
-  switch (action) {
-    case FaultAction::kVent:
-      return "vent";
-    case FaultAction::kHold:
-      return "hold";
-    case FaultAction::kClose:
-      return "close";
-  }
-  return "";
-}
+const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
 
 void SafetyRules::validate() const {
   require(target_timeout > 0, "target_timeout [s]", target_timeout, "a value > 0");

@@ -6,8 +6,8 @@
 #include <cstdio>
 #include <sstream>
 
-#include "channel_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::control {

@@ -10,6 +10,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
+#include "serial_port.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -410,14 +411,6 @@ bool keepsToSeparators(const std::string& text) {
                      [](char c) { return (c >= ' ' && c <= '~') || c == '\t'; });
 }
 
-bool isBaud(int baud) {
-  for (const int known : {1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800,
-                          500000, 921600, 1000000, 2000000}) {
-    if (baud == known) return true;
-  }
-  return false;
-}
-
 void validateLines(const SerialProfile& profile) {
   const SerialLines lines(profile);
   const char* const pressure = profile.one_by_one ? "{pressure}" : "{pressures}";
@@ -457,7 +450,7 @@ void validateLines(const SerialProfile& profile) {
 }  // namespace
 
 void SerialProfile::validate() const {
-  require(isBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");
+  require(isStandardBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");
   basics::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
                   ": terminator is \"", basics::quoted(terminator),
                   "\"; expected a carriage return, a line feed or both");

@@ -1,7 +1,7 @@
-#include "helix_arm/simulation/board.hpp"
-
 #include <Eigen/Geometry>
 #include <random>
+
+#include "helix_arm/simulation/camera.hpp"
 
 namespace helix_arm::simulation {
 namespace {

@@ -1,5 +1,3 @@
-#include "helix_arm/simulation/modbus_device.hpp"
-
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
@@ -28,6 +26,7 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "modbus/modbus.h"
 
 namespace helix_arm::simulation {

@@ -1,5 +1,3 @@
-#include "helix_arm/simulation/serial_device.hpp"
-
 #include <Eigen/Core>
 #include <algorithm>
 #include <atomic>
@@ -22,7 +20,7 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
-#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "pseudo_terminal.hpp"
 
 namespace helix_arm::simulation {

@@ -1,7 +1,7 @@
-#include "board_views.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "helix_arm/vision/camera_calibration.hpp"
 
 namespace helix_arm::vision {
 namespace {

@@ -1,5 +1,3 @@
-#include "helix_arm/vision/charuco_reader.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -9,6 +7,7 @@
 #include <opencv2/aruco.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
