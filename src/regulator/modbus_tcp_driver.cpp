@@ -12,10 +12,8 @@
 #include <future>
 #include <iomanip>
 #include <limits>
-#include <memory>
 #include <set>
 #include <sstream>
-#include <string>
 #include <thread>
 #include <utility>
 #include <vector>

@@ -1,7 +1,5 @@
 #include "helix_arm/simulation/rig.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <random>
 #include <sstream>
 #include <stdexcept>

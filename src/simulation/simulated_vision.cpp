@@ -1,10 +1,7 @@
 #include "helix_arm/simulation/simulated_vision.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <random>
-#include <utility>
-#include <vector>
 
 #include <opencv2/imgproc.hpp>
 

@@ -1,5 +1,4 @@
 #include <cstring>
-#include <memory>
 #include <sstream>
 #include <utility>
 

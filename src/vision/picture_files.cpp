@@ -7,11 +7,8 @@
 #include <cstring>
 #include <initializer_list>
 #include <limits>
-#include <optional>
-#include <string>
 #include <utility>
 #include <variant>
-#include <vector>
 
 #include <opencv2/core.hpp>
 
