@@ -559,14 +559,10 @@ std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
 }  // namespace
 
 void SimulatedCameraConfig::validate() const {
-  const char* const not_negative = "a finite value >= 0";
-  basics::requireValue(std::isfinite(blur) && blur >= 0, kSimulatedCamera, "the blur [px]", blur,
-                       not_negative);
-  basics::requireValue(std::isfinite(noise) && noise >= 0, kSimulatedCamera,
-                       "the noise [gray levels]", noise, not_negative);
+  basics::requireNotNegative(kSimulatedCamera, "the blur [px]", blur);
+  basics::requireNotNegative(kSimulatedCamera, "the noise [gray levels]", noise);
   basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
-  basics::requireValue(std::isfinite(bleed) && bleed >= 0, kSimulatedCamera, "the bleed [m]", bleed,
-                       not_negative);
+  basics::requireNotNegative(kSimulatedCamera, "the bleed [m]", bleed);
   basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
                        "the JPEG quality", jpeg_quality, "1 to 100");
   basics::requireValue(clutter >= 0, kSimulatedCamera, "the number of objects in the background",

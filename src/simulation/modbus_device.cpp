@@ -29,7 +29,6 @@
 #include "modbus/modbus.h"
 
 namespace helix_arm::simulation {
-
 namespace {
 
 constexpr double kWrongUnit = 0.1;  // kPa in the place of millibar

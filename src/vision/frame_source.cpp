@@ -8,24 +8,16 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "media.hpp"
-#include "picture_files.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
 namespace fs = std::filesystem;
-
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  (out << ... << parts);
-  return out.str();
-}
 
 // ---- Webcams ------------------------------------------------------------------------------------
 
@@ -125,7 +117,7 @@ std::vector<fs::path> picturesIn(const fs::path& folder) {
 
 void WebcamConfig::validate() const {
   const auto require = [](bool holds, const auto&... parts) {
-    if (!holds) throw std::invalid_argument(text("webcam ", parts...));
+    basics::require(holds, "webcam ", parts...);
   };
   require(!device.empty(), "device is empty; expected a path such as /dev/video0");
   require(width > 0 && height > 0, "size is ", width, " x ", height, "; expected > 0 px");

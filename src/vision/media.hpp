@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -26,6 +27,14 @@ struct Media {
 
 /// Loads the library once. @throws std::runtime_error if it cannot be loaded.
 const Media& media();
+
+/// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
+/// acceptable.
+std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
+
+/// Independent pictures from files; see FrameSource::files().
+std::unique_ptr<FrameSource> pictureFiles(std::vector<std::filesystem::path> paths,
+                                          std::optional<cv::Size> expected);
 
 }  // namespace helix_arm::vision
 
