@@ -10,7 +10,6 @@
 
 #include <opencv2/core.hpp>
 
-#include "corner_refinement.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::vision {

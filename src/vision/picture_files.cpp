@@ -15,7 +15,6 @@
 #include "helix_arm/localization/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
-#include "png.hpp"
 
 namespace helix_arm::vision {
 namespace {

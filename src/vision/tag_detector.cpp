@@ -6,7 +6,7 @@
 
 #include <apriltag/apriltag.h>
 
-#include "corner_refinement.hpp"
+#include "edge_lock.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/camera.hpp"
 
