@@ -52,10 +52,6 @@ constexpr std::array<Cause, kSafetyCauseCount> kCauses = {{
 const Cause& rowOf(SafetyCause cause) { return kCauses[static_cast<std::size_t>(cause)]; }
 bool isGrave(SafetyCause cause) { return rowOf(cause).grave; }
 
-void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, "safety rules", what, value, rule);
-}
-
 void requirePositive(const char* what, double value) {
   basics::requirePositive("safety rules", what, value);
 }
@@ -90,7 +86,8 @@ const char* nameOf(SafetyCause cause) { return rowOf(cause).name; }
 const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
 
 void SafetyRules::validate() const {
-  require(target_timeout > 0, "target_timeout [s]", target_timeout, "a value > 0");
+  basics::requireValue(target_timeout > 0, "safety rules", "target_timeout [s]", target_timeout,
+                       "a value > 0");
   requirePositive("reading_timeout [s]", reading_timeout);
   requireNotNegative("trip_margin [Pa]", trip_margin);
   requireNotNegative("spike_time [s]", spike_time);

@@ -6,7 +6,6 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/vision/tag_detector.hpp"
-#include "helix_arm/vision/tag_family.hpp"
 
 /// Tags whose bits lie inside a black border on white.
 namespace helix_arm::vision {

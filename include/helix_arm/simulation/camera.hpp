@@ -9,7 +9,7 @@
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::simulation {
 
