@@ -13,6 +13,8 @@
 namespace helix_arm::control {
 namespace {
 
+using Bounds = model::Range (*)(const model::Range& limits);
+
 constexpr std::array<const char*, kFaultCount> kNames = {
     "not_finite",      "wrong_size",    "unknown_name",        "duplicate_name",
     "out_of_range",    "wrong_frame",   "not_unit_quaternion", "unknown_mode",
@@ -38,8 +40,6 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   }
   return -1;
 }
-
-using Bounds = model::Range (*)(const model::Range& limits);
 
 model::Range limitsAlone(const model::Range& limits) { return limits; }
 model::Range wayToLimits(const model::Range& limits) { return onTheWay(limits); }
@@ -79,6 +79,15 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
     wanted[i] = pressure[j];
   }
   return wanted;
+}
+
+std::string warningText(const std::string& what, double largest, const std::string& taker) {
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures "
+                "in Pa, so 200 kPa are 200000",
+                what.c_str(), largest, taker.c_str());
+  return text;
 }
 
 }  // namespace
@@ -172,19 +181,6 @@ Checked<lie::SE3> checkPose(const Eigen::Vector3d& position, const Eigen::Quater
   }
   return lie::SE3{rotation.normalized().toRotationMatrix(), position};
 }
-
-namespace {
-
-std::string warningText(const std::string& what, double largest, const std::string& taker) {
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures "
-                "in Pa, so 200 kPa are 200000",
-                what.c_str(), largest, taker.c_str());
-  return text;
-}
-
-}  // namespace
 
 void UnitWatch::note(double now, const std::string& commander, double largest) {
   if (!(largest > 0)) return;

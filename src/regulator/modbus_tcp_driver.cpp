@@ -75,32 +75,6 @@ std::string holderOf(const Name& name) {
          (program.empty() ? "" : " (" + basics::quoted(program) + ")");
 }
 
-}  // namespace
-
-std::optional<std::string> DeviceLock::take(const std::string& device) {
-  if (socket_ >= 0 && device == device_) return std::nullopt;
-  release();
-  const Name name(device);
-  const int mine = makeSocket();
-  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
-  if (bind(mine, name.get(), name.size) != 0) {
-    const bool taken = errno == EADDRINUSE;
-    ::close(mine);
-    return taken ? std::optional(holderOf(name)) : std::nullopt;
-  }
-  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
-  socket_ = mine;
-  device_ = device;
-  return std::nullopt;
-}
-
-void DeviceLock::release() noexcept {
-  if (socket_ >= 0) ::close(socket_);
-  socket_ = -1;
-}
-
-namespace {
-
 constexpr std::size_t kMostAddresses = 3;
 
 // Returns 0 on success, otherwise errno.
@@ -136,7 +110,102 @@ const char* remedyOf(int error) {
   }
 }
 
+constexpr int kHighestRegister = 0xffff;
+constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
+constexpr double kHairOfACount = 1e-6;  // rounding error of counts computed in doubles
+constexpr std::chrono::milliseconds kBetweenLooks(5);
+
+struct Freer {
+  void operator()(modbus_t* context) const { modbus_free(context); }
+};
+
+const ModbusConfig& valid(const ModbusConfig& config) {
+  const ModbusProfile& profile = config.profile;
+  profile.validate();
+  const std::string culprit = "regulator " + profile.name;
+  basics::require(!config.slots.empty(), culprit, ": there are no slots; expected one per channel");
+  std::set<int> seen;
+  for (const int place : config.slots) {
+    basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
+    basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
+                         "distinct slots");
+    const int last = profile.slot(place) + 1;
+    basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
+                             profile.input_base + last * profile.input_stride <= kHighestRegister,
+                         culprit.c_str(), "slot", place, "one whose registers are below 65536");
+  }
+  return config;
+}
+
+std::set<int> slotsOf(const ModbusConfig& config) {
+  std::set<int> slots;
+  for (const int place : config.slots) slots.insert(config.profile.slot(place));
+  return slots;
+}
+
+std::set<int> outputsOf(const ModbusConfig& config) {
+  const ModbusProfile& profile = config.profile;
+  std::set<int> registers;
+  for (const int slot : slotsOf(config)) {
+    for (int i = 0; i < profile.outlets; ++i) {
+      registers.insert(profile.setPoint(slot * profile.outlets + i));
+    }
+    if (profile.app) registers.insert(profile.command(slot));
+  }
+  return registers;
+}
+
+std::set<int> inputsOf(const ModbusConfig& config) {
+  const ModbusProfile& profile = config.profile;
+  std::set<int> registers;
+  for (const int place : config.slots) registers.insert(profile.reading(place));
+  if (profile.app) {
+    for (const int slot : slotsOf(config)) registers.insert(profile.status(slot));
+  }
+  // Registers between slots are included if one request then suffices.
+  std::set<int> filled;
+  for (const int number : registers) {
+    if (!filled.empty() && number - *filled.rbegin() < MODBUS_MAX_READ_REGISTERS) {
+      for (int i = *filled.rbegin() + 1; i < number; ++i) filled.insert(i);
+    }
+    filled.insert(number);
+  }
+  if (profile.supply) filled.insert(*profile.supply);
+  return filled;
+}
+
+// The reply was complete: an exception, or the answer to another request.
+bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
+
+std::string hex(int word) {
+  std::ostringstream text;
+  text << "0x" << std::hex << std::setw(4) << std::setfill('0') << word;
+  return text.str();
+}
+
 }  // namespace
+
+std::optional<std::string> DeviceLock::take(const std::string& device) {
+  if (socket_ >= 0 && device == device_) return std::nullopt;
+  release();
+  const Name name(device);
+  const int mine = makeSocket();
+  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
+  if (bind(mine, name.get(), name.size) != 0) {
+    const bool taken = errno == EADDRINUSE;
+    ::close(mine);
+    return taken ? std::optional(holderOf(name)) : std::nullopt;
+  }
+  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
+  socket_ = mine;
+  device_ = device;
+  return std::nullopt;
+}
+
+void DeviceLock::release() noexcept {
+  if (socket_ >= 0) ::close(socket_);
+  socket_ = -1;
+}
 
 /// Opens TCP connections with timeouts to a device that one program on this machine drives at a
 /// time.
@@ -304,86 +373,9 @@ class ModbusRegisters {
   std::vector<Run> runs_;
 };
 
-namespace {
-
-constexpr int kHighestRegister = 0xffff;
-constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
-constexpr double kHairOfACount = 1e-6;  // rounding error of counts computed in doubles
-constexpr std::chrono::milliseconds kBetweenLooks(5);
-
-struct Freer {
-  void operator()(modbus_t* context) const { modbus_free(context); }
-};
-
-const ModbusConfig& valid(const ModbusConfig& config) {
-  const ModbusProfile& profile = config.profile;
-  profile.validate();
-  const std::string culprit = "regulator " + profile.name;
-  basics::require(!config.slots.empty(), culprit, ": there are no slots; expected one per channel");
-  std::set<int> seen;
-  for (const int place : config.slots) {
-    basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
-    basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
-                         "distinct slots");
-    const int last = profile.slot(place) + 1;
-    basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
-                             profile.input_base + last * profile.input_stride <= kHighestRegister,
-                         culprit.c_str(), "slot", place, "one whose registers are below 65536");
-  }
-  return config;
-}
-
-std::set<int> slotsOf(const ModbusConfig& config) {
-  std::set<int> slots;
-  for (const int place : config.slots) slots.insert(config.profile.slot(place));
-  return slots;
-}
-
-std::set<int> outputsOf(const ModbusConfig& config) {
-  const ModbusProfile& profile = config.profile;
-  std::set<int> registers;
-  for (const int slot : slotsOf(config)) {
-    for (int i = 0; i < profile.outlets; ++i) {
-      registers.insert(profile.setPoint(slot * profile.outlets + i));
-    }
-    if (profile.app) registers.insert(profile.command(slot));
-  }
-  return registers;
-}
-
-std::set<int> inputsOf(const ModbusConfig& config) {
-  const ModbusProfile& profile = config.profile;
-  std::set<int> registers;
-  for (const int place : config.slots) registers.insert(profile.reading(place));
-  if (profile.app) {
-    for (const int slot : slotsOf(config)) registers.insert(profile.status(slot));
-  }
-  // Registers between slots are included if one request then suffices.
-  std::set<int> filled;
-  for (const int number : registers) {
-    if (!filled.empty() && number - *filled.rbegin() < MODBUS_MAX_READ_REGISTERS) {
-      for (int i = *filled.rbegin() + 1; i < number; ++i) filled.insert(i);
-    }
-    filled.insert(number);
-  }
-  if (profile.supply) filled.insert(*profile.supply);
-  return filled;
-}
-
-// The reply was complete: an exception, or the answer to another request.
-bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
-
-std::string hex(int word) {
-  std::ostringstream text;
-  text << "0x" << std::hex << std::setw(4) << std::setfill('0') << word;
-  return text.str();
-}
-
-}  // namespace
-
-class ModbusTcpDriver::Link {
+class ModbusLink : public Driver {
  public:
-  explicit Link(const ModbusConfig& config)
+  explicit ModbusLink(const ModbusConfig& config)
       : profile_(config.profile),
         places_(config.slots),
         tcp_(config.host, config.port),
@@ -391,9 +383,9 @@ class ModbusTcpDriver::Link {
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});
   }
-  ~Link() { close(); }
+  ~ModbusLink() override { ModbusLink::close(); }
 
-  void connect() {
+  void connect() override {
     disconnect();
     open();
     clearOutputs();
@@ -427,7 +419,7 @@ class ModbusTcpDriver::Link {
     }
   }
 
-  void write(const control::ValveOrders& orders) {
+  void write(const control::ValveOrders& orders) override {
     basics::require(orders.valve.size() == places_.size() &&
                         orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
                     "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
@@ -450,7 +442,7 @@ class ModbusTcpDriver::Link {
     send();
   }
 
-  void read(Pressures& pressures) {
+  void read(Pressures& pressures) override {
     basics::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
                     "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
                     " channels; expected ", places_.size());
@@ -475,7 +467,7 @@ class ModbusTcpDriver::Link {
     }
   }
 
-  void vent() {
+  void vent() override {
     bool lost = std::exchange(lost_, false);
     context();
     clearOutputs();
@@ -494,9 +486,9 @@ class ModbusTcpDriver::Link {
     if (error) std::rethrow_exception(error);
   }
 
-  bool keepsAirOnClose() const noexcept { return profile_.app && context_; }
-  void ignoreOthers() noexcept { tcp_.ignoreOthers(); }
-  void close() noexcept {
+  bool keepsAirOnClose() const noexcept override { return profile_.app && context_; }
+  void ignoreOthers() noexcept override { tcp_.ignoreOthers(); }
+  void close() noexcept override {
     disconnect();
     tcp_.release();
   }
@@ -649,17 +641,6 @@ class ModbusTcpDriver::Link {
 };
 
 ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)
-    : link_(std::make_unique<Link>(valid(config))) {}
-
-ModbusTcpDriver::~ModbusTcpDriver() = default;
-
-void ModbusTcpDriver::connect() { link_->connect(); }
-void ModbusTcpDriver::write(const control::ValveOrders& orders) { link_->write(orders); }
-void ModbusTcpDriver::read(Pressures& pressures) { link_->read(pressures); }
-void ModbusTcpDriver::vent() { link_->vent(); }
-void ModbusTcpDriver::ignoreOthers() noexcept { link_->ignoreOthers(); }
-
-bool ModbusTcpDriver::keepsAirOnClose() const noexcept { return link_->keepsAirOnClose(); }
-void ModbusTcpDriver::close() noexcept { link_->close(); }
+    : link_(std::make_unique<ModbusLink>(valid(config))) {}
 
 }  // namespace helix_arm::regulator

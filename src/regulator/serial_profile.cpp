@@ -48,6 +48,93 @@ std::string numberText(double value, int decimals) {
          fraction;
 }
 
+constexpr const char* kCulprit = "serial profile";
+constexpr int kMostChannels = 1024;
+
+template <class Value>
+void require(bool holds, const char* key, const Value& value, const char* rule) {
+  basics::requireValue(holds, kCulprit, key, value, rule);
+}
+
+LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
+  try {
+    return LineFormat(text, style);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
+  }
+}
+
+std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
+                                         const LineStyle& style) {
+  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
+}
+
+std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
+                                const LineStyle& style) {
+  std::vector<LineFormat> lines;
+  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
+  return lines;
+}
+
+// A line to the device must not have fields that cannot be filled in.
+void requireSendable(const char* key, const LineFormat& line,
+                     std::initializer_list<const char*> allowed) {
+  for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
+                            "{*}", "{words}", "{...}"}) {
+    const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
+      return std::string_view(word) == field;
+    });
+    basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
+                    ", which a line to the device cannot have");
+  }
+}
+
+void requireField(const char* key, const LineFormat& line, const char* field) {
+  basics::require(line.has(field), kCulprit, ": ", key, " has no ", field);
+}
+
+bool keepsToSeparators(const std::string& text) {
+  return !text.empty() && text.size() <= 4 &&
+         text.find_first_of("0123456789+-.eE{}") == std::string::npos &&
+         std::all_of(text.begin(), text.end(), isPrintable);
+}
+
+void validateLines(const SerialProfile& profile) {
+  const SerialLines lines(profile);
+  const char* const pressure = profile.one_by_one ? "{pressure}" : "{pressures}";
+  requireField("write", *lines.write, pressure);
+  requireField("reply", *lines.reply, pressure);
+  requireSendable("write", *lines.write, {"{address}", pressure});
+  if (lines.read) requireSendable("read", *lines.read, {"{address}"});
+  for (const LineFormat& line : lines.start) requireSendable("start", line, {});
+  const bool addressed = lines.write->has("{address}");
+  const auto requireAlike = [&](const char* key, const LineFormat& line) {
+    requireSendable(key, line, {"{address}"});
+    basics::require(
+        line.has("{address}") == addressed, kCulprit, ": ", key,
+        addressed ? " has no {address}, but write has" : " has {address}, but write has none");
+  };
+  for (const LineFormat& line : lines.vent) requireAlike("vent", line);
+  for (const LineFormat& line : lines.close) requireAlike("close", line);
+  for (const LineFormat& line : lines.resume) requireAlike("resume", line);
+  if (lines.read) requireAlike("read", *lines.read);
+  basics::require(profile.one_by_one || !addressed, kCulprit,
+                  ": write has {address}, but one_by_one is false");
+  basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
+                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
+  if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
+  const bool unasked = !lines.read;
+  basics::require(
+      !unasked || !profile.one_by_one, kCulprit,
+      ": read is missing, so one_by_one must be false: unsolicited readings come in one "
+      "line for all channels");
+  basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
+                  ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
+                  "lines answer nothing");
+  basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
+                  ": supply_line and skip apply to unsolicited lines, but read is given");
+}
+
 }  // namespace
 
 std::string withChecksum(const std::string& line) {
@@ -362,97 +449,6 @@ LineFields LineFormat::parse(std::string_view line, const std::string& address,
                  basics::quoted(text_) + "\": expected " + mismatch.expected +
                  (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
 }
-
-namespace {
-
-constexpr const char* kCulprit = "serial profile";
-constexpr int kMostChannels = 1024;
-
-template <class Value>
-void require(bool holds, const char* key, const Value& value, const char* rule) {
-  basics::requireValue(holds, kCulprit, key, value, rule);
-}
-
-LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
-  try {
-    return LineFormat(text, style);
-  } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
-  }
-}
-
-std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
-                                         const LineStyle& style) {
-  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
-}
-
-std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
-                                const LineStyle& style) {
-  std::vector<LineFormat> lines;
-  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
-  return lines;
-}
-
-// A line to the device must not have fields that cannot be filled in.
-void requireSendable(const char* key, const LineFormat& line,
-                     std::initializer_list<const char*> allowed) {
-  for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
-                            "{*}", "{words}", "{...}"}) {
-    const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
-      return std::string_view(word) == field;
-    });
-    basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
-                    ", which a line to the device cannot have");
-  }
-}
-
-void requireField(const char* key, const LineFormat& line, const char* field) {
-  basics::require(line.has(field), kCulprit, ": ", key, " has no ", field);
-}
-
-bool keepsToSeparators(const std::string& text) {
-  return !text.empty() && text.size() <= 4 &&
-         text.find_first_of("0123456789+-.eE{}") == std::string::npos &&
-         std::all_of(text.begin(), text.end(), isPrintable);
-}
-
-void validateLines(const SerialProfile& profile) {
-  const SerialLines lines(profile);
-  const char* const pressure = profile.one_by_one ? "{pressure}" : "{pressures}";
-  requireField("write", *lines.write, pressure);
-  requireField("reply", *lines.reply, pressure);
-  requireSendable("write", *lines.write, {"{address}", pressure});
-  if (lines.read) requireSendable("read", *lines.read, {"{address}"});
-  for (const LineFormat& line : lines.start) requireSendable("start", line, {});
-  const bool addressed = lines.write->has("{address}");
-  const auto requireAlike = [&](const char* key, const LineFormat& line) {
-    requireSendable(key, line, {"{address}"});
-    basics::require(
-        line.has("{address}") == addressed, kCulprit, ": ", key,
-        addressed ? " has no {address}, but write has" : " has {address}, but write has none");
-  };
-  for (const LineFormat& line : lines.vent) requireAlike("vent", line);
-  for (const LineFormat& line : lines.close) requireAlike("close", line);
-  for (const LineFormat& line : lines.resume) requireAlike("resume", line);
-  if (lines.read) requireAlike("read", *lines.read);
-  basics::require(profile.one_by_one || !addressed, kCulprit,
-                  ": write has {address}, but one_by_one is false");
-  basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
-                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
-  if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
-  const bool unasked = !lines.read;
-  basics::require(
-      !unasked || !profile.one_by_one, kCulprit,
-      ": read is missing, so one_by_one must be false: unsolicited readings come in one "
-      "line for all channels");
-  basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
-                  ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
-                  "lines answer nothing");
-  basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
-                  ": supply_line and skip apply to unsolicited lines, but read is given");
-}
-
-}  // namespace
 
 void SerialProfile::validate() const {
   require(isStandardBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");

@@ -13,6 +13,8 @@
 namespace helix_arm::vision {
 namespace {
 
+using Markers = std::vector<MarkerObservation>;
+
 // RMS distance of the corners that both show [px]; nothing if they share too few.
 std::optional<double> distanceOf(const BoardObservation& a, const BoardObservation& b, int least) {
   double sum = 0;
@@ -36,89 +38,6 @@ bool isAtBorder(const estimation::Corners& corners, const cv::Size& size) {
          last.x() + 0.5 > size.width - kLeastFromBorder ||
          last.y() + 0.5 > size.height - kLeastFromBorder;
 }
-
-}  // namespace
-
-BoardObservation boardObservation(const TagBoard& board, const std::string& name,
-                                  const cv::Size& size,
-                                  const std::vector<TagDetection>& detections) {
-  BoardObservation observation{name, {}};
-  for (std::size_t i = 0; i < detections.size(); ++i) {
-    const TagDetection& tag = detections[i];
-    const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
-                          (i + 1 < detections.size() && detections[i + 1].id == tag.id);
-    if (!board.has(tag.id) || tag.hamming > 0 || repeated) continue;
-    if (isAtBorder(tag.corners, size)) continue;
-    const estimation::Corners on_board = board.corners(tag.id);
-    for (int c = 0; c < 4; ++c) {
-      observation.corners.push_back(
-          {4 * (tag.id - board.first_id) + c, on_board.col(c), tag.corners.col(c)});
-    }
-  }
-  return observation;
-}
-
-void Coverage::add(const BoardObservation& observation) {
-  for (const BoardCorner& corner : observation.corners) {
-    // A pixel's centre is at whole numbers.
-    const double x = (corner.pixel.x() + 0.5) / size_.width;
-    const double y = (corner.pixel.y() + 0.5) / size_.height;
-    const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
-    const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
-    seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
-  }
-}
-
-double Coverage::fraction() const {
-  const auto seen = std::count(seen_.begin(), seen_.end(), true);
-  return static_cast<double>(seen) / (kColumns * kRows);
-}
-
-std::string Coverage::emptiest() const {
-  const char* const kAcross[] = {"left", "", "right"};
-  const char* const kDown[] = {"top", "", "bottom"};
-  std::string name;
-  double most = 0;
-  for (int down = 0; down < 3; ++down) {
-    for (int across = 0; across < 3; ++across) {
-      int empty = 0, cells = 0;
-      for (int row = down * kRows / 3; row < (down + 1) * kRows / 3; ++row) {
-        for (int column = across * kColumns / 3; column < (across + 1) * kColumns / 3; ++column) {
-          ++cells;
-          empty += isSeen(column, row) ? 0 : 1;
-        }
-      }
-      const double part = static_cast<double>(empty) / cells;
-      if (part <= most) continue;
-      most = part;
-      name = kDown[down];
-      if (!name.empty() && *kAcross[across] != '\0') name += " ";
-      name += kAcross[across];
-      if (name.empty()) name = "centre";
-    }
-  }
-  return name;
-}
-
-bool BoardViews::offer(const BoardObservation& observation) {
-  if (static_cast<int>(observation.corners.size()) < least_) {
-    last_.reset();
-    return false;
-  }
-  const std::optional<double> motion =
-      last_ ? distanceOf(observation, *last_, least_) : std::nullopt;
-  last_ = observation;
-  if (!motion || *motion > kMostMotion) return false;
-  for (const BoardObservation& one : chosen_) {
-    const std::optional<double> change = distanceOf(observation, one, least_);
-    if (change && *change < kLeastChange * size_.width) return false;
-  }
-  chosen_.push_back(observation);
-  coverage_.add(observation);
-  return true;
-}
-
-namespace {
 
 constexpr double kAgreement = 0.25;  // of two markers on a corner [sides of a square]
 // The window in which a corner is refined: half its side [px].
@@ -211,78 +130,6 @@ bool refine(const cv::Mat& gray, MarkedCorner& corner) {
   corner.pixel = refined;
   return true;
 }
-
-}  // namespace
-
-std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray) {
-  const auto known = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
-  std::vector<std::vector<cv::Point2f>> corners;
-  std::vector<int> ids;
-  if (!gray.empty()) cv::aruco::detectMarkers(gray, known, corners, ids);
-  std::vector<MarkerObservation> markers;
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (std::count(ids.begin(), ids.end(), ids[i]) > 1) continue;
-    MarkerObservation marker{ids[i], {}};
-    // OpenCV begins at the top left and goes to the right.
-    for (std::size_t c = 0; c < 4; ++c) {
-      marker.corners.col(static_cast<Eigen::Index>(3 - c)) << corners[i][c].x, corners[i][c].y;
-    }
-    markers.push_back(marker);
-  }
-  std::sort(markers.begin(), markers.end(),
-            [](const MarkerObservation& a, const MarkerObservation& b) { return a.id < b.id; });
-  return markers;
-}
-
-std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
-                                        const std::vector<MarkerObservation>& markers) {
-  const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
-  std::vector<MarkedCorner> corners;
-  std::vector<int> marker_of;  // one of a corner's markers
-  Groups groups;
-  for (int id = 0; id < board.cornerCount(); ++id) {
-    const int column = id % (board.columns - 1), row = id / (board.columns - 1);
-    const int above = board.isWhite(column, row) ? column : column + 1;
-    const int below = above == column ? column + 1 : column;
-    const auto first = outlooks.find(board.markerIn(above, row));
-    const auto second = outlooks.find(board.markerIn(below, row + 1));
-    if (first == outlooks.end() || second == outlooks.end()) continue;
-    const Eigen::Vector2d on_board = board.corner(id);
-    const Eigen::Vector2d a = pixelOf(first->second, on_board);
-    const Eigen::Vector2d b = pixelOf(second->second, on_board);
-    const double square =
-        std::min(first->second.side, second->second.side) * board.square_size / board.marker_size;
-    if (!((a - b).norm() <= kAgreement * square)) continue;
-    const Eigen::Vector2d pixel = 0.5 * (a + b);
-    corners.push_back(
-        {id, pixel, std::min(roomAround(pixel, first->second), roomAround(pixel, second->second))});
-    marker_of.push_back(first->first);
-    groups.join(first->first, second->first);
-  }
-  std::map<int, int> sizes;
-  for (const int marker : marker_of) ++sizes[groups.rootOf(marker)];
-  const auto largest = std::max_element(
-      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  std::vector<MarkedCorner> connected;
-  for (std::size_t i = 0; i < corners.size(); ++i) {
-    if (groups.rootOf(marker_of[i]) == largest->first) connected.push_back(corners[i]);
-  }
-  return connected;
-}
-
-BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
-                                    const cv::Mat& gray) {
-  BoardObservation observation{name, {}};
-  for (MarkedCorner& corner : markedCorners(board, findMarkers(board.dictionary, gray))) {
-    if (!refine(gray, corner)) continue;
-    observation.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
-  }
-  return observation;
-}
-
-namespace {
-
-using Markers = std::vector<MarkerObservation>;
 
 // Fewer markers of another dictionary may be misread.
 constexpr std::size_t kLeastMarkers = 4;
@@ -411,6 +258,151 @@ std::string otherSquares(const CharucoBoard& board, const Markers& markers) {
 }
 
 }  // namespace
+
+BoardObservation boardObservation(const TagBoard& board, const std::string& name,
+                                  const cv::Size& size,
+                                  const std::vector<TagDetection>& detections) {
+  BoardObservation observation{name, {}};
+  for (std::size_t i = 0; i < detections.size(); ++i) {
+    const TagDetection& tag = detections[i];
+    const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
+                          (i + 1 < detections.size() && detections[i + 1].id == tag.id);
+    if (!board.has(tag.id) || tag.hamming > 0 || repeated) continue;
+    if (isAtBorder(tag.corners, size)) continue;
+    const estimation::Corners on_board = board.corners(tag.id);
+    for (int c = 0; c < 4; ++c) {
+      observation.corners.push_back(
+          {4 * (tag.id - board.first_id) + c, on_board.col(c), tag.corners.col(c)});
+    }
+  }
+  return observation;
+}
+
+void Coverage::add(const BoardObservation& observation) {
+  for (const BoardCorner& corner : observation.corners) {
+    // A pixel's centre is at whole numbers.
+    const double x = (corner.pixel.x() + 0.5) / size_.width;
+    const double y = (corner.pixel.y() + 0.5) / size_.height;
+    const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
+    const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
+    seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
+  }
+}
+
+double Coverage::fraction() const {
+  const auto seen = std::count(seen_.begin(), seen_.end(), true);
+  return static_cast<double>(seen) / (kColumns * kRows);
+}
+
+std::string Coverage::emptiest() const {
+  const char* const kAcross[] = {"left", "", "right"};
+  const char* const kDown[] = {"top", "", "bottom"};
+  std::string name;
+  double most = 0;
+  for (int down = 0; down < 3; ++down) {
+    for (int across = 0; across < 3; ++across) {
+      int empty = 0, cells = 0;
+      for (int row = down * kRows / 3; row < (down + 1) * kRows / 3; ++row) {
+        for (int column = across * kColumns / 3; column < (across + 1) * kColumns / 3; ++column) {
+          ++cells;
+          empty += isSeen(column, row) ? 0 : 1;
+        }
+      }
+      const double part = static_cast<double>(empty) / cells;
+      if (part <= most) continue;
+      most = part;
+      name = kDown[down];
+      if (!name.empty() && *kAcross[across] != '\0') name += " ";
+      name += kAcross[across];
+      if (name.empty()) name = "centre";
+    }
+  }
+  return name;
+}
+
+bool BoardViews::offer(const BoardObservation& observation) {
+  if (static_cast<int>(observation.corners.size()) < least_) {
+    last_.reset();
+    return false;
+  }
+  const std::optional<double> motion =
+      last_ ? distanceOf(observation, *last_, least_) : std::nullopt;
+  last_ = observation;
+  if (!motion || *motion > kMostMotion) return false;
+  for (const BoardObservation& one : chosen_) {
+    const std::optional<double> change = distanceOf(observation, one, least_);
+    if (change && *change < kLeastChange * size_.width) return false;
+  }
+  chosen_.push_back(observation);
+  coverage_.add(observation);
+  return true;
+}
+
+std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray) {
+  const auto known = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
+  std::vector<std::vector<cv::Point2f>> corners;
+  std::vector<int> ids;
+  if (!gray.empty()) cv::aruco::detectMarkers(gray, known, corners, ids);
+  std::vector<MarkerObservation> markers;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (std::count(ids.begin(), ids.end(), ids[i]) > 1) continue;
+    MarkerObservation marker{ids[i], {}};
+    // OpenCV begins at the top left and goes to the right.
+    for (std::size_t c = 0; c < 4; ++c) {
+      marker.corners.col(static_cast<Eigen::Index>(3 - c)) << corners[i][c].x, corners[i][c].y;
+    }
+    markers.push_back(marker);
+  }
+  std::sort(markers.begin(), markers.end(),
+            [](const MarkerObservation& a, const MarkerObservation& b) { return a.id < b.id; });
+  return markers;
+}
+
+std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
+                                        const std::vector<MarkerObservation>& markers) {
+  const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
+  std::vector<MarkedCorner> corners;
+  std::vector<int> marker_of;  // one of a corner's markers
+  Groups groups;
+  for (int id = 0; id < board.cornerCount(); ++id) {
+    const int column = id % (board.columns - 1), row = id / (board.columns - 1);
+    const int above = board.isWhite(column, row) ? column : column + 1;
+    const int below = above == column ? column + 1 : column;
+    const auto first = outlooks.find(board.markerIn(above, row));
+    const auto second = outlooks.find(board.markerIn(below, row + 1));
+    if (first == outlooks.end() || second == outlooks.end()) continue;
+    const Eigen::Vector2d on_board = board.corner(id);
+    const Eigen::Vector2d a = pixelOf(first->second, on_board);
+    const Eigen::Vector2d b = pixelOf(second->second, on_board);
+    const double square =
+        std::min(first->second.side, second->second.side) * board.square_size / board.marker_size;
+    if (!((a - b).norm() <= kAgreement * square)) continue;
+    const Eigen::Vector2d pixel = 0.5 * (a + b);
+    corners.push_back(
+        {id, pixel, std::min(roomAround(pixel, first->second), roomAround(pixel, second->second))});
+    marker_of.push_back(first->first);
+    groups.join(first->first, second->first);
+  }
+  std::map<int, int> sizes;
+  for (const int marker : marker_of) ++sizes[groups.rootOf(marker)];
+  const auto largest = std::max_element(
+      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  std::vector<MarkedCorner> connected;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (groups.rootOf(marker_of[i]) == largest->first) connected.push_back(corners[i]);
+  }
+  return connected;
+}
+
+BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
+                                    const cv::Mat& gray) {
+  BoardObservation observation{name, {}};
+  for (MarkedCorner& corner : markedCorners(board, findMarkers(board.dictionary, gray))) {
+    if (!refine(gray, corner)) continue;
+    observation.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
+  }
+  return observation;
+}
 
 std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures) {
   if (showTagBoard(pictures)) return "they show the board of tags: leave out --board charuco";

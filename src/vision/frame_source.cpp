@@ -113,6 +113,15 @@ std::vector<fs::path> picturesIn(const fs::path& folder) {
   return pictures;
 }
 
+bool equal(const cv::Mat& a, const cv::Mat& b) {
+  if (a.empty() || a.size() != b.size() || a.type() != b.type()) return false;
+  const std::size_t row = a.elemSize() * static_cast<std::size_t>(a.cols);
+  for (int y = 0; y < a.rows; ++y) {
+    if (std::memcmp(a.ptr(y), b.ptr(y), row) != 0) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 void WebcamConfig::validate() const {
@@ -178,19 +187,6 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
   throw std::invalid_argument(path + " is neither a picture (" + listOf(kPictures) +
                               ") nor a video (" + listOf(kVideos) + ")");
 }
-
-namespace {
-
-bool equal(const cv::Mat& a, const cv::Mat& b) {
-  if (a.empty() || a.size() != b.size() || a.type() != b.type()) return false;
-  const std::size_t row = a.elemSize() * static_cast<std::size_t>(a.cols);
-  for (int y = 0; y < a.rows; ++y) {
-    if (std::memcmp(a.ptr(y), b.ptr(y), row) != 0) return false;
-  }
-  return true;
-}
-
-}  // namespace
 
 bool FrozenWatch::isFrozen(const cv::Mat& gray, const Eigen::Vector3d& model_tip) {
   if (equal(gray, before_)) return (model_tip - tip_).norm() > kMotion;

@@ -25,6 +25,9 @@
 namespace helix_arm::vision {
 namespace {
 
+using basics::require;
+using estimation::Camera;
+
 struct Maker {
   const char* name;
   apriltag_family_t* (*create)();
@@ -58,6 +61,23 @@ void freeImage(image_u8_t* image) {
   std::free(image);
 }
 
+constexpr int kMaxDecimate = 32;
+constexpr int kMaxThreads = 64;
+constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits per weight
+constexpr double kMaxTableBytes = 2147483648;  // memory for wrong bits
+constexpr int kTile = 4;                       // of libapriltag's threshold [px]
+
+// libapriltag tabulates every word that differs from a code in at most this number of bits.
+double tableBytes(const TagFamily& family, int wrong_bits) {
+  constexpr double kBytesPerWord = 48;
+  double words = 1, sum = 1;
+  for (int i = 0; i < wrong_bits; ++i) sum += words *= family.bitCount() - i;
+  return kBytesPerWord * family.count() * sum;
+}
+
+// Size of the kernel with which libapriltag blurs or sharpens.
+int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
+
 }  // namespace
 
 TagFamily::TagFamily(const std::string& name) : name_(name), family_(make(name)) {}
@@ -89,30 +109,6 @@ int TagFamily::quietCells() const { return (family_->total_width - family_->widt
 int TagFamily::borderCells() const { return family_->width_at_border; }
 
 bool TagFamily::isReversed() const { return family_->reversed_border; }
-
-namespace {
-
-using basics::require;
-using estimation::Camera;
-
-constexpr int kMaxDecimate = 32;
-constexpr int kMaxThreads = 64;
-constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits per weight
-constexpr double kMaxTableBytes = 2147483648;  // memory for wrong bits
-constexpr int kTile = 4;                       // of libapriltag's threshold [px]
-
-// libapriltag tabulates every word that differs from a code in at most this number of bits.
-double tableBytes(const TagFamily& family, int wrong_bits) {
-  constexpr double kBytesPerWord = 48;
-  double words = 1, sum = 1;
-  for (int i = 0; i < wrong_bits; ++i) sum += words *= family.bitCount() - i;
-  return kBytesPerWord * family.count() * sum;
-}
-
-// Size of the kernel with which libapriltag blurs or sharpens.
-int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
-
-}  // namespace
 
 void DetectorConfig::validate() const {
   const TagFamily of(family);
