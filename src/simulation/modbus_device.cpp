@@ -31,6 +31,52 @@
 namespace helix_arm::simulation {
 namespace {
 
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr int kBacklog = 16;
+constexpr double kRestartTime = 0.05;             // [s]
+constexpr std::uint32_t kRestOfRequest = 100000;  // longest wait for it [us]
+
+// Owns a file descriptor.
+class File {
+ public:
+  explicit File(int number = -1) : number_(number) {}
+  File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+  File& operator=(File&& other) noexcept {
+    std::swap(number_, other.number_);
+    return *this;
+  }
+  ~File() {
+    if (number_ >= 0) close(number_);
+  }
+  int number() const { return number_; }
+
+ private:
+  int number_;
+};
+
+File openCounter() {
+  File counter(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+  if (counter.number() < 0) throw std::system_error(errno, std::generic_category(), "eventfd");
+  return counter;
+}
+
+struct Freer {
+  void operator()(modbus_t* context) const { modbus_free(context); }
+};
+using Context = std::unique_ptr<modbus_t, Freer>;
+
+Context newContext(int port) {
+  Context context(modbus_new_tcp("127.0.0.1", port));
+  if (!context) throw std::runtime_error(modbus_strerror(errno));
+  modbus_set_byte_timeout(context.get(), 0, kRestOfRequest);
+  // libmodbus waits this long before it answers some requests with an exception.
+  modbus_set_response_timeout(context.get(), 0, 1);
+  return context;
+}
+
+int word(const Bytes& bytes, std::size_t at) { return bytes[at] << 8 | bytes[at + 1]; }
+
 constexpr double kWrongUnit = 0.1;  // kPa in the place of millibar
 constexpr int kHighestRegister = 0xffff;
 
@@ -217,21 +263,16 @@ class ModbusImage {
 
   Eigen::VectorXd setPoint() const {
     Eigen::VectorXd set_point(follows_.size());
-    for (int place = 0; place < set_point.size(); ++place) {
-      set_point[place] = count(place) * profile_.pascals - profile_.atmosphere;
-    }
+    for (int place = 0; place < set_point.size(); ++place) set_point[place] = ordered(place);
     return set_point;
   }
 
   std::vector<control::Valve> valves() const {
     std::vector<control::Valve> valves;
     for (int place = 0; place < follows_.size(); ++place) {
-      const bool runs = !profile_.app ||
-                        slots_[static_cast<std::size_t>(profile_.slot(place))].app == App::kRunning;
-      const bool vents = count(place) * profile_.pascals <= profile_.atmosphere;
-      valves.push_back(!runs   ? control::Valve::kClose
-                       : vents ? control::Valve::kVent
-                               : control::Valve::kRegulate);
+      valves.push_back(!runs(place)          ? control::Valve::kClose
+                       : ordered(place) <= 0 ? control::Valve::kVent
+                                             : control::Valve::kRegulate);
     }
     return valves;
   }
@@ -258,14 +299,17 @@ class ModbusImage {
                : output(number);
   }
 
-  int count(int place) const { return output(profile_.setPoint(place)); }
+  // Set point as written [Pa].
+  double ordered(int place) const {
+    return output(profile_.setPoint(place)) * profile_.pascals - profile_.atmosphere;
+  }
+  bool runs(int place) const {
+    return !profile_.app || slots_[profile_.slot(place)].app == App::kRunning;
+  }
 
   void regulate() {
     for (int place = 0; place < follows_.size(); ++place) {
-      const bool runs = !profile_.app ||
-                        slots_[static_cast<std::size_t>(profile_.slot(place))].app == App::kRunning;
-      follows_[place] = runs ? count(place) * profile_.pascals - profile_.atmosphere
-                             : regulator_.pressure()[place];
+      follows_[place] = runs(place) ? ordered(place) : regulator_.pressure()[place];
     }
     regulator_.command(follows_);
   }
@@ -280,56 +324,6 @@ class ModbusImage {
   double time_;  // of the pressures [s]
   std::unique_ptr<modbus_mapping_t, void (*)(modbus_mapping_t*)> map_;
 };
-
-namespace {
-
-using Bytes = std::vector<std::uint8_t>;
-
-constexpr int kBacklog = 16;
-constexpr double kRestartTime = 0.05;             // [s]
-constexpr std::uint32_t kRestOfRequest = 100000;  // longest wait for it [us]
-
-// Owns a file descriptor.
-class File {
- public:
-  explicit File(int number = -1) : number_(number) {}
-  File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-  File& operator=(File&& other) noexcept {
-    std::swap(number_, other.number_);
-    return *this;
-  }
-  ~File() {
-    if (number_ >= 0) close(number_);
-  }
-  int number() const { return number_; }
-
- private:
-  int number_;
-};
-
-File openCounter() {
-  File counter(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
-  if (counter.number() < 0) throw std::system_error(errno, std::generic_category(), "eventfd");
-  return counter;
-}
-
-struct Freer {
-  void operator()(modbus_t* context) const { modbus_free(context); }
-};
-using Context = std::unique_ptr<modbus_t, Freer>;
-
-Context newContext(int port) {
-  Context context(modbus_new_tcp("127.0.0.1", port));
-  if (!context) throw std::runtime_error(modbus_strerror(errno));
-  modbus_set_byte_timeout(context.get(), 0, kRestOfRequest);
-  // libmodbus waits this long before it answers some requests with an exception.
-  modbus_set_response_timeout(context.get(), 0, 1);
-  return context;
-}
-
-int word(const Bytes& bytes, std::size_t at) { return bytes[at] << 8 | bytes[at + 1]; }
-
-}  // namespace
 
 class ModbusDevice::Server {
  public:
