@@ -41,10 +41,6 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   return -1;
 }
 
-model::Range limitsAlone(const model::Range& limits) { return limits; }
-model::Range wayToLimits(const model::Range& limits) { return onTheWay(limits); }
-model::Range anyReading(const model::Range&) { return kPossibleReading; }
-
 // The pressures (n) of the arm after a change of those that `name` lists.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
                                 const std::vector<std::string>& name,
@@ -97,13 +93,13 @@ const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]
 Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure) {
-  return assign(arm, command, name, pressure, limitsAlone);
+  return assign(arm, command, name, pressure, [](const model::Range& limits) { return limits; });
 }
 
 Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputRef& command,
                                       const std::vector<std::string>& name,
                                       const std::vector<double>& pressure) {
-  return assign(arm, command, name, pressure, wayToLimits);
+  return assign(arm, command, name, pressure, onTheWay);
 }
 
 std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
@@ -132,7 +128,8 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
                   " actuators; send a reading of each of ", listOfNames(arm));
   }
-  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anyReading);
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure,
+                [](const model::Range&) { return kPossibleReading; });
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {
