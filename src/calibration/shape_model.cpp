@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/basics/vector_clones.hpp"
+#include "basics/vector_clones.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"

@@ -19,7 +19,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/camera_placing.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
-#include "helix_arm/vision/charuco_reader.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "nlohmann/json.hpp"
 #include "output.hpp"

@@ -28,9 +28,7 @@
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/device_fault.hpp"
-#include "helix_arm/simulation/modbus_device.hpp"
-#include "helix_arm/simulation/serial_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {

@@ -18,7 +18,6 @@
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/board.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"

@@ -1,5 +1,3 @@
-#include "channel_watch.hpp"
-
 #include <algorithm>
 #include <cmath>
 

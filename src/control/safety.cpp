@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <sstream>
 #include <utility>
 
@@ -20,14 +19,38 @@ constexpr double kLeaving = 2.0;
 constexpr double kLongestStep = 0.1;
 
 constexpr std::array<const char*, 4> kStateNames = {"disabled", "enabled", "fault", "vented"};
-constexpr std::array<const char*, kSafetyCauseCount> kCauseNames = {
-    "none",          "vent_requested", "emergency_stop", "stale_target",
-    "stale_reading", "regulator_lost", "over_limit",     "low_supply",
-    "not_following", "leak",           "not_venting",    "guard_lost"};
+constexpr std::array<const char*, 3> kActionNames = {"vent", "hold", "close"};
 
-void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, "safety rules", what, value, rule);
-}
+struct Cause {
+  const char* name;
+  bool grave;   // vents every channel, whatever its action
+  bool passes;  // ends as soon as messages come again
+  const char* remedy;
+};
+constexpr std::array<Cause, kSafetyCauseCount> kCauses = {{
+    {"none", false, false, "call enable"},
+    {"vent_requested", true, false, "call enable to continue"},
+    {"emergency_stop", true, false, "call enable"},
+    {"stale_target", false, true,
+     "check that the commander runs and that the network is up, then call enable"},
+    {"stale_reading", false, true,
+     "check the regulator's power, cable and address, then call enable"},
+    // A returning regulator does not know what was held.
+    {"regulator_lost", true, true, "check the regulator's power and cable, then call enable"},
+    {"over_limit", true, false,
+     "check for a valve that sticks or a sensor that drifts, then call enable"},
+    {"low_supply", false, false, "check compressor, tank and main valve, then call enable"},
+    {"not_following", false, false,
+     "check for a valve that sticks, a kinked or loose tube and a supply that is too weak, then "
+     "call enable"},
+    {"leak", true, false, "check for a burst muscle or a loose tube, repair it, then call enable"},
+    {"not_venting", true, false,
+     "shut the supply and check for a valve that does not close, then call enable"},
+    {"guard_lost", true, false,
+     "find out what ended or stopped it (a kill, too little memory), then call enable"},
+}};
+const Cause& rowOf(SafetyCause cause) { return kCauses[static_cast<std::size_t>(cause)]; }
+bool isGrave(SafetyCause cause) { return rowOf(cause).grave; }
 
 void requirePositive(const char* what, double value) {
   basics::requirePositive("safety rules", what, value);
@@ -35,28 +58,6 @@ void requirePositive(const char* what, double value) {
 
 void requireNotNegative(const char* what, double value) {
   basics::requireNotNegative("safety rules", what, value);
-}
-
-// Causes that vent every channel, whatever its action.
-bool isGrave(SafetyCause cause) {
-  switch (cause) {
-    case SafetyCause::kVentRequested:
-    case SafetyCause::kEmergencyStop:
-    case SafetyCause::kRegulatorLost:  // a returning regulator does not know what was held
-    case SafetyCause::kOverLimit:
-    case SafetyCause::kLeak:
-    case SafetyCause::kNotVenting:
-    case SafetyCause::kGuardLost:
-      return true;
-    default:
-      return false;
-  }
-}
-
-// Causes that end as soon as messages come again.
-bool passes(SafetyCause cause) {
-  return cause == SafetyCause::kStaleTarget || cause == SafetyCause::kStaleReading ||
-         cause == SafetyCause::kRegulatorLost;
 }
 
 void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules& rules) {
@@ -81,21 +82,12 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
 }  // namespace
 
 const char* nameOf(SafetyState state) { return kStateNames[static_cast<std::size_t>(state)]; }
-const char* nameOf(SafetyCause cause) { return kCauseNames[static_cast<std::size_t>(cause)]; }
-const char* nameOf(FaultAction action) {
-  switch (action) {
-    case FaultAction::kVent:
-      return "vent";
-    case FaultAction::kHold:
-      return "hold";
-    case FaultAction::kClose:
-      return "close";
-  }
-  return "";
-}
+const char* nameOf(SafetyCause cause) { return rowOf(cause).name; }
+const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
 
 void SafetyRules::validate() const {
-  require(target_timeout > 0, "target_timeout [s]", target_timeout, "a value > 0");
+  basics::requireValue(target_timeout > 0, "safety rules", "target_timeout [s]", target_timeout,
+                       "a value > 0");
   requirePositive("reading_timeout [s]", reading_timeout);
   requireNotNegative("trip_margin [Pa]", trip_margin);
   requireNotNegative("spike_time [s]", spike_time);
@@ -181,7 +173,7 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
 // Handles a cause that occurs in a state in which it counts.
 void SafetyCore::raise(SafetyCause cause, int channel, double value, double limit) {
   const bool regulated = report_.state == SafetyState::kEnabled;
-  report_.passing = report_.passing && passes(cause);
+  report_.passing = report_.passing && rowOf(cause).passes;
   if (report_.state != SafetyState::kFault) {
     setState(SafetyState::kFault, cause, channel, value, limit);
     if (!regulated) std::fill(vents_since_.begin(), vents_since_.end(), now_);
@@ -494,34 +486,10 @@ std::string tooOld(const char* who, double silence, double limit) {
 }
 
 const char* remedyOf(SafetyCause cause, bool stopped) {
-  switch (cause) {
-    case SafetyCause::kVentRequested:
-      return "call enable to continue";
-    case SafetyCause::kEmergencyStop:
-      return stopped ? "make the arm safe, release the stop, then call enable" : "call enable";
-    case SafetyCause::kStaleTarget:
-      return "check that the commander runs and that the network is up, then call enable";
-    case SafetyCause::kStaleReading:
-      return "check the regulator's power, cable and address, then call enable";
-    case SafetyCause::kRegulatorLost:
-      return "check the regulator's power and cable, then call enable";
-    case SafetyCause::kOverLimit:
-      return "check for a valve that sticks or a sensor that drifts, then call enable";
-    case SafetyCause::kLowSupply:
-      return "check compressor, tank and main valve, then call enable";
-    case SafetyCause::kNotFollowing:
-      return "check for a valve that sticks, a kinked or loose tube and a supply that is too weak, "
-             "then call enable";
-    case SafetyCause::kLeak:
-      return "check for a burst muscle or a loose tube, repair it, then call enable";
-    case SafetyCause::kNotVenting:
-      return "shut the supply and check for a valve that does not close, then call enable";
-    case SafetyCause::kGuardLost:
-      return "find out what ended or stopped it (a kill, too little memory), then call enable";
-    case SafetyCause::kNone:
-      break;
+  if (cause == SafetyCause::kEmergencyStop && stopped) {
+    return "make the arm safe, release the stop, then call enable";
   }
-  return "call enable";
+  return rowOf(cause).remedy;
 }
 
 }  // namespace

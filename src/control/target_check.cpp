@@ -6,12 +6,14 @@
 #include <cstdio>
 #include <sstream>
 
-#include "channel_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::control {
 namespace {
+
+using Bounds = model::Range (*)(const model::Range& limits);
 
 constexpr std::array<const char*, kFaultCount> kNames = {
     "not_finite",      "wrong_size",    "unknown_name",        "duplicate_name",
@@ -38,12 +40,6 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   }
   return -1;
 }
-
-using Bounds = model::Range (*)(const model::Range& limits);
-
-model::Range limitsAlone(const model::Range& limits) { return limits; }
-model::Range wayToLimits(const model::Range& limits) { return onTheWay(limits); }
-model::Range anyReading(const model::Range&) { return kPossibleReading; }
 
 // The pressures (n) of the arm after a change of those that `name` lists.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
@@ -81,6 +77,15 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
   return wanted;
 }
 
+std::string warningText(const std::string& what, double largest, const std::string& taker) {
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures "
+                "in Pa, so 200 kPa are 200000",
+                what.c_str(), largest, taker.c_str());
+  return text;
+}
+
 }  // namespace
 
 const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]; }
@@ -88,13 +93,13 @@ const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]
 Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure) {
-  return assign(arm, command, name, pressure, limitsAlone);
+  return assign(arm, command, name, pressure, [](const model::Range& limits) { return limits; });
 }
 
 Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputRef& command,
                                       const std::vector<std::string>& name,
                                       const std::vector<double>& pressure) {
-  return assign(arm, command, name, pressure, wayToLimits);
+  return assign(arm, command, name, pressure, onTheWay);
 }
 
 std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
@@ -123,7 +128,8 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
                   " actuators; send a reading of each of ", listOfNames(arm));
   }
-  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anyReading);
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure,
+                [](const model::Range&) { return kPossibleReading; });
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {
@@ -172,19 +178,6 @@ Checked<lie::SE3> checkPose(const Eigen::Vector3d& position, const Eigen::Quater
   }
   return lie::SE3{rotation.normalized().toRotationMatrix(), position};
 }
-
-namespace {
-
-std::string warningText(const std::string& what, double largest, const std::string& taker) {
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures "
-                "in Pa, so 200 kPa are 200000",
-                what.c_str(), largest, taker.c_str());
-  return text;
-}
-
-}  // namespace
 
 void UnitWatch::note(double now, const std::string& commander, double largest) {
   if (!(largest > 0)) return;

@@ -1,6 +1,5 @@
 #include "helix_arm/control/tip_path.hpp"
 
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 namespace {

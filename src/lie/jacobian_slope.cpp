@@ -1,8 +1,8 @@
-#include "helix_arm/lie/jacobian_slope.hpp"
+#include "lie/jacobian_slope.hpp"
 
 #include <Eigen/Geometry>
 
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 

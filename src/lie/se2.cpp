@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 namespace {

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 namespace {

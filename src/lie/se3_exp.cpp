@@ -1,6 +1,6 @@
-#include "helix_arm/basics/vector_clones.hpp"
-#include "helix_arm/lie/coefficients.hpp"
+#include "basics/vector_clones.hpp"
 #include "helix_arm/lie/se3.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::lie {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "helix_arm/basics/fraction.hpp"
+#include "basics/fraction.hpp"
 
 namespace helix_arm::model {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "helix_arm/basics/vector_clones.hpp"
-#include "helix_arm/lie/coefficients.hpp"
+#include "basics/vector_clones.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::model::batch {
 namespace {

@@ -4,7 +4,7 @@
 
 #include "batch_kernel.hpp"
 #include "batch_series.hpp"
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 // The loops are written once, for vectors of any length: the compiler vectorises loops of this
 // length only sometimes, and then some instruction sets only.

@@ -13,7 +13,7 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::procedures {
 namespace {

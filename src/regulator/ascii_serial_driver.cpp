@@ -50,6 +50,20 @@ const LineFormat* addressOf(const std::optional<LineFormat>& line) {
   return line ? &*line : nullptr;
 }
 
+// Continues with the other items after an error, and throws the first one afterwards.
+template <class Items, class Call>
+void forEach(Items begin, Items end, const Call& call) {
+  std::exception_ptr first;
+  for (; begin != end; ++begin) {
+    try {
+      call(*begin);
+    } catch (const std::runtime_error&) {
+      if (!first) first = std::current_exception();
+    }
+  }
+  if (first) std::rethrow_exception(first);
+}
+
 }  // namespace
 
 AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
@@ -153,18 +167,6 @@ void AsciiSerialDriver::awaitReading() {
                   "; check its power, its baud rate and the profile " + profile_.name);
 }
 
-void AsciiSerialDriver::eachChannel(const std::function<void(Channel&, int)>& call) {
-  std::exception_ptr first;
-  for (std::size_t i = 0; i < channels_.size(); ++i) {
-    try {
-      call(channels_[i], static_cast<int>(i));
-    } catch (const std::runtime_error&) {
-      if (!first) first = std::current_exception();
-    }
-  }
-  if (first) std::rethrow_exception(first);
-}
-
 LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineFormat* reply,
                                        Channel& channel, const LineFields& values) {
   const Clock::time_point deadline = after(profile_.timeout);
@@ -260,16 +262,11 @@ void AsciiSerialDriver::ventChannel(Channel& channel) {
   const bool vented = channel.state == State::kVented;
   channel.sent.reset();
   channel.state = State::kUnknown;
-  std::exception_ptr first;
   // If one line fails, the next one may still vent the device.
-  for (std::size_t i = vented ? lines_.vent.size() - 1 : 0; i < lines_.vent.size(); ++i) {
-    try {
-      note(exchange(lines_.vent[i], addressOf(lines_.vent_reply), channel), channel);
-    } catch (const std::runtime_error&) {
-      if (!first) first = std::current_exception();
-    }
-  }
-  if (first) std::rethrow_exception(first);
+  forEach(vented ? lines_.vent.end() - 1 : lines_.vent.begin(), lines_.vent.end(),
+          [&](const LineFormat& line) {
+            note(exchange(line, addressOf(lines_.vent_reply), channel), channel);
+          });
   channel.state = State::kVented;
 }
 
@@ -324,13 +321,14 @@ void AsciiSerialDriver::write(const control::ValveOrders& orders) {
   basics::require(orders.set_point.allFinite(),
                   "ascii serial regulator: a set point is not finite; expected pascals");
   if (!profile_.one_by_one) return writeTogether(orders);
-  eachChannel([&](Channel& channel, int i) {
+  forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
+    const auto i = &channel - channels_.data();
     writeChannel(channel, orders.valve[static_cast<std::size_t>(i)], orders.set_point[i]);
   });
 }
 
 void AsciiSerialDriver::vent() {
-  eachChannel([this](Channel& channel, int) { ventChannel(channel); });
+  forEach(channels_.begin(), channels_.end(), [this](Channel& channel) { ventChannel(channel); });
 }
 
 // Reads the lines that have arrived, waiting for the first until the deadline. Returns whether one
@@ -363,7 +361,7 @@ bool AsciiSerialDriver::listen(Clock::time_point deadline) {
 void AsciiSerialDriver::ask() {
   // Readings in answers to a write are valid only for this time.
   const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
-  eachChannel([&](Channel& channel, int) {
+  forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
     if (channel.heard > oldest && !channel.readings.empty()) return;
     channel.readings.clear();
     requireWatched();

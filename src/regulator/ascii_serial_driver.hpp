@@ -1,6 +1,5 @@
 #pragma once
 
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -66,7 +65,6 @@ class AsciiSerialDriver : public Driver {
   void ventChannel(Channel& channel);
   void closeChannel(Channel& channel);
   void regulate(Channel& channel, const LineFields& values);
-  void eachChannel(const std::function<void(Channel&, int)>& call);
   bool listen(SerialPort::Clock::time_point deadline);
   void ask();
   void overhear();

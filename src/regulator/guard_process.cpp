@@ -29,6 +29,8 @@ constexpr int kBetweenPolls = 5;  // [ms]
       ": " + std::strerror(error));
 }
 
+constexpr double kJustThen = 2;  // between an error and the fault that it caused [s]
+
 }  // namespace
 
 GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime_priority) {
@@ -130,12 +132,6 @@ bool GuardProcess::hasEnded() {
   if (pid_ > 0 && waitpid(pid_, nullptr, WNOHANG) == pid_) pid_ = -1;
   return pid_ < 0;
 }
-
-namespace {
-
-constexpr double kJustThen = 2;  // between an error and the fault that it caused [s]
-
-}  // namespace
 
 IoRules ioRulesOf(const control::SafetyRules& rules) {
   IoRules out;

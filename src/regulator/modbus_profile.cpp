@@ -1,7 +1,5 @@
 #include "helix_arm/regulator/modbus_profile.hpp"
 
-#include <cmath>
-
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {

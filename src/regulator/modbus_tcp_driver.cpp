@@ -12,10 +12,8 @@
 #include <future>
 #include <iomanip>
 #include <limits>
-#include <memory>
 #include <set>
 #include <sstream>
-#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -77,79 +75,6 @@ std::string holderOf(const Name& name) {
          (program.empty() ? "" : " (" + basics::quoted(program) + ")");
 }
 
-}  // namespace
-
-std::optional<std::string> DeviceLock::take(const std::string& device) {
-  if (socket_ >= 0 && device == device_) return std::nullopt;
-  release();
-  const Name name(device);
-  const int mine = makeSocket();
-  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
-  if (bind(mine, name.get(), name.size) != 0) {
-    const bool taken = errno == EADDRINUSE;
-    ::close(mine);
-    return taken ? std::optional(holderOf(name)) : std::nullopt;
-  }
-  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
-  socket_ = mine;
-  device_ = device;
-  return std::nullopt;
-}
-
-void DeviceLock::release() noexcept {
-  if (socket_ >= 0) ::close(socket_);
-  socket_ = -1;
-}
-
-/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
-/// time.
-class TcpLink {
- public:
-  /// @param host  name or address.
-  TcpLink(std::string host, int port);
-
-  /// Returns a connected socket, without delay of small messages, which the caller closes. The
-  /// device is locked until release().
-  ///
-  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
-  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
-  /// device.
-  int open(double timeout);
-  /// Unlocks the device for other programs.
-  void release() noexcept { lock_.release(); }
-  /// Makes open() connect even if another program drives the device.
-  void ignoreOthers() noexcept { ignores_others_ = true; }
-
-  /// "host:port".
-  const std::string& place() const { return place_; }
-
- private:
-  struct Address {
-    sockaddr_storage storage{};
-    socklen_t size = 0;
-
-    const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
-  };
-  struct Resolved {
-    std::vector<Address> addresses;
-    std::string error;
-  };
-
-  std::vector<Address> resolve(double timeout);
-  /// @throws LinkError if another program drives the device at this address.
-  void claim(const Address& address);
-
-  std::string host_;
-  std::string port_;
-  std::string place_;
-  DeviceLock lock_;
-  bool ignores_others_ = false;
-  /// Pending answer of a slow name server; a new request is made only after it.
-  std::shared_future<Resolved> pending_;
-};
-
-namespace {
-
 constexpr std::size_t kMostAddresses = 3;
 
 // Returns 0 on success, otherwise errno.
@@ -184,134 +109,6 @@ const char* remedyOf(int error) {
       return "check host, port and cable";
   }
 }
-
-}  // namespace
-
-TcpLink::TcpLink(std::string host, int port)
-    : host_(std::move(host)),
-      port_(std::to_string(port)),
-      place_((host_.find(':') == std::string::npos ? host_ : "[" + host_ + "]") + ":" + port_) {}
-
-std::vector<TcpLink::Address> TcpLink::resolve(double timeout) {
-  const auto look = [](const std::string& host, const std::string& port, int flags) {
-    Resolved resolved;
-    addrinfo hints{};
-    hints.ai_socktype = SOCK_STREAM;
-    hints.ai_flags = flags | AI_NUMERICSERV;
-    addrinfo* found = nullptr;
-    const int error = getaddrinfo(host.c_str(), port.c_str(), &hints, &found);
-    if (error != 0) {
-      resolved.error = error == EAI_SYSTEM ? std::strerror(errno) : gai_strerror(error);
-      return resolved;
-    }
-    const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, freeaddrinfo);
-    for (const addrinfo* entry = found; entry != nullptr; entry = entry->ai_next) {
-      Address address;
-      address.size = std::min<socklen_t>(entry->ai_addrlen, sizeof address.storage);
-      std::memcpy(&address.storage, entry->ai_addr, address.size);
-      resolved.addresses.push_back(address);
-    }
-    return resolved;
-  };
-  Resolved resolved = look(host_, port_, AI_NUMERICHOST);
-  if (resolved.error.empty()) return resolved.addresses;
-
-  // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits for.
-  if (!pending_.valid()) {
-    auto promise = std::make_shared<std::promise<Resolved>>();
-    pending_ = promise->get_future().share();
-    std::thread([look, promise, host = host_, port = port_] {
-      promise->set_value(look(host, port, 0));
-    }).detach();
-  }
-  if (pending_.wait_for(std::chrono::duration<double>(timeout)) != std::future_status::ready) {
-    throw LinkError(place_ +
-                    ": no name server has answered yet; give an address such as "
-                    "192.168.1.10 as host");
-  }
-  resolved = pending_.get();
-  pending_ = {};
-  if (!resolved.error.empty()) {
-    throw LinkError(place_ + ": " + host_ + " is not known: " + resolved.error +
-                    "; give an address such as 192.168.1.10 as host");
-  }
-  return resolved.addresses;
-}
-
-void TcpLink::claim(const Address& address) {
-  char host[NI_MAXHOST] = "";
-  getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
-  const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
-  if (!holder || ignores_others_) return;
-  throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
-}
-
-int TcpLink::open(double timeout) {
-  std::vector<Address> addresses = resolve(timeout);
-  if (addresses.size() > kMostAddresses) addresses.resize(kMostAddresses);
-  int error = EADDRNOTAVAIL;
-  for (const Address& address : addresses) {
-    claim(address);
-    const int family = address.get()->sa_family;
-    const int socket = ::socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (socket < 0) {
-      error = errno;
-      continue;
-    }
-    // libmodbus waits with select(), which cannot handle larger descriptors.
-    error =
-        socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout) : EMFILE;
-    if (error == 0) {
-      const int on = 1;
-      setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-      return socket;
-    }
-    ::close(socket);
-  }
-  release();
-  throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
-}
-
-/// A set of registers in consecutive runs, as Modbus transfers them.
-class ModbusRegisters {
- public:
-  struct Run {
-    int first;
-    std::vector<std::uint16_t> words;
-  };
-
-  /// @param longest  longest run, >= 1.
-  ModbusRegisters(const std::set<int>& registers, int longest) {
-    for (const int number : registers) {
-      const bool fits =
-          !runs_.empty() && number == end(runs_.back()) && number < runs_.back().first + longest;
-      if (!fits) runs_.push_back({number, {}});
-      runs_.back().words.push_back(0);
-    }
-  }
-
-  /// A register from the constructor's set.
-  std::uint16_t& at(int number) {
-    return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
-  }
-  const std::uint16_t& at(int number) const {
-    const auto run = std::find_if(runs_.begin(), runs_.end(),
-                                  [number](const Run& r) { return number < end(r); });
-    return run->words.at(static_cast<std::size_t>(number - run->first));
-  }
-
-  std::vector<Run>& runs() { return runs_; }
-  void clear() {
-    for (Run& run : runs_) std::fill(run.words.begin(), run.words.end(), std::uint16_t{0});
-  }
-
- private:
-  static int end(const Run& run) { return run.first + static_cast<int>(run.words.size()); }
-
-  std::vector<Run> runs_;
-};
-
-namespace {
 
 constexpr int kHighestRegister = 0xffff;
 constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
@@ -388,9 +185,197 @@ std::string hex(int word) {
 
 }  // namespace
 
-class ModbusTcpDriver::Link {
+std::optional<std::string> DeviceLock::take(const std::string& device) {
+  if (socket_ >= 0 && device == device_) return std::nullopt;
+  release();
+  const Name name(device);
+  const int mine = makeSocket();
+  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
+  if (bind(mine, name.get(), name.size) != 0) {
+    const bool taken = errno == EADDRINUSE;
+    ::close(mine);
+    return taken ? std::optional(holderOf(name)) : std::nullopt;
+  }
+  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
+  socket_ = mine;
+  device_ = device;
+  return std::nullopt;
+}
+
+void DeviceLock::release() noexcept {
+  if (socket_ >= 0) ::close(socket_);
+  socket_ = -1;
+}
+
+/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
+/// time.
+class TcpLink {
  public:
-  explicit Link(const ModbusConfig& config)
+  /// @param host  name or address.
+  TcpLink(std::string host, int port)
+      : host_(std::move(host)),
+        port_(std::to_string(port)),
+        place_((host_.find(':') == std::string::npos ? host_ : "[" + host_ + "]") + ":" + port_) {}
+
+  /// Returns a connected socket, without delay of small messages, which the caller closes. The
+  /// device is locked until release().
+  ///
+  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
+  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
+  /// device.
+  int open(double timeout) {
+    std::vector<Address> addresses = resolve(timeout);
+    if (addresses.size() > kMostAddresses) addresses.resize(kMostAddresses);
+    int error = EADDRNOTAVAIL;
+    for (const Address& address : addresses) {
+      claim(address);
+      const int family = address.get()->sa_family;
+      const int socket = ::socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+      if (socket < 0) {
+        error = errno;
+        continue;
+      }
+      // libmodbus waits with select(), which cannot handle larger descriptors.
+      error = socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout)
+                                  : EMFILE;
+      if (error == 0) {
+        const int on = 1;
+        setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+        return socket;
+      }
+      ::close(socket);
+    }
+    release();
+    throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
+  }
+
+  /// Unlocks the device for other programs.
+  void release() noexcept { lock_.release(); }
+  /// Makes open() connect even if another program drives the device.
+  void ignoreOthers() noexcept { ignores_others_ = true; }
+
+  /// "host:port".
+  const std::string& place() const { return place_; }
+
+ private:
+  struct Address {
+    sockaddr_storage storage{};
+    socklen_t size = 0;
+
+    const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+  };
+  struct Resolved {
+    std::vector<Address> addresses;
+    std::string error;
+  };
+
+  std::vector<Address> resolve(double timeout) {
+    const auto look = [](const std::string& host, const std::string& port, int flags) {
+      Resolved resolved;
+      addrinfo hints{};
+      hints.ai_socktype = SOCK_STREAM;
+      hints.ai_flags = flags | AI_NUMERICSERV;
+      addrinfo* found = nullptr;
+      const int error = getaddrinfo(host.c_str(), port.c_str(), &hints, &found);
+      if (error != 0) {
+        resolved.error = error == EAI_SYSTEM ? std::strerror(errno) : gai_strerror(error);
+        return resolved;
+      }
+      const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, freeaddrinfo);
+      for (const addrinfo* entry = found; entry != nullptr; entry = entry->ai_next) {
+        Address address;
+        address.size = std::min<socklen_t>(entry->ai_addrlen, sizeof address.storage);
+        std::memcpy(&address.storage, entry->ai_addr, address.size);
+        resolved.addresses.push_back(address);
+      }
+      return resolved;
+    };
+    Resolved resolved = look(host_, port_, AI_NUMERICHOST);
+    if (resolved.error.empty()) return resolved.addresses;
+
+    // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits
+    // for.
+    if (!pending_.valid()) {
+      auto promise = std::make_shared<std::promise<Resolved>>();
+      pending_ = promise->get_future().share();
+      std::thread([look, promise, host = host_, port = port_] {
+        promise->set_value(look(host, port, 0));
+      }).detach();
+    }
+    if (pending_.wait_for(std::chrono::duration<double>(timeout)) != std::future_status::ready) {
+      throw LinkError(place_ +
+                      ": no name server has answered yet; give an address such as "
+                      "192.168.1.10 as host");
+    }
+    resolved = pending_.get();
+    pending_ = {};
+    if (!resolved.error.empty()) {
+      throw LinkError(place_ + ": " + host_ + " is not known: " + resolved.error +
+                      "; give an address such as 192.168.1.10 as host");
+    }
+    return resolved.addresses;
+  }
+
+  /// @throws LinkError if another program drives the device at this address.
+  void claim(const Address& address) {
+    char host[NI_MAXHOST] = "";
+    getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
+    const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
+    if (!holder || ignores_others_) return;
+    throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
+  }
+
+  std::string host_;
+  std::string port_;
+  std::string place_;
+  DeviceLock lock_;
+  bool ignores_others_ = false;
+  /// Pending answer of a slow name server; a new request is made only after it.
+  std::shared_future<Resolved> pending_;
+};
+
+/// A set of registers in consecutive runs, as Modbus transfers them.
+class ModbusRegisters {
+ public:
+  struct Run {
+    int first;
+    std::vector<std::uint16_t> words;
+  };
+
+  /// @param longest  longest run, >= 1.
+  ModbusRegisters(const std::set<int>& registers, int longest) {
+    for (const int number : registers) {
+      const bool fits =
+          !runs_.empty() && number == end(runs_.back()) && number < runs_.back().first + longest;
+      if (!fits) runs_.push_back({number, {}});
+      runs_.back().words.push_back(0);
+    }
+  }
+
+  /// A register from the constructor's set.
+  std::uint16_t& at(int number) {
+    return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
+  }
+  const std::uint16_t& at(int number) const {
+    const auto run = std::find_if(runs_.begin(), runs_.end(),
+                                  [number](const Run& r) { return number < end(r); });
+    return run->words.at(static_cast<std::size_t>(number - run->first));
+  }
+
+  std::vector<Run>& runs() { return runs_; }
+  void clear() {
+    for (Run& run : runs_) std::fill(run.words.begin(), run.words.end(), std::uint16_t{0});
+  }
+
+ private:
+  static int end(const Run& run) { return run.first + static_cast<int>(run.words.size()); }
+
+  std::vector<Run> runs_;
+};
+
+class ModbusLink : public Driver {
+ public:
+  explicit ModbusLink(const ModbusConfig& config)
       : profile_(config.profile),
         places_(config.slots),
         tcp_(config.host, config.port),
@@ -398,15 +383,112 @@ class ModbusTcpDriver::Link {
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});
   }
-  ~Link() { close(); }
+  ~ModbusLink() override { ModbusLink::close(); }
 
-  void connect();
-  void write(const control::ValveOrders& orders);
-  void read(Pressures& pressures);
-  void vent();
-  bool keepsAirOnClose() const noexcept { return profile_.app && context_; }
-  void ignoreOthers() noexcept { tcp_.ignoreOthers(); }
-  void close() noexcept {
+  void connect() override {
+    disconnect();
+    open();
+    clearOutputs();
+    try {
+      if (profile_.app) {
+        // A slot that already regulates continues, at no pressure: acknowledging would end its app,
+        // and an ended app keeps the air in. If replies cannot be understood, this is all that is
+        // sent.
+        commandAll(profile_.app->regulate);
+        send();
+        fetch();
+        const bool running = std::all_of(slots_.begin(), slots_.end(), [this](const Slot& slot) {
+          return statusOf(slot) == profile_.app->running;
+        });
+        if (running) return;
+        commandAll(profile_.app->acknowledge);
+        send();
+        awaitStatus(profile_.app->ready, "get ready");
+        commandAll(profile_.app->regulate);
+        send();
+        awaitStatus(profile_.app->running, "start regulating");
+      } else {
+        send();
+      }
+    } catch (const BadReply& error) {
+      close();
+      throw LinkError(error.what());
+    } catch (const LinkError&) {
+      close();
+      throw;
+    }
+  }
+
+  void write(const control::ValveOrders& orders) override {
+    basics::require(orders.valve.size() == places_.size() &&
+                        orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
+                    "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
+                    " channels; expected ", places_.size());
+    basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
+                    ": a set point is not finite; expected finite pascals");
+    context();
+    clearOutputs();
+    for (Slot& slot : slots_) {
+      bool closes = profile_.app.has_value();
+      for (std::size_t i = 0; i < places_.size(); ++i) {
+        if (profile_.slot(places_[i]) != slot.number) continue;
+        closes = closes && orders.valve[i] == control::Valve::kClose;
+        if (orders.valve[i] != control::Valve::kRegulate) continue;
+        outputs_.at(profile_.setPoint(places_[i])) =
+            countOf(orders.set_point[static_cast<Eigen::Index>(i)]);
+      }
+      if (profile_.app) command(slot, closes ? profile_.app->off : profile_.app->regulate);
+    }
+    send();
+  }
+
+  void read(Pressures& pressures) override {
+    basics::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
+                    "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
+                    " channels; expected ", places_.size());
+    fetch();
+    for (const Slot& slot : slots_) {
+      if (!profile_.app || slot.command != profile_.app->regulate) continue;
+      if (statusOf(slot) == profile_.app->running) continue;
+      if (steadyNow() - slot.since < profile_.app->activation_time) continue;
+      const int status = statusOf(slot);
+      close();
+      throw LinkError(tcp_.place() + ": slot " + std::to_string(slot.number) + " of " +
+                      profile_.name + " has stopped regulating: its status is " + hex(status) +
+                      ", expected " + hex(profile_.app->running) +
+                      "; check its faults, its air and its power");
+    }
+    for (std::size_t i = 0; i < places_.size(); ++i) {
+      const int place = profile_.reading(places_[i]);
+      pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.at(place));
+    }
+    if (profile_.supply) {
+      pressures.supply = pressureOf(*profile_.supply, inputs_.at(*profile_.supply));
+    }
+  }
+
+  void vent() override {
+    bool lost = std::exchange(lost_, false);
+    context();
+    clearOutputs();
+    if (profile_.app) commandAll(profile_.app->regulate);
+    std::exception_ptr error;
+    for (const ModbusRegisters::Run& run : outputs_.runs()) {
+      try {
+        send(run);
+      } catch (const std::exception&) {
+        error = std::current_exception();
+        lost = std::exchange(lost_, false) || lost;  // the next answers must be awaited, too
+      }
+      if (!context_) break;
+    }
+    lost_ = lost;
+    if (error) std::rethrow_exception(error);
+  }
+
+  bool keepsAirOnClose() const noexcept override { return profile_.app && context_; }
+  void ignoreOthers() noexcept override { tcp_.ignoreOthers(); }
+  void close() noexcept override {
     disconnect();
     tcp_.release();
   }
@@ -422,21 +504,132 @@ class ModbusTcpDriver::Link {
     if (context_) modbus_close(context_.get());
     context_.reset();
   }
-  void open();
-  void command(Slot& slot, int word);
-  void commandAll(int word);
-  void awaitStatus(int status, const char* purpose);
+
+  void open() {
+    const int socket = tcp_.open(profile_.timeout);
+    // The address is not used: libmodbus' own connect() has no time limit.
+    context_.reset(modbus_new_tcp("127.0.0.1", 0));
+    if (!context_) {
+      ::close(socket);
+      throw LinkError(tcp_.place() + ": " + modbus_strerror(errno));
+    }
+    lost_ = false;
+    modbus_set_socket(context_.get(), socket);
+    const auto seconds = static_cast<std::uint32_t>(profile_.timeout);
+    const auto microseconds = static_cast<std::uint32_t>(1e6 * (profile_.timeout - seconds));
+    modbus_set_slave(context_.get(), profile_.unit_id);
+    modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
+    modbus_set_response_timeout(context_.get(), seconds, microseconds);
+    // Without a timeout of its own, a byte is limited by that of the response.
+    modbus_set_byte_timeout(context_.get(), 0, 0);
+  }
+
+  void command(Slot& slot, int word) {
+    outputs_.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
+    if (slot.command == word) return;
+    slot.command = word;
+    slot.since = steadyNow();
+  }
+
+  void commandAll(int word) {
+    for (Slot& slot : slots_) command(slot, word);
+  }
+
+  void awaitStatus(int status, const char* purpose) {
+    const double end = steadyNow() + profile_.app->activation_time;
+    for (;;) {
+      fetch();
+      const auto late = std::find_if(slots_.begin(), slots_.end(),
+                                     [&](const Slot& slot) { return statusOf(slot) != status; });
+      if (late == slots_.end()) return;
+      if (steadyNow() >= end) {
+        std::ostringstream text;
+        text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
+             << purpose << " within " << profile_.app->activation_time << " s: its status is "
+             << hex(statusOf(*late)) << ", expected " << hex(status)
+             << "; check that the slot exists and has no fault or lock";
+        throw LinkError(text.str());
+      }
+      std::this_thread::sleep_for(kBetweenLooks);
+    }
+  }
+
   int statusOf(const Slot& slot) const {
     return inputs_.at(profile_.status(slot.number)) & profile_.app->status_mask;
   }
-  std::uint16_t countOf(double pressure) const;
-  double pressureOf(int place, std::uint16_t word) const;
-  void clearOutputs();
-  void send();
-  void send(const ModbusRegisters::Run& run);
-  void fetch();
-  void check(bool done, const char* what);
-  modbus_t* context() const;
+
+  std::uint16_t countOf(double pressure) const {
+    const double count =
+        std::floor((pressure + profile_.atmosphere) / profile_.pascals + kHairOfACount);
+    return static_cast<std::uint16_t>(
+        std::clamp(count, 0.0, static_cast<double>(profile_.highest_count)));
+  }
+
+  double pressureOf(int place, std::uint16_t word) const {
+    if (word == kNoReading) return std::numeric_limits<double>::quiet_NaN();
+    const double pressure =
+        static_cast<std::int16_t>(word) * profile_.pascals - profile_.atmosphere;
+    if (pressure < kVacuum) {
+      std::ostringstream text;
+      text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
+           << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
+           << "atmosphere_kpa of the profile";
+      throw BadReply(text.str());
+    }
+    return pressure;
+  }
+
+  // No app and the pressure of the atmosphere, also in a device that counts from vacuum.
+  void clearOutputs() {
+    outputs_.clear();
+    for (const Slot& slot : slots_) {
+      for (int i = 0; i < profile_.outlets; ++i) {
+        outputs_.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
+      }
+    }
+  }
+
+  void send() {
+    for (const ModbusRegisters::Run& run : outputs_.runs()) send(run);
+  }
+
+  void send(const ModbusRegisters::Run& run) {
+    const auto size = static_cast<int>(run.words.size());
+    check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
+          "does not accept set points");
+  }
+
+  void fetch() {
+    for (ModbusRegisters::Run& run : inputs_.runs()) {
+      const auto size = static_cast<int>(run.words.size());
+      const auto take =
+          profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
+      check(take(context(), run.first, size, run.words.data()) == size, "gives no readings");
+    }
+  }
+
+  void check(bool done, const char* what) {
+    if (done) return;
+    const int error = errno;
+    const std::string text =
+        tcp_.place() + ": " + profile_.name + " " + what + ": " + modbus_strerror(error);
+    if (isReply(error)) {
+      modbus_flush(context());  // the rest of it would be taken for the next reply
+      throw BadReply(text + "; check the registers of the profile, and unit_id");
+    }
+    if (error == ETIMEDOUT) {
+      lost_ = true;
+    } else {
+      close();
+    }
+    throw LinkError(
+        text + "; check that it is switched on, and that no other client holds its connections");
+  }
+
+  modbus_t* context() const {
+    if (!context_ || lost_) throw LinkError(tcp_.place() + ": there is no link; connect first");
+    return context_.get();
+  }
 
   const ModbusProfile profile_;
   const std::vector<int> places_;
@@ -447,240 +640,7 @@ class ModbusTcpDriver::Link {
   bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
-modbus_t* ModbusTcpDriver::Link::context() const {
-  if (!context_ || lost_) throw LinkError(tcp_.place() + ": there is no link; connect first");
-  return context_.get();
-}
-
-void ModbusTcpDriver::Link::open() {
-  const int socket = tcp_.open(profile_.timeout);
-  // The address is not used: libmodbus' own connect() has no time limit.
-  context_.reset(modbus_new_tcp("127.0.0.1", 0));
-  if (!context_) {
-    ::close(socket);
-    throw LinkError(tcp_.place() + ": " + modbus_strerror(errno));
-  }
-  lost_ = false;
-  modbus_set_socket(context_.get(), socket);
-  const auto seconds = static_cast<std::uint32_t>(profile_.timeout);
-  const auto microseconds = static_cast<std::uint32_t>(1e6 * (profile_.timeout - seconds));
-  modbus_set_slave(context_.get(), profile_.unit_id);
-  modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
-  modbus_set_response_timeout(context_.get(), seconds, microseconds);
-  // Without a timeout of its own, a byte is limited by that of the response.
-  modbus_set_byte_timeout(context_.get(), 0, 0);
-}
-
-void ModbusTcpDriver::Link::connect() {
-  disconnect();
-  open();
-  clearOutputs();
-  try {
-    if (profile_.app) {
-      // A slot that already regulates continues, at no pressure: acknowledging would end its app,
-      // and an ended app keeps the air in. If replies cannot be understood, this is all that is
-      // sent.
-      commandAll(profile_.app->regulate);
-      send();
-      fetch();
-      const bool running = std::all_of(slots_.begin(), slots_.end(), [this](const Slot& slot) {
-        return statusOf(slot) == profile_.app->running;
-      });
-      if (running) return;
-      commandAll(profile_.app->acknowledge);
-      send();
-      awaitStatus(profile_.app->ready, "get ready");
-      commandAll(profile_.app->regulate);
-      send();
-      awaitStatus(profile_.app->running, "start regulating");
-    } else {
-      send();
-    }
-  } catch (const BadReply& error) {
-    close();
-    throw LinkError(error.what());
-  } catch (const LinkError&) {
-    close();
-    throw;
-  }
-}
-
-void ModbusTcpDriver::Link::command(Slot& slot, int word) {
-  outputs_.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
-  if (slot.command == word) return;
-  slot.command = word;
-  slot.since = steadyNow();
-}
-
-void ModbusTcpDriver::Link::commandAll(int word) {
-  for (Slot& slot : slots_) command(slot, word);
-}
-
-void ModbusTcpDriver::Link::awaitStatus(int status, const char* purpose) {
-  const double end = steadyNow() + profile_.app->activation_time;
-  for (;;) {
-    fetch();
-    const auto late = std::find_if(slots_.begin(), slots_.end(),
-                                   [&](const Slot& slot) { return statusOf(slot) != status; });
-    if (late == slots_.end()) return;
-    if (steadyNow() >= end) {
-      std::ostringstream text;
-      text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
-           << purpose << " within " << profile_.app->activation_time << " s: its status is "
-           << hex(statusOf(*late)) << ", expected " << hex(status)
-           << "; check that the slot exists and has no fault or lock";
-      throw LinkError(text.str());
-    }
-    std::this_thread::sleep_for(kBetweenLooks);
-  }
-}
-
-std::uint16_t ModbusTcpDriver::Link::countOf(double pressure) const {
-  const double count =
-      std::floor((pressure + profile_.atmosphere) / profile_.pascals + kHairOfACount);
-  return static_cast<std::uint16_t>(
-      std::clamp(count, 0.0, static_cast<double>(profile_.highest_count)));
-}
-
-double ModbusTcpDriver::Link::pressureOf(int place, std::uint16_t word) const {
-  if (word == kNoReading) return std::numeric_limits<double>::quiet_NaN();
-  const double pressure = static_cast<std::int16_t>(word) * profile_.pascals - profile_.atmosphere;
-  if (pressure < kVacuum) {
-    std::ostringstream text;
-    text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
-         << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
-         << "atmosphere_kpa of the profile";
-    throw BadReply(text.str());
-  }
-  return pressure;
-}
-
-// No app and the pressure of the atmosphere, also in a device that counts from vacuum.
-void ModbusTcpDriver::Link::clearOutputs() {
-  outputs_.clear();
-  for (const Slot& slot : slots_) {
-    for (int i = 0; i < profile_.outlets; ++i) {
-      outputs_.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
-    }
-  }
-}
-
-void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
-  basics::require(orders.valve.size() == places_.size() &&
-                      orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
-                  "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
-                  " channels; expected ", places_.size());
-  basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
-                  ": a set point is not finite; expected finite pascals");
-  context();
-  clearOutputs();
-  for (Slot& slot : slots_) {
-    bool closes = profile_.app.has_value();
-    for (std::size_t i = 0; i < places_.size(); ++i) {
-      if (profile_.slot(places_[i]) != slot.number) continue;
-      closes = closes && orders.valve[i] == control::Valve::kClose;
-      if (orders.valve[i] != control::Valve::kRegulate) continue;
-      outputs_.at(profile_.setPoint(places_[i])) =
-          countOf(orders.set_point[static_cast<Eigen::Index>(i)]);
-    }
-    if (profile_.app) command(slot, closes ? profile_.app->off : profile_.app->regulate);
-  }
-  send();
-}
-
-void ModbusTcpDriver::Link::vent() {
-  bool lost = std::exchange(lost_, false);
-  context();
-  clearOutputs();
-  if (profile_.app) commandAll(profile_.app->regulate);
-  std::exception_ptr error;
-  for (const ModbusRegisters::Run& run : outputs_.runs()) {
-    try {
-      send(run);
-    } catch (const std::exception&) {
-      error = std::current_exception();
-      lost = std::exchange(lost_, false) || lost;  // the next answers must be awaited, too
-    }
-    if (!context_) break;
-  }
-  lost_ = lost;
-  if (error) std::rethrow_exception(error);
-}
-
-void ModbusTcpDriver::Link::read(Pressures& pressures) {
-  basics::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
-                  "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
-                  " channels; expected ", places_.size());
-  fetch();
-  for (const Slot& slot : slots_) {
-    if (!profile_.app || slot.command != profile_.app->regulate) continue;
-    if (statusOf(slot) == profile_.app->running) continue;
-    if (steadyNow() - slot.since < profile_.app->activation_time) continue;
-    const int status = statusOf(slot);
-    close();
-    throw LinkError(tcp_.place() + ": slot " + std::to_string(slot.number) + " of " +
-                    profile_.name + " has stopped regulating: its status is " + hex(status) +
-                    ", expected " + hex(profile_.app->running) +
-                    "; check its faults, its air and its power");
-  }
-  for (std::size_t i = 0; i < places_.size(); ++i) {
-    const int place = profile_.reading(places_[i]);
-    pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.at(place));
-  }
-  if (profile_.supply) {
-    pressures.supply = pressureOf(*profile_.supply, inputs_.at(*profile_.supply));
-  }
-}
-
-void ModbusTcpDriver::Link::send() {
-  for (const ModbusRegisters::Run& run : outputs_.runs()) send(run);
-}
-
-void ModbusTcpDriver::Link::send(const ModbusRegisters::Run& run) {
-  const auto size = static_cast<int>(run.words.size());
-  check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
-        "does not accept set points");
-}
-
-void ModbusTcpDriver::Link::fetch() {
-  for (ModbusRegisters::Run& run : inputs_.runs()) {
-    const auto size = static_cast<int>(run.words.size());
-    const auto take =
-        profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
-    check(take(context(), run.first, size, run.words.data()) == size, "gives no readings");
-  }
-}
-
-void ModbusTcpDriver::Link::check(bool done, const char* what) {
-  if (done) return;
-  const int error = errno;
-  const std::string text =
-      tcp_.place() + ": " + profile_.name + " " + what + ": " + modbus_strerror(error);
-  if (isReply(error)) {
-    modbus_flush(context());  // the rest of it would be taken for the next reply
-    throw BadReply(text + "; check the registers of the profile, and unit_id");
-  }
-  if (error == ETIMEDOUT) {
-    lost_ = true;
-  } else {
-    close();
-  }
-  throw LinkError(text +
-                  "; check that it is switched on, and that no other client holds its connections");
-}
-
 ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)
-    : link_(std::make_unique<Link>(valid(config))) {}
-
-ModbusTcpDriver::~ModbusTcpDriver() = default;
-
-void ModbusTcpDriver::connect() { link_->connect(); }
-void ModbusTcpDriver::write(const control::ValveOrders& orders) { link_->write(orders); }
-void ModbusTcpDriver::read(Pressures& pressures) { link_->read(pressures); }
-void ModbusTcpDriver::vent() { link_->vent(); }
-void ModbusTcpDriver::ignoreOthers() noexcept { link_->ignoreOthers(); }
-
-bool ModbusTcpDriver::keepsAirOnClose() const noexcept { return link_->keepsAirOnClose(); }
-void ModbusTcpDriver::close() noexcept { link_->close(); }
+    : link_(std::make_unique<ModbusLink>(valid(config))) {}
 
 }  // namespace helix_arm::regulator

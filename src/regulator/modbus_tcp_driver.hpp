@@ -50,27 +50,25 @@ class ModbusTcpDriver : public Driver {
   /// @throws std::invalid_argument if the profile breaks its rules, or slots are missing, negative,
   /// repeated, or beyond the last register.
   explicit ModbusTcpDriver(const ModbusConfig& config);
-  ~ModbusTcpDriver() override;
 
   /// Takes at most the profile's timeout to resolve and again to reach the device (per address, if
   /// the name has several), and twice its activation time.
-  void connect() override;
-  void ignoreOthers() noexcept override;
+  void connect() override { link_->connect(); }
+  void ignoreOthers() noexcept override { link_->ignoreOthers(); }
   /// @throws std::invalid_argument if the orders are not one per channel, or not finite.
-  void write(const control::ValveOrders& orders) override;
+  void write(const control::ValveOrders& orders) override { link_->write(orders); }
   /// A register that reads kNoReading gives NaN; a reading below vacuum is a BadReply. A slot that
   /// does not regulate within its activation time after the command is a LinkError: reconnecting
   /// acknowledges its faults.
-  void read(Pressures& pressures) override;
+  void read(Pressures& pressures) override { link_->read(pressures); }
   /// Writes every register even if the device does not answer.
-  void vent() override;
+  void vent() override { link_->vent(); }
   /// Whether slots may be running apps: without a link these end, with the valves closed.
-  bool keepsAirOnClose() const noexcept override;
-  void close() noexcept override;
+  bool keepsAirOnClose() const noexcept override { return link_->keepsAirOnClose(); }
+  void close() noexcept override { link_->close(); }
 
  private:
-  class Link;
-  std::unique_ptr<Link> link_;
+  std::unique_ptr<Driver> link_;
 };
 
 }  // namespace helix_arm::regulator

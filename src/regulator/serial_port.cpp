@@ -45,41 +45,20 @@ std::string openingFault(int error) {
   }
 }
 
-speed_t speedOf(int baud) {
-  switch (baud) {
-    case 1200:
-      return B1200;
-    case 2400:
-      return B2400;
-    case 4800:
-      return B4800;
-    case 9600:
-      return B9600;
-    case 19200:
-      return B19200;
-    case 38400:
-      return B38400;
-    case 57600:
-      return B57600;
-    case 115200:
-      return B115200;
-    case 230400:
-      return B230400;
-    case 460800:
-      return B460800;
-    case 500000:
-      return B500000;
-    case 921600:
-      return B921600;
-    case 1000000:
-      return B1000000;
-    case 2000000:
-      return B2000000;
-    default:
-      basics::require(false, "serial port: baud is ", baud,
-                      "; expected a standard rate such as 115200");
-  }
-  return B0;
+struct Rate {
+  int baud;
+  speed_t speed;
+};
+constexpr Rate kRates[] = {{1200, B1200},       {2400, B2400},      {4800, B4800},
+                           {9600, B9600},       {19200, B19200},    {38400, B38400},
+                           {57600, B57600},     {115200, B115200},  {230400, B230400},
+                           {460800, B460800},   {500000, B500000},  {921600, B921600},
+                           {1000000, B1000000}, {2000000, B2000000}};
+
+const Rate* rateOf(int baud) {
+  const auto known = std::find_if(std::begin(kRates), std::end(kRates),
+                                  [baud](const Rate& rate) { return rate.baud == baud; });
+  return known == std::end(kRates) ? nullptr : known;
 }
 
 // Not for pseudo terminals: one stays exclusive if its holder is killed, and no guard could open
@@ -101,6 +80,8 @@ int millisecondsTo(SerialPort::Clock::time_point deadline) {
 
 }  // namespace
 
+bool isStandardBaud(int baud) { return rateOf(baud) != nullptr; }
+
 SerialPort::~SerialPort() { close(); }
 
 void SerialPort::fail(const std::string& cause) const {
@@ -109,7 +90,9 @@ void SerialPort::fail(const std::string& cause) const {
 
 void SerialPort::open(const std::string& device, int baud) {
   close();
-  const speed_t speed = speedOf(baud);
+  const Rate* const rate = rateOf(baud);
+  basics::require(rate != nullptr, "serial port: baud is ", baud,
+                  "; expected a standard rate such as 115200");
   device_ = device;
   file_ = ::open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (file_ < 0) fail(openingFault(errno));
@@ -126,7 +109,7 @@ void SerialPort::open(const std::string& device, int baud) {
   settings.c_iflag &= ~static_cast<tcflag_t>(IXOFF | IXANY);
   settings.c_cc[VMIN] = 0;
   settings.c_cc[VTIME] = 0;
-  if (cfsetspeed(&settings, speed) != 0 || tcsetattr(file_, TCSANOW, &settings) != 0) {
+  if (cfsetspeed(&settings, rate->speed) != 0 || tcsetattr(file_, TCSANOW, &settings) != 0) {
     const int error = errno;
     close();
     fail("does not support " + std::to_string(baud) + " baud: " + std::strerror(error));

@@ -6,6 +6,9 @@
 
 namespace helix_arm::regulator {
 
+/// Whether SerialPort::open() knows this rate: 1200 to 2000000.
+bool isStandardBaud(int baud);
+
 /// A serial line with deadlines.
 ///
 /// Once the device is gone, every call except close() and isOpen() throws LinkError naming the

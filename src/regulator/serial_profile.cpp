@@ -10,6 +10,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
+#include "serial_port.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -47,6 +48,93 @@ std::string numberText(double value, int decimals) {
          fraction;
 }
 
+constexpr const char* kCulprit = "serial profile";
+constexpr int kMostChannels = 1024;
+
+template <class Value>
+void require(bool holds, const char* key, const Value& value, const char* rule) {
+  basics::requireValue(holds, kCulprit, key, value, rule);
+}
+
+LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
+  try {
+    return LineFormat(text, style);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
+  }
+}
+
+std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
+                                         const LineStyle& style) {
+  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
+}
+
+std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
+                                const LineStyle& style) {
+  std::vector<LineFormat> lines;
+  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
+  return lines;
+}
+
+// A line to the device must not have fields that cannot be filled in.
+void requireSendable(const char* key, const LineFormat& line,
+                     std::initializer_list<const char*> allowed) {
+  for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
+                            "{*}", "{words}", "{...}"}) {
+    const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
+      return std::string_view(word) == field;
+    });
+    basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
+                    ", which a line to the device cannot have");
+  }
+}
+
+void requireField(const char* key, const LineFormat& line, const char* field) {
+  basics::require(line.has(field), kCulprit, ": ", key, " has no ", field);
+}
+
+bool keepsToSeparators(const std::string& text) {
+  return !text.empty() && text.size() <= 4 &&
+         text.find_first_of("0123456789+-.eE{}") == std::string::npos &&
+         std::all_of(text.begin(), text.end(), isPrintable);
+}
+
+void validateLines(const SerialProfile& profile) {
+  const SerialLines lines(profile);
+  const char* const pressure = profile.one_by_one ? "{pressure}" : "{pressures}";
+  requireField("write", *lines.write, pressure);
+  requireField("reply", *lines.reply, pressure);
+  requireSendable("write", *lines.write, {"{address}", pressure});
+  if (lines.read) requireSendable("read", *lines.read, {"{address}"});
+  for (const LineFormat& line : lines.start) requireSendable("start", line, {});
+  const bool addressed = lines.write->has("{address}");
+  const auto requireAlike = [&](const char* key, const LineFormat& line) {
+    requireSendable(key, line, {"{address}"});
+    basics::require(
+        line.has("{address}") == addressed, kCulprit, ": ", key,
+        addressed ? " has no {address}, but write has" : " has {address}, but write has none");
+  };
+  for (const LineFormat& line : lines.vent) requireAlike("vent", line);
+  for (const LineFormat& line : lines.close) requireAlike("close", line);
+  for (const LineFormat& line : lines.resume) requireAlike("resume", line);
+  if (lines.read) requireAlike("read", *lines.read);
+  basics::require(profile.one_by_one || !addressed, kCulprit,
+                  ": write has {address}, but one_by_one is false");
+  basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
+                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
+  if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
+  const bool unasked = !lines.read;
+  basics::require(
+      !unasked || !profile.one_by_one, kCulprit,
+      ": read is missing, so one_by_one must be false: unsolicited readings come in one "
+      "line for all channels");
+  basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
+                  ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
+                  "lines answer nothing");
+  basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
+                  ": supply_line and skip apply to unsolicited lines, but read is given");
+}
+
 }  // namespace
 
 std::string withChecksum(const std::string& line) {
@@ -81,6 +169,55 @@ class LineFormat::Reader {
   bool done() const { return at_ == line_.size(); }
   char next() const { return done() ? '\0' : line_[at_]; }
 
+  // Takes one part of a template. @return what was expected where it does not match; empty if it
+  // does.
+  std::string take(const Part& part, const Part* following, const LineStyle& style,
+                   const std::string& address, std::size_t pressures, LineFields& fields) {
+    switch (part.kind) {
+      case Kind::kLiteral:
+        return skip(part.text) ? "" : "\"" + part.text + "\"";
+      case Kind::kBlank:
+        return skipBlanks() ? "" : "a blank";
+      case Kind::kAddress:
+        return skip(address) ? "" : "the address " + address;
+      case Kind::kUnit:
+        if (!skip(style.unit_word)) return "the unit " + style.unit_word;
+        return isLetter(next()) ? "the end of the unit " + style.unit_word : "";
+      case Kind::kPressure:
+        return takePressures(1, style.separator, fields);
+      case Kind::kPressures:
+        return takePressures(pressures, style.separator, fields);
+      case Kind::kSetPoint:
+        return (fields.set_point = number()) ? "" : "a number";
+      case Kind::kSupply:
+        return (fields.supply = number()) ? "" : "a number";
+      case Kind::kWord: {
+        const bool literal = following != nullptr && following->kind == Kind::kLiteral;
+        return skipWord(literal ? following->text.front() : '\0') ? "" : "a word";
+      }
+      case Kind::kWords:
+        return skipWords() ? "" : "words of letters, or the end";
+      case Kind::kRest:
+        at_ = line_.size();
+        break;
+    }
+    return "";
+  }
+
+ private:
+  std::string takePressures(std::size_t count, const std::string& separator, LineFields& fields) {
+    const bool blank = std::all_of(separator.begin(), separator.end(), isBlank);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k > 0 && !(blank ? skipBlanks() : skip(separator))) {
+        return std::to_string(count) + " pressures, not " + std::to_string(k);
+      }
+      const std::optional<double> value = number();
+      if (!value) return "a number";
+      fields.pressures.push_back(*value);
+    }
+    return "";
+  }
+
   bool skip(std::string_view text) {
     if (line_.compare(at_, text.size(), text) != 0) return false;
     at_ += text.size();
@@ -103,7 +240,6 @@ class LineFormat::Reader {
     }
     return true;
   }
-  void skipRest() { at_ = line_.size(); }
 
   std::optional<double> number() {
     const std::size_t begin = at_;
@@ -112,7 +248,6 @@ class LineFormat::Reader {
     return value;
   }
 
- private:
   std::optional<double> numberHere() {
     const bool negative = next() == '-';
     if (negative || next() == '+') ++at_;
@@ -170,9 +305,6 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
       {"{words}", Kind::kWords},
       {"{...}", Kind::kRest},
   }};
-  const auto demand = [this](bool holds, const std::string& fault) {
-    basics::require(holds, "\"", basics::quoted(text_), "\" ", fault);
-  };
   demand(!text_.empty(), "is empty; expected a line of text");
   demand(text_.size() <= kLongestLine, "is longer than 512 bytes");
   demand(std::all_of(text_.begin(), text_.end(), isPrintable),
@@ -203,6 +335,14 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
       demand(parts_.back().text.find('}') == std::string::npos, "has a } without a {");
     }
   }
+  checkFields();
+}
+
+void LineFormat::demand(bool holds, const std::string& fault) const {
+  basics::require(holds, "\"", basics::quoted(text_), "\" ", fault);
+}
+
+void LineFormat::checkFields() const {
   bool after_value = false;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Kind kind = parts_[i].kind;
@@ -271,69 +411,23 @@ std::string LineFormat::line(const std::string& address, const LineFields& field
 
 std::optional<LineFields> LineFormat::read(std::string_view line, const std::string& address,
                                            std::size_t pressures, Mismatch& mismatch) const {
-  Reader reader(line);
-  LineFields fields;
-  const auto miss = [&](const std::string& expected) {
-    mismatch = {reader.at(), expected};
+  const auto miss = [&mismatch](std::size_t at, std::string expected) {
+    mismatch = {at, std::move(expected)};
     return std::nullopt;
   };
-  const auto bad = std::find_if_not(line.begin(), line.end(), isPrintable) - line.begin();
-  if (line.size() > kLongestLine) return miss("a line of at most 512 bytes");
-  if (static_cast<std::size_t>(bad) != line.size()) {
-    mismatch = {static_cast<std::size_t>(bad), "printable ASCII"};
-    return std::nullopt;
+  if (line.size() > kLongestLine) return miss(0, "a line of at most 512 bytes");
+  const auto bad = std::find_if_not(line.begin(), line.end(), isPrintable);
+  if (bad != line.end()) {
+    return miss(static_cast<std::size_t>(bad - line.begin()), "printable ASCII");
   }
-  const bool blank_separator =
-      std::all_of(style_.separator.begin(), style_.separator.end(), isBlank);
+  Reader reader(line);
+  LineFields fields;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
-    const Part& part = parts_[i];
-    switch (part.kind) {
-      case Kind::kLiteral:
-        if (!reader.skip(part.text)) return miss("\"" + part.text + "\"");
-        break;
-      case Kind::kBlank:
-        if (!reader.skipBlanks()) return miss("a blank");
-        break;
-      case Kind::kAddress:
-        if (!reader.skip(address)) return miss("the address " + address);
-        break;
-      case Kind::kUnit:
-        if (!reader.skip(style_.unit_word)) return miss("the unit " + style_.unit_word);
-        if (isLetter(reader.next())) return miss("the end of the unit " + style_.unit_word);
-        break;
-      case Kind::kPressure:
-      case Kind::kPressures:
-        for (std::size_t k = 0; k < (part.kind == Kind::kPressure ? 1 : pressures); ++k) {
-          const bool parted =
-              k == 0 || (blank_separator ? reader.skipBlanks() : reader.skip(style_.separator));
-          if (!parted) {
-            return miss(std::to_string(pressures) + " pressures, not " + std::to_string(k));
-          }
-          const std::optional<double> value = reader.number();
-          if (!value) return miss("a number");
-          fields.pressures.push_back(*value);
-        }
-        break;
-      case Kind::kSetPoint:
-        if (!(fields.set_point = reader.number())) return miss("a number");
-        break;
-      case Kind::kSupply:
-        if (!(fields.supply = reader.number())) return miss("a number");
-        break;
-      case Kind::kWord: {
-        const bool literal = i + 1 < parts_.size() && parts_[i + 1].kind == Kind::kLiteral;
-        if (!reader.skipWord(literal ? parts_[i + 1].text.front() : '\0')) return miss("a word");
-        break;
-      }
-      case Kind::kWords:
-        if (!reader.skipWords()) return miss("words of letters, or the end");
-        break;
-      case Kind::kRest:
-        reader.skipRest();
-        break;
-    }
+    const Part* const following = i + 1 < parts_.size() ? &parts_[i + 1] : nullptr;
+    std::string expected = reader.take(parts_[i], following, style_, address, pressures, fields);
+    if (!expected.empty()) return miss(reader.at(), std::move(expected));
   }
-  if (!reader.done()) return miss("the end");
+  if (!reader.done()) return miss(reader.at(), "the end");
   return fields;
 }
 
@@ -356,108 +450,8 @@ LineFields LineFormat::parse(std::string_view line, const std::string& address,
                  (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
 }
 
-namespace {
-
-constexpr const char* kCulprit = "serial profile";
-constexpr int kMostChannels = 1024;
-
-template <class Value>
-void require(bool holds, const char* key, const Value& value, const char* rule) {
-  basics::requireValue(holds, kCulprit, key, value, rule);
-}
-
-LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
-  try {
-    return LineFormat(text, style);
-  } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
-  }
-}
-
-std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
-                                         const LineStyle& style) {
-  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
-}
-
-std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
-                                const LineStyle& style) {
-  std::vector<LineFormat> lines;
-  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
-  return lines;
-}
-
-// A line to the device must not have fields that cannot be filled in.
-void requireSendable(const char* key, const LineFormat& line,
-                     std::initializer_list<const char*> allowed) {
-  for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
-                            "{*}", "{words}", "{...}"}) {
-    const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
-      return std::string_view(word) == field;
-    });
-    basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
-                    ", which a line to the device cannot have");
-  }
-}
-
-void requireField(const char* key, const LineFormat& line, const char* field) {
-  basics::require(line.has(field), kCulprit, ": ", key, " has no ", field);
-}
-
-bool keepsToSeparators(const std::string& text) {
-  return !text.empty() && text.size() <= 4 &&
-         text.find_first_of("0123456789+-.eE{}") == std::string::npos &&
-         std::all_of(text.begin(), text.end(),
-                     [](char c) { return (c >= ' ' && c <= '~') || c == '\t'; });
-}
-
-bool isBaud(int baud) {
-  for (const int known : {1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800,
-                          500000, 921600, 1000000, 2000000}) {
-    if (baud == known) return true;
-  }
-  return false;
-}
-
-void validateLines(const SerialProfile& profile) {
-  const SerialLines lines(profile);
-  const char* const pressure = profile.one_by_one ? "{pressure}" : "{pressures}";
-  requireField("write", *lines.write, pressure);
-  requireField("reply", *lines.reply, pressure);
-  requireSendable("write", *lines.write, {"{address}", pressure});
-  if (lines.read) requireSendable("read", *lines.read, {"{address}"});
-  for (const LineFormat& line : lines.start) requireSendable("start", line, {});
-  const bool addressed = lines.write->has("{address}");
-  const auto requireAlike = [&](const char* key, const LineFormat& line) {
-    requireSendable(key, line, {"{address}"});
-    basics::require(
-        line.has("{address}") == addressed, kCulprit, ": ", key,
-        addressed ? " has no {address}, but write has" : " has {address}, but write has none");
-  };
-  for (const LineFormat& line : lines.vent) requireAlike("vent", line);
-  for (const LineFormat& line : lines.close) requireAlike("close", line);
-  for (const LineFormat& line : lines.resume) requireAlike("resume", line);
-  if (lines.read) requireAlike("read", *lines.read);
-  basics::require(profile.one_by_one || !addressed, kCulprit,
-                  ": write has {address}, but one_by_one is false");
-  basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
-                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
-  if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
-  const bool unasked = !lines.read;
-  basics::require(
-      !unasked || !profile.one_by_one, kCulprit,
-      ": read is missing, so one_by_one must be false: unsolicited readings come in one "
-      "line for all channels");
-  basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
-                  ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
-                  "lines answer nothing");
-  basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
-                  ": supply_line and skip apply to unsolicited lines, but read is given");
-}
-
-}  // namespace
-
 void SerialProfile::validate() const {
-  require(isBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");
+  require(isStandardBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");
   basics::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
                   ": terminator is \"", basics::quoted(terminator),
                   "\"; expected a carriage return, a line feed or both");

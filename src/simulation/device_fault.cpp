@@ -1,51 +1,25 @@
-#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 
 namespace helix_arm::simulation {
+namespace {
 
-const char* nameOf(DeviceFault fault) {
-  switch (fault) {
-    case DeviceFault::kNone:
-      return "none";
-    case DeviceFault::kSilence:
-      return "silence";
-    case DeviceFault::kGarbage:
-      return "garbage";
-    case DeviceFault::kHalfLine:
-      return "half_line";
-    case DeviceFault::kWrongUnit:
-      return "wrong_unit";
-    case DeviceFault::kSlow:
-      return "slow";
-    case DeviceFault::kRestart:
-      return "restart";
-    case DeviceFault::kNanText:
-      return "nan_text";
-    case DeviceFault::kStuckValue:
-      return "stuck_value";
-    case DeviceFault::kBurst:
-      return "burst";
-    case DeviceFault::kStuckOpen:
-      return "stuck_open";
-    case DeviceFault::kStuckShut:
-      return "stuck_shut";
-    case DeviceFault::kLowSupply:
-      return "low_supply";
-  }
-  return "?";
-}
+constexpr const char* kFaultNames[kDeviceFaultCount] = {
+    "none",     "silence",     "garbage", "half_line",  "wrong_unit", "slow",      "restart",
+    "nan_text", "stuck_value", "burst",   "stuck_open", "stuck_shut", "low_supply"};
+
+}  // namespace
+
+const char* nameOf(DeviceFault fault) { return kFaultNames[static_cast<std::size_t>(fault)]; }
 
 std::string deviceFaultNames() {
-  std::string names = nameOf(DeviceFault::kNone);
-  for (int i = 1; i < kDeviceFaultCount; ++i) {
-    names += std::string(", ") + nameOf(static_cast<DeviceFault>(i));
-  }
+  std::string names;
+  for (const char* name : kFaultNames) names += (names.empty() ? "" : ", ") + std::string(name);
   return names;
 }
 
 std::optional<DeviceFault> parseDeviceFault(const std::string& name) {
   for (int i = 0; i < kDeviceFaultCount; ++i) {
-    const auto fault = static_cast<DeviceFault>(i);
-    if (name == nameOf(fault)) return fault;
+    if (name == kFaultNames[i]) return static_cast<DeviceFault>(i);
   }
   return std::nullopt;
 }

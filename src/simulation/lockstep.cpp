@@ -1,6 +1,5 @@
 #include "helix_arm/simulation/lockstep.hpp"
 
-#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -78,7 +77,7 @@ void Lockstep::deliver() {
     const Waiting& next = waiting_.front();
     const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                                  next.shape.covariance, next.shape.tags);
-    ++(observation.accepted() ? accepted_ : refused_);
+    if (observation.accepted()) ++accepted_;
     measured_ = MeasuredTip{next.stamp, next.shape.tip};
     waiting_.pop_front();
   }

@@ -14,8 +14,8 @@
 namespace helix_arm::simulation {
 namespace {
 
-[[noreturn]] void fail(const std::string& what) {
-  throw std::runtime_error(what + ": " + std::strerror(errno));
+[[noreturn]] void fail(const std::string& what, int error = errno) {
+  throw std::runtime_error(what + ": " + std::strerror(error));
 }
 
 }  // namespace
@@ -27,8 +27,7 @@ PseudoTerminal::PseudoTerminal() {
   if (grantpt(file_) != 0 || unlockpt(file_) != 0 || ptsname_r(file_, path, sizeof path) != 0) {
     const int error = errno;
     close(file_);
-    errno = error;
-    fail("a pseudo terminal cannot be unlocked");
+    fail("a pseudo terminal cannot be unlocked", error);
   }
   path_ = path;
   // Raw mode from the start; otherwise the terminal would echo until a program opens it.
@@ -38,8 +37,7 @@ PseudoTerminal::PseudoTerminal() {
     const int error = errno;
     if (other >= 0) close(other);
     close(file_);
-    errno = error;
-    fail(path_ + " cannot be opened");
+    fail(path_ + " cannot be opened", error);
   }
   cfmakeraw(&settings);
   tcsetattr(other, TCSANOW, &settings);
@@ -90,8 +88,7 @@ void DeviceLink::pointTo(const std::string& target) {
   if (rename(fresh.c_str(), path_.c_str()) != 0) {
     const int error = errno;
     std::filesystem::remove(fresh, ignored);
-    errno = error;
-    fail(path_ + " cannot be created");
+    fail(path_ + " cannot be created", error);
   }
   target_ = target;
 }

@@ -1,7 +1,5 @@
 #include "helix_arm/simulation/rig.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <random>
 #include <sstream>
 #include <stdexcept>
@@ -33,46 +31,6 @@ class Noise {
   std::mt19937_64 generator_;
   std::normal_distribution<double> normal_;
 };
-
-}  // namespace
-
-void MountDeviation::validate() const {
-  const auto check = [](const char* what, double value) {
-    basics::requireNotNegative(kTrueMounts, what, value);
-  };
-  check("the deviation of the camera's place [m]", camera_translation);
-  check("the deviation of the camera's direction [rad]", camera_rotation);
-  check("the deviation of the tags' places [m]", tag_translation);
-  check("the deviation of the tags' directions [rad]", tag_rotation);
-}
-
-estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::Arm& arm,
-                              const MountDeviation& deviation) {
-  deviation.validate();
-  layout.validate(arm.sectionCount());
-  Noise noise(deviation.seed, kTagStream);
-  const int base_tag = layout.baseTag();
-  estimation::TagLayout out = layout;
-  for (int i = 0; i < static_cast<int>(out.tags.size()); ++i) {
-    const lie::Vector6 moved = noise.draw(deviation.tag_translation, deviation.tag_rotation);
-    if (i == base_tag) continue;
-    const double rest_length = arm.restLength(out.tags[i].section);
-    out.tags[i] = estimation::movedBy(out.tags[i], moved, rest_length);
-  }
-  return out;
-}
-
-estimation::ArmView deviate(const estimation::ArmView& view, const model::Arm& arm,
-                            const MountDeviation& deviation) {
-  estimation::ArmView out = view;
-  out.layout = deviate(view.layout, arm, deviation);
-  Noise noise(deviation.seed, kCameraStream);
-  out.X_CB = view.X_CB *
-             lie::SE3::exp(noise.draw(deviation.camera_translation, deviation.camera_rotation));
-  return out;
-}
-
-namespace {
 
 constexpr statics::TierSetting kExact{statics::Tier::kExact, 0};
 
@@ -120,6 +78,42 @@ std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force
 }
 
 }  // namespace
+
+void MountDeviation::validate() const {
+  const auto check = [](const char* what, double value) {
+    basics::requireNotNegative(kTrueMounts, what, value);
+  };
+  check("the deviation of the camera's place [m]", camera_translation);
+  check("the deviation of the camera's direction [rad]", camera_rotation);
+  check("the deviation of the tags' places [m]", tag_translation);
+  check("the deviation of the tags' directions [rad]", tag_rotation);
+}
+
+estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::Arm& arm,
+                              const MountDeviation& deviation) {
+  deviation.validate();
+  layout.validate(arm.sectionCount());
+  Noise noise(deviation.seed, kTagStream);
+  const int base_tag = layout.baseTag();
+  estimation::TagLayout out = layout;
+  for (int i = 0; i < static_cast<int>(out.tags.size()); ++i) {
+    const lie::Vector6 moved = noise.draw(deviation.tag_translation, deviation.tag_rotation);
+    if (i == base_tag) continue;
+    const double rest_length = arm.restLength(out.tags[i].section);
+    out.tags[i] = estimation::movedBy(out.tags[i], moved, rest_length);
+  }
+  return out;
+}
+
+estimation::ArmView deviate(const estimation::ArmView& view, const model::Arm& arm,
+                            const MountDeviation& deviation) {
+  estimation::ArmView out = view;
+  out.layout = deviate(view.layout, arm, deviation);
+  Noise noise(deviation.seed, kCameraStream);
+  out.X_CB = view.X_CB *
+             lie::SE3::exp(noise.draw(deviation.camera_translation, deviation.camera_rotation));
+  return out;
+}
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {

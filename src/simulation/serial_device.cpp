@@ -1,5 +1,3 @@
-#include "helix_arm/simulation/serial_device.hpp"
-
 #include <Eigen/Core>
 #include <algorithm>
 #include <atomic>
@@ -22,67 +20,27 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
-#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "pseudo_terminal.hpp"
 
 namespace helix_arm::simulation {
-
-/// Protocol and valves of an emulated device, without line or clock.
-class SerialDialogue {
- public:
-  /// @throws std::invalid_argument naming the value and its rule.
-  explicit SerialDialogue(const SerialDeviceConfig& config);
-
-  /// Advances time by dt [s].
-  void step(double dt);
-  /// Executes a line.
-  /// @return whether it was understood, whether it has set points, and the answer to send, if any.
-  struct Outcome {
-    bool understood = false;
-    bool sets = false;
-    std::optional<std::string> answer;  // without a terminator
-  };
-  Outcome take(const std::string& line, DeviceFault fault);
-  /// The next unsolicited line, if it sends any.
-  std::optional<std::string> unasked(DeviceFault fault);
-  /// Freezes the readings, for kStuckValue.
-  void rememberReadings() { stuck_ = simulated_.pressure(); }
-  void fail(regulator::AirFault fault) { simulated_.fail(fault); }
-  /// Restarts, as after power-on.
-  void restart();
-
-  const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
-  const Eigen::VectorXd& setPoint() const { return set_point_; }
-  const std::vector<control::Valve>& valves() const { return valves_; }
-
- private:
-  std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
-  Outcome takeText(const std::string& line, DeviceFault fault);
-  Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
-  Outcome refusal() const;  // of a line that is not understood
-  void apply();
-  void ventAll();
-
-  SerialDeviceConfig config_;
-  regulator::SerialLines lines_;
-  bool vents_by_mode_;  // by a line that is not a set point
-  regulator::SimulatedRegulator simulated_;
-  Eigen::VectorXd set_point_;
-  std::vector<control::Valve> valves_;
-  std::vector<bool> held_;  // (channels) until a resume line
-  Eigen::VectorXd stuck_;
-  bool speaks_ = false;
-  double silence_ = 0;  // time since the last line [s]
-};
-
 namespace {
 
+using Clock = std::chrono::steady_clock;
 using control::Valve;
 using regulator::LineFields;
 using regulator::LineFormat;
 
 constexpr const char* kSerialDevice = "serial device";
 constexpr double kPsi = 6894.757293168;
+constexpr std::chrono::milliseconds kEmptyLine{2};    // between checks for a new client
+constexpr std::chrono::milliseconds kNoTerminal{50};  // between attempts to create one
+constexpr double kSlowness = 2.5;                     // of an answer, in timeouts
+
+double seconds(Clock::duration span) { return std::chrono::duration<double>(span).count(); }
+Clock::duration spanOf(double s) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+}
 
 const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   config.profile.validate();
@@ -108,191 +66,206 @@ bool ventsByMode(const regulator::SerialLines& lines, bool one_by_one) {
 
 }  // namespace
 
-SerialDialogue::SerialDialogue(const SerialDeviceConfig& config)
-    : config_(valid(config)),
-      lines_(config.profile),
-      vents_by_mode_(ventsByMode(lines_, config.profile.one_by_one)),
-      simulated_(config.channels, config.regulator),
-      stuck_(Eigen::VectorXd::Zero(config.channels)) {
-  restart();
-}
+/// Protocol and valves of an emulated device, without line or clock.
+class SerialDialogue {
+ public:
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit SerialDialogue(const SerialDeviceConfig& config)
+      : config_(valid(config)),
+        lines_(config.profile),
+        vents_by_mode_(ventsByMode(lines_, config.profile.one_by_one)),
+        simulated_(config.channels, config.regulator),
+        stuck_(Eigen::VectorXd::Zero(config.channels)) {
+    restart();
+  }
 
-void SerialDialogue::restart() {
-  ventAll();
-  speaks_ = lines_.start.empty();
-  silence_ = 0;
-}
+  /// Advances time by dt [s].
+  void step(double dt) {
+    const double left = config_.profile.watchdog - silence_;
+    silence_ += dt;
+    if (left > 0 && dt >= left) {
+      simulated_.step(left);
+      dt -= left;
+      ventAll();
+    }
+    simulated_.step(dt);
+  }
 
-// In force until the next set point.
-void SerialDialogue::ventAll() {
-  const auto channels = static_cast<std::size_t>(config_.channels);
-  set_point_ = Eigen::VectorXd::Zero(config_.channels);
-  valves_.assign(channels, Valve::kVent);
-  held_.assign(channels, false);
-  apply();
-}
+  /// Executes a line.
+  /// @return whether it was understood, whether it has set points, and the answer to send, if any.
+  struct Outcome {
+    bool understood = false;
+    bool sets = false;
+    std::optional<std::string> answer;  // without a terminator
+  };
 
-void SerialDialogue::step(double dt) {
-  const double left = config_.profile.watchdog - silence_;
-  silence_ += dt;
-  if (left > 0 && dt >= left) {
-    simulated_.step(left);
-    dt -= left;
+  Outcome take(const std::string& line, DeviceFault fault) {
+    if (!config_.profile.checksum) return takeText(line, fault);
+    const std::optional<std::string> text = regulator::withoutChecksum(line);
+    Outcome outcome = text ? takeText(*text, fault) : refusal();
+    if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
+    return outcome;
+  }
+
+  /// The next unsolicited line, if it sends any.
+  std::optional<std::string> unasked(DeviceFault fault) {
+    if (lines_.read || !speaks_) return std::nullopt;
+    const std::string line = readings(*lines_.reply, 0, fault);
+    return config_.profile.checksum ? regulator::withChecksum(line) : line;
+  }
+
+  /// Freezes the readings, for kStuckValue.
+  void rememberReadings() { stuck_ = simulated_.pressure(); }
+  void fail(regulator::AirFault fault) { simulated_.fail(fault); }
+
+  /// Restarts, as after power-on.
+  void restart() {
     ventAll();
+    speaks_ = lines_.start.empty();
+    silence_ = 0;
   }
-  simulated_.step(dt);
-}
 
-// A closed channel keeps its pressure.
-void SerialDialogue::apply() {
-  Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
-  for (int i = 0; i < goal.size(); ++i) {
-    const Valve valve = valves_[static_cast<std::size_t>(i)];
-    if (valve == Valve::kRegulate) goal[i] = set_point_[i];
-    if (valve == Valve::kClose) goal[i] = simulated_.pressure()[i];
-  }
-  simulated_.command(goal);
-}
+  const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
+  const Eigen::VectorXd& setPoint() const { return set_point_; }
+  const std::vector<control::Valve>& valves() const { return valves_; }
 
-std::string SerialDialogue::readings(const LineFormat& format, int channel, DeviceFault fault) {
-  const regulator::SerialProfile& profile = config_.profile;
-  const bool one = profile.one_by_one;
-  const bool wrong_unit = fault == DeviceFault::kWrongUnit;
-  const double other = profile.pascals == kPsi ? 1e3 : kPsi;
-  const auto number = [&](double pressure) {
-    return wrong_unit ? (pressure + profile.atmosphere) / other : profile.fromPascals(pressure);
-  };
-  const Eigen::VectorXd pressures =
-      fault == DeviceFault::kStuckValue ? stuck_ : simulated_.measure();
-  LineFields fields;
-  for (int i = one ? channel : 0; i < (one ? channel + 1 : config_.channels); ++i) {
-    fields.pressures.push_back(fault == DeviceFault::kNanText
-                                   ? std::numeric_limits<double>::quiet_NaN()
-                                   : number(pressures[i]));
+ private:
+  std::string readings(const LineFormat& format, int channel, DeviceFault fault) {
+    const regulator::SerialProfile& profile = config_.profile;
+    const bool wrong_unit = fault == DeviceFault::kWrongUnit;
+    const double other = profile.pascals == kPsi ? 1e3 : kPsi;
+    const auto number = [&](double pressure) {
+      return wrong_unit ? (pressure + profile.atmosphere) / other : profile.fromPascals(pressure);
+    };
+    const Eigen::VectorXd pressures =
+        fault == DeviceFault::kStuckValue ? stuck_ : simulated_.measure();
+    LineFields fields;
+    for (int i = firstOf(channel); i < endOf(channel); ++i) {
+      fields.pressures.push_back(fault == DeviceFault::kNanText
+                                     ? std::numeric_limits<double>::quiet_NaN()
+                                     : number(pressures[i]));
+    }
+    fields.set_point = number(set_point_[channel]);
+    fields.supply = number(simulated_.supply());
+    std::string line = format.line(addressOf(channel), fields);
+    if (wrong_unit && format.has("{unit}")) {
+      // The last occurrence is the unit: numbers contain no letters, and addresses come first.
+      const std::size_t at = line.rfind(profile.unit_word);
+      line.replace(at, profile.unit_word.size(), profile.unit_word == "psi" ? "kPa" : "psi");
+    }
+    return line;
   }
-  fields.set_point = number(set_point_[channel]);
-  fields.supply = number(simulated_.supply());
-  const std::string address = config_.addresses.empty()
-                                  ? std::string()
-                                  : config_.addresses[static_cast<std::size_t>(channel)];
-  std::string line = format.line(address, fields);
-  if (wrong_unit && format.has("{unit}")) {
-    // The last occurrence is the unit: numbers contain no letters, and addresses come first.
-    const std::size_t at = line.rfind(profile.unit_word);
-    line.replace(at, profile.unit_word.size(), profile.unit_word == "psi" ? "kPa" : "psi");
-  }
-  return line;
-}
 
-SerialDialogue::Outcome SerialDialogue::takeOf(const std::string& line, int channel,
-                                               DeviceFault fault) {
-  const bool one = config_.profile.one_by_one;
-  const std::string address = config_.addresses.empty()
-                                  ? std::string()
-                                  : config_.addresses[static_cast<std::size_t>(channel)];
-  const auto count = static_cast<std::size_t>(config_.channels);
-  const auto isAny = [&](const std::vector<LineFormat>& formats) {
-    return std::any_of(formats.begin(), formats.end(),
-                       [&](const LineFormat& f) { return f.match(line, address, count); });
-  };
-  const auto isLast = [&](const std::vector<LineFormat>& formats) {
-    return !formats.empty() && formats.back().match(line, address, count);
-  };
-  const int first = one ? channel : 0;
-  const int end = one ? channel + 1 : config_.channels;
-  const auto answer = [&](const std::optional<LineFormat>& format, bool sets) {
+  Outcome takeText(const std::string& line, DeviceFault fault) {
+    silence_ = 0;
+    for (std::size_t i = 0; i < lines_.start.size(); ++i) {
+      if (!lines_.start[i].match(line, "", 0)) continue;
+      speaks_ = speaks_ || i + 1 == lines_.start.size();
+      return {true, false, std::nullopt};
+    }
+    const int talkers = config_.profile.one_by_one ? config_.channels : 1;
+    for (int channel = 0; channel < talkers; ++channel) {
+      Outcome outcome = takeOf(line, channel, fault);
+      if (outcome.understood) return outcome;
+    }
+    return refusal();
+  }
+
+  // Empty if the profile's lines have no {address}.
+  std::string addressOf(int channel) const {
+    return config_.addresses.empty() ? std::string() : config_.addresses[channel];
+  }
+  // The channels that a line to one of them concerns.
+  int firstOf(int channel) const { return config_.profile.one_by_one ? channel : 0; }
+  int endOf(int channel) const {
+    return config_.profile.one_by_one ? channel + 1 : config_.channels;
+  }
+
+  void turn(int channel, Valve valve, bool hold) {
+    for (int i = firstOf(channel); i < endOf(channel); ++i) {
+      valves_[i] = valve;
+      held_[i] = hold && !lines_.resume.empty();
+    }
+  }
+
+  Outcome takeOf(const std::string& line, int channel, DeviceFault fault) {
+    const std::string address = addressOf(channel);
+    const auto count = static_cast<std::size_t>(config_.channels);
+    const auto is = [&](const LineFormat& f) { return f.match(line, address, count).has_value(); };
+    const auto isAny = [&](const std::vector<LineFormat>& formats) {
+      return std::any_of(formats.begin(), formats.end(), is);
+    };
+    const auto isLast = [&](const std::vector<LineFormat>& formats) {
+      return !formats.empty() && is(formats.back());
+    };
+    const int first = firstOf(channel), end = endOf(channel);
+    const std::optional<LineFormat>* reply = &lines_.vent_reply;
+    bool sets = false;
+    if (lines_.read && is(*lines_.read)) {
+      reply = &lines_.reply;
+    } else if (isLast(lines_.vent) && (vents_by_mode_ || !held_[channel])) {
+      turn(channel, Valve::kVent, vents_by_mode_);
+      set_point_.segment(first, end - first).setZero();
+    } else if (isLast(lines_.resume)) {
+      for (int i = first; i < end; ++i) {
+        if (held_[i]) valves_[i] = Valve::kRegulate;
+        held_[i] = false;
+      }
+    } else if (isLast(lines_.close)) {
+      turn(channel, Valve::kClose, true);
+    } else if (const auto fields = lines_.write->match(line, address, count)) {
+      for (int i = first; i < end; ++i) {
+        set_point_[i] =
+            std::clamp(config_.profile.toPascals(fields->pressures[i - first]), 0.0, 1e7);
+        if (!held_[i]) valves_[i] = Valve::kRegulate;
+      }
+      reply = &lines_.write_reply;
+      sets = true;
+    } else if (!isAny(lines_.vent) && !isAny(lines_.resume) && !isAny(lines_.close)) {
+      return {};
+    }
     apply();
     Outcome outcome{true, sets, std::nullopt};
-    if (format) outcome.answer = readings(*format, channel, fault);
+    if (*reply) outcome.answer = readings(**reply, channel, fault);
     return outcome;
-  };
-  const auto turn = [&](Valve valve, bool hold) {
-    for (int i = first; i < end; ++i) {
-      valves_[static_cast<std::size_t>(i)] = valve;
-      held_[static_cast<std::size_t>(i)] = hold && !lines_.resume.empty();
+  }
+
+  // Of a line that is not understood.
+  Outcome refusal() const {
+    return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
+  }
+
+  // A closed channel keeps its pressure.
+  void apply() {
+    Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
+    for (int i = 0; i < goal.size(); ++i) {
+      const Valve valve = valves_[i];
+      if (valve == Valve::kRegulate) goal[i] = set_point_[i];
+      if (valve == Valve::kClose) goal[i] = simulated_.pressure()[i];
     }
-  };
-
-  if (lines_.read && lines_.read->match(line, address, count)) return answer(lines_.reply, false);
-  if (isLast(lines_.vent) && (vents_by_mode_ || !held_[static_cast<std::size_t>(channel)])) {
-    turn(Valve::kVent, vents_by_mode_);
-    set_point_.segment(first, end - first).setZero();
-    return answer(lines_.vent_reply, false);
+    simulated_.command(goal);
   }
-  if (isLast(lines_.resume)) {
-    for (int i = first; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      if (held_[k]) valves_[k] = Valve::kRegulate;
-      held_[k] = false;
-    }
-    return answer(lines_.vent_reply, false);
+
+  // In force until the next set point.
+  void ventAll() {
+    const auto channels = static_cast<std::size_t>(config_.channels);
+    set_point_ = Eigen::VectorXd::Zero(config_.channels);
+    valves_.assign(channels, Valve::kVent);
+    held_.assign(channels, false);
+    apply();
   }
-  if (isLast(lines_.close)) {
-    turn(Valve::kClose, true);
-    return answer(lines_.vent_reply, false);
-  }
-  if (const std::optional<LineFields> fields = lines_.write->match(line, address, count)) {
-    for (int i = first; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const double number = fields->pressures[static_cast<std::size_t>(i - first)];
-      set_point_[i] = std::clamp(config_.profile.toPascals(number), 0.0, 1e7);
-      if (!held_[k]) valves_[k] = Valve::kRegulate;
-    }
-    return answer(lines_.write_reply, true);
-  }
-  if (isAny(lines_.vent) || isAny(lines_.resume) || isAny(lines_.close)) {
-    return answer(lines_.vent_reply, false);
-  }
-  return {};
-}
 
-SerialDialogue::Outcome SerialDialogue::take(const std::string& line, DeviceFault fault) {
-  if (!config_.profile.checksum) return takeText(line, fault);
-  const std::optional<std::string> text = regulator::withoutChecksum(line);
-  Outcome outcome = text ? takeText(*text, fault) : refusal();
-  if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
-  return outcome;
-}
-
-SerialDialogue::Outcome SerialDialogue::refusal() const {
-  return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
-}
-
-SerialDialogue::Outcome SerialDialogue::takeText(const std::string& line, DeviceFault fault) {
-  silence_ = 0;
-  for (std::size_t i = 0; i < lines_.start.size(); ++i) {
-    if (!lines_.start[i].match(line, "", 0)) continue;
-    speaks_ = speaks_ || i + 1 == lines_.start.size();
-    return {true, false, std::nullopt};
-  }
-  const int talkers = config_.profile.one_by_one ? config_.channels : 1;
-  for (int channel = 0; channel < talkers; ++channel) {
-    Outcome outcome = takeOf(line, channel, fault);
-    if (outcome.understood) return outcome;
-  }
-  return refusal();
-}
-
-std::optional<std::string> SerialDialogue::unasked(DeviceFault fault) {
-  if (lines_.read || !speaks_) return std::nullopt;
-  const std::string line = readings(*lines_.reply, 0, fault);
-  return config_.profile.checksum ? regulator::withChecksum(line) : line;
-}
-
-namespace {
-
-using Clock = std::chrono::steady_clock;
-
-constexpr std::chrono::milliseconds kEmptyLine{2};    // between checks for a new client
-constexpr std::chrono::milliseconds kNoTerminal{50};  // between attempts to create one
-constexpr double kSlowness = 2.5;                     // of an answer, in timeouts
-
-double seconds(Clock::duration span) { return std::chrono::duration<double>(span).count(); }
-Clock::duration spanOf(double s) {
-  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
-}
-
-}  // namespace
+  SerialDeviceConfig config_;
+  regulator::SerialLines lines_;
+  bool vents_by_mode_;  // by a line that is not a set point
+  regulator::SimulatedRegulator simulated_;
+  Eigen::VectorXd set_point_;
+  std::vector<control::Valve> valves_;
+  std::vector<bool> held_;  // (channels) until a resume line
+  Eigen::VectorXd stuck_;
+  bool speaks_ = false;
+  double silence_ = 0;  // time since the last line [s]
+};
 
 // Thread of a device, with all state that it shares.
 class SerialDevice::Worker {
@@ -341,29 +314,19 @@ class SerialDevice::Worker {
     const basics::MutexLock lock(mutex_);
     return fault_;
   }
-  Eigen::VectorXd pressure() {
+  // Asks the device for its present state.
+  template <class Ask>
+  auto ask(const Ask& ask) {
     const basics::MutexLock lock(mutex_);
     advance();
-    return dialogue_.pressure();
-  }
-  Eigen::VectorXd setPoint() const {
-    const basics::MutexLock lock(mutex_);
-    return dialogue_.setPoint();
-  }
-  std::vector<control::Valve> valves() const {
-    const basics::MutexLock lock(mutex_);
-    return dialogue_.valves();
+    return ask(dialogue_);
   }
   std::uint64_t lines() const { return lines_; }
   std::uint64_t restarts() const { return restarts_; }
   double lastSetTime() const { return last_set_; }
 
  private:
-  void wake() const {
-    const std::uint64_t one = 1;
-    // Fails only if the thread is already due to wake.
-    [[maybe_unused]] const ssize_t ignored = write(wake_, &one, sizeof one);
-  }
+  void wake() const { eventfd_write(wake_, 1); }
 
   void advance() HELIX_ARM_REQUIRES(mutex_) {
     const Clock::time_point now = Clock::now();
@@ -376,8 +339,8 @@ class SerialDevice::Worker {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(time - Clock::now());
     poll(files, for_input ? 2 : 1,
          static_cast<int>(std::clamp<std::int64_t>(left.count(), 0, 1000)));
-    std::uint64_t count = 0;
-    [[maybe_unused]] const ssize_t ignored = read(wake_, &count, sizeof count);
+    eventfd_t count = 0;
+    eventfd_read(wake_, &count);
   }
 
   // False if no terminal or no link is available at present.
@@ -514,9 +477,18 @@ SerialDevice::~SerialDevice() = default;
 std::string SerialDevice::path() const { return worker_->path(); }
 void SerialDevice::setFault(DeviceFault fault) { worker_->setFault(fault); }
 DeviceFault SerialDevice::fault() const { return worker_->fault(); }
-Eigen::VectorXd SerialDevice::pressure() const { return worker_->pressure(); }
-Eigen::VectorXd SerialDevice::setPoint() const { return worker_->setPoint(); }
-std::vector<control::Valve> SerialDevice::valves() const { return worker_->valves(); }
+Eigen::VectorXd SerialDevice::pressure() const {
+  return worker_->ask(
+      [](const SerialDialogue& device) { return Eigen::VectorXd(device.pressure()); });
+}
+Eigen::VectorXd SerialDevice::setPoint() const {
+  return worker_->ask(
+      [](const SerialDialogue& device) { return Eigen::VectorXd(device.setPoint()); });
+}
+std::vector<control::Valve> SerialDevice::valves() const {
+  return worker_->ask(
+      [](const SerialDialogue& device) { return std::vector<Valve>(device.valves()); });
+}
 std::uint64_t SerialDevice::lines() const { return worker_->lines(); }
 std::uint64_t SerialDevice::restarts() const { return worker_->restarts(); }
 double SerialDevice::lastSetTime() const { return worker_->lastSetTime(); }

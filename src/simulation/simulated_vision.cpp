@@ -1,10 +1,7 @@
 #include "helix_arm/simulation/simulated_vision.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <random>
-#include <utility>
-#include <vector>
 
 #include <opencv2/imgproc.hpp>
 
@@ -49,10 +46,54 @@ struct SimulatedVision::Workspace {
     }
   }
 
-  std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model);
-  void observe(const model::Shape& shape);
-  std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model);
-  bool photograph(const model::Shape& shape);
+  std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model) {
+    if (!frozen) observe(shape);
+    if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+    if (memory) fitter->know(memory->estimate());
+    const estimation::TwistFit& fit =
+        fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+    if (memory) memory->learn(fit);
+    last.reset();
+    if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+    last = fit.shape;
+    return measured(fit);
+  }
+
+  void observe(const model::Shape& shape) {
+    estimation::visibleTags(truth, shape, kLeastCosine, visible);
+    seen.clear();
+    for (const estimation::TagImage& tag : visible) {
+      if (estimation::longestSide(tag.corners) < config.least_side) continue;
+      estimation::Corners corners = tag.corners.colwise() + shift;
+      for (double& coordinate : corners.reshaped()) {
+        coordinate += config.corner_noise * normal(generator);
+      }
+      if (const auto direction = estimation::directionsOf(nominal.camera, corners)) {
+        seen.push_back({tag.tag, *direction});
+      }
+    }
+  }
+
+  std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model) {
+    if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
+    if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
+    const vision::Observation& vision = localizer->locate(gray, model);
+    if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
+    return measured(vision.fit);
+  }
+
+  bool photograph(const model::Shape& shape) {
+    cv::Mat picture = simulated->render(shape);
+    if (!shift.isZero(0)) {
+      const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
+      cv::Mat moved;
+      cv::warpAffine(picture, moved, motion, picture.size(), cv::INTER_LINEAR,
+                     cv::BORDER_REPLICATE);
+      picture = moved;
+    }
+    const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
+    return !decoder.decode(jpeg.data(), jpeg.size(), gray);
+  }
 
   const estimation::ArmView truth, nominal;
   const int min_tags;
@@ -73,56 +114,6 @@ struct SimulatedVision::Workspace {
   vision::FrozenWatch frozen_watch;
   cv::Mat gray;  // the last picture
 };
-
-std::optional<MeasuredShape> SimulatedVision::Workspace::fitCorners(const model::Shape& shape,
-                                                                    const model::Shape& model) {
-  if (!frozen) observe(shape);
-  if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
-  if (memory) fitter->know(memory->estimate());
-  const estimation::TwistFit& fit =
-      fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
-  if (memory) memory->learn(fit);
-  last.reset();
-  if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
-  last = fit.shape;
-  return measured(fit);
-}
-
-void SimulatedVision::Workspace::observe(const model::Shape& shape) {
-  estimation::visibleTags(truth, shape, kLeastCosine, visible);
-  seen.clear();
-  for (const estimation::TagImage& tag : visible) {
-    if (estimation::longestSide(tag.corners) < config.least_side) continue;
-    estimation::Corners corners = tag.corners.colwise() + shift;
-    for (double& coordinate : corners.reshaped()) {
-      coordinate += config.corner_noise * normal(generator);
-    }
-    if (const auto direction = estimation::directionsOf(nominal.camera, corners)) {
-      seen.push_back({tag.tag, *direction});
-    }
-  }
-}
-
-bool SimulatedVision::Workspace::photograph(const model::Shape& shape) {
-  cv::Mat picture = simulated->render(shape);
-  if (!shift.isZero(0)) {
-    const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
-    cv::Mat moved;
-    cv::warpAffine(picture, moved, motion, picture.size(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-    picture = moved;
-  }
-  const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
-  return !decoder.decode(jpeg.data(), jpeg.size(), gray);
-}
-
-std::optional<MeasuredShape> SimulatedVision::Workspace::searchPicture(const model::Shape& shape,
-                                                                       const model::Shape& model) {
-  if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
-  if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
-  const vision::Observation& vision = localizer->locate(gray, model);
-  if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
-  return measured(vision.fit);
-}
 
 SimulatedVision::SimulatedVision(const CameraSetup& camera, const estimation::ArmView& nominal,
                                  const vision::LocalizerConfig& localizer,

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "helix_arm/localization/rig_memory.hpp"
+#include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -207,17 +208,8 @@ void LocalizerConfig::validate() const {
 }
 
 const char* nameOf(ObservationState state) {
-  switch (state) {
-    case ObservationState::kMeasured:
-      return "measured";
-    case ObservationState::kNoTags:
-      return "no_tags";
-    case ObservationState::kTooFewTags:
-      return "too_few_tags";
-    case ObservationState::kNoFit:
-      return "no_fit";
-  }
-  return "";
+  constexpr const char* kNames[] = {"measured", "no_tags", "too_few_tags", "no_fit"};
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 }  // namespace helix_arm::vision

@@ -1,10 +1,19 @@
-#include "board_views.hpp"
-
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <map>
+#include <sstream>
+
+#include <opencv2/aruco.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/vision/camera_calibration.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
 namespace {
+
+using Markers = std::vector<MarkerObservation>;
 
 // RMS distance of the corners that both show [px]; nothing if they share too few.
 std::optional<double> distanceOf(const BoardObservation& a, const BoardObservation& b, int least) {
@@ -28,6 +37,224 @@ bool isAtBorder(const estimation::Corners& corners, const cv::Size& size) {
   return first.minCoeff() + 0.5 < kLeastFromBorder ||
          last.x() + 0.5 > size.width - kLeastFromBorder ||
          last.y() + 0.5 > size.height - kLeastFromBorder;
+}
+
+constexpr double kAgreement = 0.25;  // of two markers on a corner [sides of a square]
+// The window in which a corner is refined: half its side [px].
+constexpr int kLeastWindow = 2, kMostWindow = 10;
+
+cv::Point2f toPoint(const Eigen::Vector2d& point) {
+  return {static_cast<float>(point.x()), static_cast<float>(point.y())};
+}
+
+// What one marker tells about the plane around it.
+struct Outlook {
+  estimation::Corners corners;  // [px]
+  cv::Matx33d pixel_of_board;
+  double side;  // mean side [px]
+};
+
+Outlook outlookOf(const estimation::Corners& on_board, const estimation::Corners& in_picture) {
+  cv::Point2f from[4], to[4];
+  double around = 0;
+  for (int c = 0; c < 4; ++c) {
+    from[c] = toPoint(on_board.col(c));
+    to[c] = toPoint(in_picture.col(c));
+    around += (in_picture.col((c + 1) % 4) - in_picture.col(c)).norm();
+  }
+  return {in_picture, cv::getPerspectiveTransform(from, to), 0.25 * around};
+}
+
+Eigen::Vector2d pixelOf(const Outlook& outlook, const Eigen::Vector2d& on_board) {
+  const cv::Vec3d h = outlook.pixel_of_board * cv::Vec3d(on_board.x(), on_board.y(), 1);
+  return {h[0] / h[2], h[1] / h[2]};
+}
+
+double roomAround(const Eigen::Vector2d& pixel, const Outlook& outlook) {
+  return (outlook.corners.colwise() - pixel).colwise().norm().minCoeff();
+}
+
+std::map<int, Outlook> outlooksOf(const CharucoBoard& board,
+                                  const std::vector<MarkerObservation>& markers) {
+  std::map<int, Outlook> outlooks;
+  auto seen = markers.begin();
+  int id = 0;
+  for (int square = 0; square < board.columns * board.rows; ++square) {
+    const int column = square % board.columns, row = square / board.columns;
+    if (!board.isWhite(column, row)) continue;
+    while (seen != markers.end() && seen->id < id) ++seen;
+    if (seen == markers.end()) break;
+    if (seen->id == id) {
+      outlooks.emplace(id, outlookOf(board.markerCorners(column, row), seen->corners));
+    }
+    ++id;
+  }
+  return outlooks;
+}
+
+// Sets of markers that corners connect.
+class Groups {
+ public:
+  int rootOf(int marker) {
+    int root = marker;
+    for (auto above = above_.find(root); above != above_.end(); above = above_.find(root)) {
+      root = above->second;
+    }
+    return root;
+  }
+  void join(int a, int b) {
+    const int root_a = rootOf(a), root_b = rootOf(b);
+    if (root_a != root_b) above_[root_a] = root_b;
+  }
+
+ private:
+  std::map<int, int> above_;
+};
+
+// Moves a corner to where the chessboard's edges cross. @return whether they do near it.
+bool refine(const cv::Mat& gray, MarkedCorner& corner) {
+  // A square that holds no corner of a marker, however it is turned.
+  const int window = static_cast<int>(corner.room / std::sqrt(2)) - 1;
+  if (window < kLeastWindow) return false;
+  const int half = std::min(window, kMostWindow);
+  const double margin = half + 1;
+  if (!(corner.pixel.minCoeff() >= margin && corner.pixel.x() <= gray.cols - 1 - margin &&
+        corner.pixel.y() <= gray.rows - 1 - margin)) {
+    return false;
+  }
+  std::vector<cv::Point2f> points{toPoint(corner.pixel)};
+  const cv::TermCriteria until(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 50, 0.005);
+  cv::cornerSubPix(gray, points, cv::Size(half, half), cv::Size(-1, -1), until);
+  const Eigen::Vector2d refined(points[0].x, points[0].y);
+  if (!((refined - corner.pixel).norm() < half)) return false;
+  corner.pixel = refined;
+  return true;
+}
+
+// Fewer markers of another dictionary may be misread.
+constexpr std::size_t kLeastMarkers = 4;
+// Fewest corners on which markers must agree before a number of squares is proposed.
+constexpr std::size_t kLeastAgreeing = 3;
+
+// The picture with the most markers of a dictionary.
+Markers mostMarkers(const std::string& dictionary, const std::vector<cv::Mat>& pictures) {
+  Markers most;
+  for (const cv::Mat& picture : pictures) {
+    Markers found = findMarkers(dictionary, picture);
+    if (found.size() > most.size()) most = std::move(found);
+  }
+  return most;
+}
+
+// Dictionaries of equal bits by OpenCV's authors begin alike; the last one has all their markers.
+bool begins(const MarkerDictionary& dictionary, const MarkerDictionary& longer) {
+  const auto stem = [](const MarkerDictionary& one) {
+    const char* const end = std::strrchr(one.name, '_');
+    return std::string(one.name, end);
+  };
+  return dictionary.bits == longer.bits && stem(dictionary) == stem(longer) &&
+         std::strncmp(dictionary.name, "DICT_APRILTAG", 13) != 0;
+}
+
+// The smallest dictionary that begins like this one and has the marker.
+const MarkerDictionary& smallestWith(int id, const MarkerDictionary& dictionary) {
+  for (const MarkerDictionary& one : markerDictionaries()) {
+    if (begins(one, dictionary) && id < one.markers) return one;
+  }
+  return dictionary;
+}
+
+std::string otherDictionary(const CharucoBoard& board, const std::vector<cv::Mat>& pictures,
+                            std::size_t own_markers) {
+  const auto& known = markerDictionaries();
+  Markers most;
+  const MarkerDictionary* best = nullptr;
+  for (std::size_t i = 0; i < known.size(); ++i) {
+    if (i + 1 < known.size() && begins(known[i], known[i + 1])) continue;
+    Markers found = mostMarkers(known[i].name, pictures);
+    if (found.size() <= most.size()) continue;
+    most = std::move(found);
+    best = &known[i];
+  }
+  if (best == nullptr || most.size() < kLeastMarkers || most.size() <= 2 * own_markers) return "";
+  const MarkerDictionary& other = smallestWith(most.back().id, *best);
+  std::ostringstream text;
+  text << "they show " << most.size() << " markers of " << other.name << " and " << own_markers
+       << " of " << board.dictionary << ": give --dictionary " << other.name;
+  return text.str();
+}
+
+bool showTagBoard(const std::vector<cv::Mat>& pictures) {
+  const TagBoard board;
+  DetectorConfig config;
+  config.family = board.family;
+  TagDetector detector(config);
+  return std::any_of(pictures.begin(), pictures.end(), [&](const cv::Mat& picture) {
+    const BoardObservation observation =
+        boardObservation(board, "", picture.size(), detector.detect(picture));
+    return static_cast<int>(observation.corners.size()) >= board.parts().leastCorners();
+  });
+}
+
+struct Fitting {
+  CharucoBoard board;
+  std::size_t corners = 0;  // on which markers agree
+};
+
+// The board on whose corners the most markers agree. What is given is preferred.
+Fitting fitting(const CharucoBoard& given, const Markers& markers) {
+  Fitting best;
+  const double given_part = given.marker_size / given.square_size;
+  for (const double part : {given_part, 0.75, 0.5, 0.6, 0.9}) {
+    for (const bool legacy : {given.legacy_pattern, !given.legacy_pattern}) {
+      for (int i = 0; i + 2 < CharucoBoard::kMostSquares; ++i) {
+        CharucoBoard board = given;
+        board.columns = i == 0 ? given.columns : i + 2;
+        // Rows below the last marker change nothing.
+        const int last = markers.back().id;
+        board.rows = 2 * (last / board.columns + 1) + (legacy ? 0 : 1);
+        board.legacy_pattern = legacy;
+        board.marker_size = part * board.square_size;
+        const std::size_t corners = markedCorners(board, markers).size();
+        if (corners > best.corners) best = {board, corners};
+      }
+    }
+  }
+  // As few rows as have the last marker seen.
+  CharucoBoard& board = best.board;
+  const int step = board.legacy_pattern ? 2 : 1;
+  while (board.rows > 3 && markers.back().id < board.markerIn(0, board.rows - step)) {
+    board.rows -= step;
+  }
+  return best;
+}
+
+std::string otherSquares(const CharucoBoard& board, const Markers& markers) {
+  const Fitting found = fitting(board, markers);
+  std::ostringstream text;
+  text << "they show " << markers.size() << " markers of " << board.dictionary << ", up to number "
+       << markers.back().id << ", ";
+  if (found.corners < kLeastAgreeing) {
+    text << "but hardly any beside each other: show the board wholly and in focus";
+    return text.str();
+  }
+  const bool enough = markers.back().id < board.count();
+  if (found.board.columns != board.columns || !enough) {
+    text << "which lie as on a board of " << found.board.columns << " squares across and "
+         << found.board.rows << " or more down, not of " << board.columns << " x " << board.rows
+         << ": count its squares, and give --squares ACROSS,DOWN";
+  } else if (found.board.legacy_pattern != board.legacy_pattern) {
+    text << "on a board with a " << (found.board.legacy_pattern ? "white" : "black")
+         << " top left square: " << (board.legacy_pattern ? "leave out" : "give")
+         << " --legacy-pattern";
+  } else if (found.board.marker_size != board.marker_size) {
+    text << "which are about " << found.board.marker_size / found.board.square_size
+         << " of a square wide, not " << board.marker_size / board.square_size
+         << ": measure both, and give --square-size-m and --marker-size-m";
+  } else {
+    text << "but its squares are too small or blurred: hold it closer and in focus";
+  }
+  return text.str();
 }
 
 }  // namespace
@@ -109,6 +336,82 @@ bool BoardViews::offer(const BoardObservation& observation) {
   chosen_.push_back(observation);
   coverage_.add(observation);
   return true;
+}
+
+std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray) {
+  const auto known = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
+  std::vector<std::vector<cv::Point2f>> corners;
+  std::vector<int> ids;
+  if (!gray.empty()) cv::aruco::detectMarkers(gray, known, corners, ids);
+  std::vector<MarkerObservation> markers;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (std::count(ids.begin(), ids.end(), ids[i]) > 1) continue;
+    MarkerObservation marker{ids[i], {}};
+    // OpenCV begins at the top left and goes to the right.
+    for (std::size_t c = 0; c < 4; ++c) {
+      marker.corners.col(static_cast<Eigen::Index>(3 - c)) << corners[i][c].x, corners[i][c].y;
+    }
+    markers.push_back(marker);
+  }
+  std::sort(markers.begin(), markers.end(),
+            [](const MarkerObservation& a, const MarkerObservation& b) { return a.id < b.id; });
+  return markers;
+}
+
+std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
+                                        const std::vector<MarkerObservation>& markers) {
+  const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
+  std::vector<MarkedCorner> corners;
+  std::vector<int> marker_of;  // one of a corner's markers
+  Groups groups;
+  for (int id = 0; id < board.cornerCount(); ++id) {
+    const int column = id % (board.columns - 1), row = id / (board.columns - 1);
+    const int above = board.isWhite(column, row) ? column : column + 1;
+    const int below = above == column ? column + 1 : column;
+    const auto first = outlooks.find(board.markerIn(above, row));
+    const auto second = outlooks.find(board.markerIn(below, row + 1));
+    if (first == outlooks.end() || second == outlooks.end()) continue;
+    const Eigen::Vector2d on_board = board.corner(id);
+    const Eigen::Vector2d a = pixelOf(first->second, on_board);
+    const Eigen::Vector2d b = pixelOf(second->second, on_board);
+    const double square =
+        std::min(first->second.side, second->second.side) * board.square_size / board.marker_size;
+    if (!((a - b).norm() <= kAgreement * square)) continue;
+    const Eigen::Vector2d pixel = 0.5 * (a + b);
+    corners.push_back(
+        {id, pixel, std::min(roomAround(pixel, first->second), roomAround(pixel, second->second))});
+    marker_of.push_back(first->first);
+    groups.join(first->first, second->first);
+  }
+  std::map<int, int> sizes;
+  for (const int marker : marker_of) ++sizes[groups.rootOf(marker)];
+  const auto largest = std::max_element(
+      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  std::vector<MarkedCorner> connected;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (groups.rootOf(marker_of[i]) == largest->first) connected.push_back(corners[i]);
+  }
+  return connected;
+}
+
+BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
+                                    const cv::Mat& gray) {
+  BoardObservation observation{name, {}};
+  for (MarkedCorner& corner : markedCorners(board, findMarkers(board.dictionary, gray))) {
+    if (!refine(gray, corner)) continue;
+    observation.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
+  }
+  return observation;
+}
+
+std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures) {
+  if (showTagBoard(pictures)) return "they show the board of tags: leave out --board charuco";
+  const Markers own = mostMarkers(board.dictionary, pictures);
+  std::string cause = otherDictionary(board, pictures, own.size());
+  if (!cause.empty()) return cause;
+  if (own.size() >= kLeastMarkers) return otherSquares(board, own);
+  return "they show hardly any marker of any dictionary: hold the board close, wholly in the "
+         "picture, in focus and in even light; a mirrored or inverted board is not read";
 }
 
 }  // namespace helix_arm::vision

@@ -49,35 +49,6 @@ std::vector<lie::SE3> posesOfTag(const estimation::Corners& plane,
   return poses;
 }
 
-}  // namespace
-
-std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
-                                         const model::Shape& shape,
-                                         const std::vector<estimation::CornerObservation>& seen,
-                                         double focal) {
-  const estimation::Corners plane = layout.corners();
-  std::optional<lie::SE3> best;
-  double least = std::numeric_limits<double>::infinity();
-  for (const estimation::CornerObservation& one : seen) {
-    const estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(one.tag)];
-    const lie::SE3 X_BT = model::poseAt(shape, tag.section, tag.s) * tag.X_ST;
-    for (const lie::SE3& X_CT : posesOfTag(plane, one.direction)) {
-      const lie::SE3 X_CB = X_CT * X_BT.inverse();
-      std::vector<double> errors;
-      for (const estimation::CornerObservation& other : seen) {
-        errors.push_back(estimation::cornerError(layout, shape, X_CB, other, focal));
-      }
-      const double median = basics::medianOf(errors);
-      if (!(median < least)) continue;
-      least = median;
-      best = X_CB;
-    }
-  }
-  return best;
-}
-
-namespace {
-
 constexpr int kCoefficients = 8;
 constexpr int kIntrinsics = 4 + kCoefficients;
 constexpr int kPose = 6;
@@ -403,6 +374,31 @@ bool leaveOutBadViews(std::vector<View>& views, const std::vector<Linearised>& r
 }
 
 }  // namespace
+
+std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
+                                         const model::Shape& shape,
+                                         const std::vector<estimation::CornerObservation>& seen,
+                                         double focal) {
+  const estimation::Corners plane = layout.corners();
+  std::optional<lie::SE3> best;
+  double least = std::numeric_limits<double>::infinity();
+  for (const estimation::CornerObservation& one : seen) {
+    const estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(one.tag)];
+    const lie::SE3 X_BT = model::poseAt(shape, tag.section, tag.s) * tag.X_ST;
+    for (const lie::SE3& X_CT : posesOfTag(plane, one.direction)) {
+      const lie::SE3 X_CB = X_CT * X_BT.inverse();
+      std::vector<double> errors;
+      for (const estimation::CornerObservation& other : seen) {
+        errors.push_back(estimation::cornerError(layout, shape, X_CB, other, focal));
+      }
+      const double median = basics::medianOf(errors);
+      if (!(median < least)) continue;
+      least = median;
+      best = X_CB;
+    }
+  }
+  return best;
+}
 
 void CameraCalibrationOptions::validate() const {
   const bool known = coefficients == 0 || coefficients == 2 || coefficients == 4 ||

@@ -76,8 +76,7 @@ void CharucoBoard::validate() const {
   basics::require(cornerCount() >= kLeastCorners, kBoard, ": ", columns, " x ", rows,
                   " squares have ", cornerCount(), " inner corners; expected ", kLeastCorners,
                   " or more");
-  basics::requireValue(std::isfinite(square_size) && square_size > 0, kBoard,
-                       "the side of a square [m]", square_size, "a finite value > 0");
+  basics::requirePositive(kBoard, "the side of a square [m]", square_size);
   basics::require(marker_size > 0 && marker_size < square_size, kBoard,
                   ": the side of a marker [m] is ", marker_size,
                   "; expected a value above 0 and below that of a square, ", square_size);

@@ -1,5 +1,3 @@
-#include "corner_refinement.hpp"
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -7,6 +5,8 @@
 #include <limits>
 #include <optional>
 #include <utility>
+
+#include "edge_lock.hpp"
 
 namespace helix_arm::vision {
 namespace {

@@ -7,18 +7,66 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
-#include <optional>
 
 #include <opencv2/core.hpp>
 
-#include "corner_refinement.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::vision {
 
-/// Samples a picture (CV_8UC1), which must outlive this object. Outside the picture, the gray
-/// levels of its border apply. Coordinates are in pixels; (0, 0) is the centre of the first one.
+bool hasClosedBorder(const TagFamily& family) {
+  const int within = family.borderCells() - 2;
+  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
+}
+
+TagPattern patternOf(const TagFamily& family, int id) {
+  const cv::Mat cells = family.cells(id);
+  TagPattern pattern{family.borderCells(), 0};
+  const int first = family.quietCells() + 1, within = pattern.cells - 2;
+  for (int bit = 0; bit < within * within; ++bit) {
+    const bool white = cells.at<std::uint8_t>(first + bit / within, first + bit % within) != 0;
+    pattern.white |= std::uint64_t{white} << bit;
+  }
+  return pattern;
+}
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using estimation::Corners;
+
+// Minimum side of a tag [px]: below it, a cell is hardly one pixel.
+constexpr double kLeastSide = 10.0;
+// Maximum distance of a search for edges [px].
+constexpr int kMaxReach = 16;
+constexpr double kFarthest = 1e6;   // of a tag's corners from the picture's [px]
+constexpr double kLeastSine = 0.2;  // of the angle between two sides
+constexpr double kLeastEdge = 10;   // between black and white [gray levels]
+
+constexpr double kReach = 0.4;      // of the tag's extent across the edge: its other side is beyond
+constexpr int kRays = 12;           // across an edge
+constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners, rays miss edges
+constexpr int kMaxTilt = 6;         // of the edge at the first and last ray [px]
+constexpr int kTiltStep = 2;        // [px]
+
+constexpr double kSharpening = 0.25;   // as libapriltag's, so that margins are comparable
+constexpr double kBesideEdge = 0.45;   // distance of samples from edges between cells [px]
+constexpr double kBesideMiddle = 0.2;  // and from the centres of cells [cells]
+constexpr double kPlainCell = 4.5;     // smaller ones blur into each other [px]
+
+constexpr double kLeastMargin = 5;  // of the bits [gray levels]
+
+constexpr int kSecondReach = 4;     // [px]
+constexpr double kMovedMuch = 1.5;  // the samples were in the wrong positions [px]
+
+// Refinement of the corners.
+constexpr double kRefineReach = 3.0;  // [px]
+constexpr int kRefinements = 3;
+constexpr double kSettled = 0.5;  // [px]
+
+// Samples a picture (CV_8UC1), which must outlive this object. Outside the picture, the gray
+// levels of its border apply. Coordinates are in pixels; (0, 0) is the centre of the first one.
 class GrayPicture {
  public:
   explicit GrayPicture(const cv::Mat& gray)
@@ -68,57 +116,8 @@ class GrayPicture {
   int columns_, rows_;
 };
 
-/// z component of the cross product of two image vectors.
-inline double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
-
-bool hasClosedBorder(const TagFamily& family) {
-  const int within = family.borderCells() - 2;
-  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
-}
-
-TagPattern patternOf(const TagFamily& family, int id) {
-  const cv::Mat cells = family.cells(id);
-  TagPattern pattern{family.borderCells(), 0};
-  const int first = family.quietCells() + 1, within = pattern.cells - 2;
-  for (int bit = 0; bit < within * within; ++bit) {
-    const bool white = cells.at<std::uint8_t>(first + bit / within, first + bit % within) != 0;
-    pattern.white |= std::uint64_t{white} << bit;
-  }
-  return pattern;
-}
-
-/// Minimum side of a tag [px]: below it, a cell is hardly one pixel.
-inline constexpr double kLeastSide = 10.0;
-/// Maximum distance of a search for edges [px].
-inline constexpr int kMaxReach = 16;
-
-/// Whether sides are long enough and in the right order, and no corner is flat.
-bool isTagLike(const estimation::Corners& corners);
-
-/// Corners [px]: the intersections of the lines with the strongest change from white to black,
-/// going into a tag. Nothing if there are none.
-/// @param corners    where the tag is expected; tag-like.
-/// @param max_reach  maximum distance from its edges [px], at most kMaxReach.
-std::optional<estimation::Corners> searchEdges(const GrayPicture& picture,
-                                               const estimation::Corners& corners, int max_reach);
-
-namespace {
-
-using Eigen::Vector2d;
-using Eigen::Vector3d;
-using estimation::Corners;
-
-constexpr double kFarthest = 1e6;   // of a tag's corners from the picture's [px]
-constexpr double kLeastSine = 0.2;  // of the angle between two sides
-constexpr double kLeastEdge = 10;   // between black and white [gray levels]
-
-constexpr double kReach = 0.4;      // of the tag's extent across the edge: its other side is beyond
-constexpr int kRays = 12;           // across an edge
-constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners, rays miss edges
-constexpr int kMaxTilt = 6;         // of the edge at the first and last ray [px]
-constexpr int kTiltStep = 2;        // [px]
+// z component of the cross product of two image vectors.
+double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 double areaOf(const Corners& corners) {
   return 0.5 * cross(corners.col(3) - corners.col(1), corners.col(2) - corners.col(0));
@@ -169,8 +168,7 @@ std::optional<Shift> searchEdge(const GrayPicture& picture, const Vector2d& from
   return best;
 }
 
-}  // namespace
-
+// Whether sides are long enough and in the right order, and no corner is flat.
 bool isTagLike(const Corners& corners) {
   if (!corners.allFinite() || corners.cwiseAbs().maxCoeff() > kFarthest) return false;
   for (int k = 0; k < 4; ++k) {
@@ -181,6 +179,10 @@ bool isTagLike(const Corners& corners) {
   return true;
 }
 
+// Corners [px]: the intersections of the lines with the strongest change from white to black,
+// going into a tag. Nothing if there are none.
+// @param corners    where the tag is expected; tag-like.
+// @param max_reach  maximum distance from its edges [px], at most kMaxReach.
 std::optional<Corners> searchEdges(const GrayPicture& picture, const Corners& corners,
                                    int max_reach) {
   const double area = areaOf(corners);
@@ -201,58 +203,6 @@ std::optional<Corners> searchEdges(const GrayPicture& picture, const Corners& co
   return found;
 }
 
-/// The face of a tag in a picture, which must outlive this object. Coordinates in cells: u to the
-/// right and v downwards from its top left corner.
-class TagFace {
- public:
-  /// @param corners  [px] of the border's outer edge. @param cells  along it.
-  TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells);
-
-  /// Mean size of a cell along u and v [px].
-  const Eigen::Vector2d& cell() const { return cell_; }
-
-  /// Gray level at (u, v).
-  double at(const Eigen::Vector2d& uv) const {
-    return picture_.at((origin_ + axes_ * uv) / (1 + perspective_.dot(uv)));
-  }
-
- private:
-  const GrayPicture& picture_;
-  Eigen::Vector2d origin_, perspective_, cell_;
-  Eigen::Matrix2d axes_;
-};
-
-/// A tag's bits as read from a face.
-struct TagBits {
-  bool closed = true;         ///< all of the border is black
-  int wrong = 0;              ///< number of wrong bits
-  double margin = 0;          ///< distance of black and white from the threshold [gray levels]
-  Eigen::Vector3d threshold;  ///< between black and white, over (u, v, 1)
-};
-TagBits readBits(const TagFace& face, const TagPattern& pattern);
-
-/// Maximum disagreement between a corner and the edges between the cells.
-struct EdgeTolerance {
-  double px;
-  double cells;       ///< paper bends and lenses distort
-  double deviations;  ///< standard deviations of the noise
-  double most_px;     ///< upper bound for any noise
-};
-
-/// Whether the edges between the cells agree with the corners.
-bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern,
-                     const Eigen::Vector3d& threshold, const EdgeTolerance& tolerance);
-
-namespace {
-
-using Eigen::Vector2d;
-using Eigen::Vector3d;
-
-constexpr double kSharpening = 0.25;   // as libapriltag's, so that margins are comparable
-constexpr double kBesideEdge = 0.45;   // distance of samples from edges between cells [px]
-constexpr double kBesideMiddle = 0.2;  // and from the centres of cells [cells]
-constexpr double kPlainCell = 4.5;     // smaller ones blur into each other [px]
-
 // A plane fitted to gray levels over u and v.
 class Plane {
  public:
@@ -268,21 +218,46 @@ class Plane {
   Vector3d levels_ = Vector3d::Zero();
 };
 
-}  // namespace
+// The face of a tag in a picture, which must outlive this object. Coordinates in cells: u to the
+// right and v downwards from its top left corner.
+class TagFace {
+ public:
+  /// @param corners  [px] of the border's outer edge. @param cells  along it.
+  TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells)
+      : picture_(picture) {
+    const Vector2d p = corners.col(2), q = corners.col(1), r = corners.col(0);
+    origin_ = corners.col(3);
+    const Vector2d a = p - q, b = r - q, c = origin_ - p + q - r;
+    perspective_ = Vector2d(cross(c, b), cross(a, c)) / cross(a, b);
+    axes_.col(0) = p - origin_ + perspective_.x() * p;
+    axes_.col(1) = r - origin_ + perspective_.y() * r;
+    perspective_ /= cells;
+    axes_ /= cells;
+    cell_.x() = 0.5 * ((p - origin_).norm() + b.norm()) / cells;
+    cell_.y() = 0.5 * ((r - origin_).norm() + a.norm()) / cells;
+  }
 
-TagFace::TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells)
-    : picture_(picture) {
-  const Vector2d p = corners.col(2), q = corners.col(1), r = corners.col(0);
-  origin_ = corners.col(3);
-  const Vector2d a = p - q, b = r - q, c = origin_ - p + q - r;
-  perspective_ = Vector2d(cross(c, b), cross(a, c)) / cross(a, b);
-  axes_.col(0) = p - origin_ + perspective_.x() * p;
-  axes_.col(1) = r - origin_ + perspective_.y() * r;
-  perspective_ /= cells;
-  axes_ /= cells;
-  cell_.x() = 0.5 * ((p - origin_).norm() + b.norm()) / cells;
-  cell_.y() = 0.5 * ((r - origin_).norm() + a.norm()) / cells;
-}
+  /// Mean size of a cell along u and v [px].
+  const Eigen::Vector2d& cell() const { return cell_; }
+
+  /// Gray level at (u, v).
+  double at(const Eigen::Vector2d& uv) const {
+    return picture_.at((origin_ + axes_ * uv) / (1 + perspective_.dot(uv)));
+  }
+
+ private:
+  const GrayPicture& picture_;
+  Eigen::Vector2d origin_, perspective_, cell_;
+  Eigen::Matrix2d axes_;
+};
+
+// A tag's bits as read from a face.
+struct TagBits {
+  bool closed = true;         ///< all of the border is black
+  int wrong = 0;              ///< number of wrong bits
+  double margin = 0;          ///< distance of black and white from the threshold [gray levels]
+  Eigen::Vector3d threshold;  ///< between black and white, over (u, v, 1)
+};
 
 TagBits readBits(const TagFace& face, const TagPattern& pattern) {
   const int n = pattern.cells;
@@ -331,57 +306,82 @@ TagBits readBits(const TagFace& face, const TagPattern& pattern) {
   return bits;
 }
 
-// Where the gray level at the middle of such an edge is not the threshold, the edge is displaced;
-// the displacements are fitted by those that moved corners would cause.
+// Maximum disagreement between a corner and the edges between the cells.
+struct EdgeTolerance {
+  double px;
+  double cells;       ///< paper bends and lenses distort
+  double deviations;  ///< standard deviations of the noise
+  double most_px;     ///< upper bound for any noise
+};
+
+// An edge lock can fall back to a search of the region, a detection cannot.
+constexpr EdgeTolerance kOfLock{0.3, 0.06, 2.5, 0.6};
+constexpr EdgeTolerance kOfDetection{0.8, 0.2, 4.0, 1.5};
+
+using Vector5d = Eigen::Matrix<double, 5, 1>;
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+
+// Sums over the edges between the cells along one axis. Where the gray level at the middle of such
+// an edge is not the threshold, the edge is displaced; the displacements are fitted by those that
+// moved corners would cause.
+struct EdgeSums {
+  Matrix5d squares = Matrix5d::Zero();
+  Vector5d moments = Vector5d::Zero();
+  double square = 0, slope = 0;
+  int count = 0;
+};
+
+EdgeSums sumEdges(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
+                  int axis) {
+  const auto across = [axis](double first, double second) {
+    return axis == 0 ? Vector2d(first, second) : Vector2d(second, first);
+  };
+  const int n = pattern.cells;
+  const double beside = std::min(0.25, kBesideEdge / face.cell()[axis]);
+  EdgeSums sums;
+  for (int second = 0; second < n; ++second) {
+    for (int first = 1; first < n; ++first) {
+      const auto white = [&](int i) {
+        return axis == 0 ? isWhite(pattern, second, i) : isWhite(pattern, i, second);
+      };
+      if (white(first) == white(first - 1)) continue;
+      const double sign = white(first) ? 1 : -1;
+      const Vector2d edge = across(first, second + 0.5);
+      double before = 0, after = 0;
+      for (const double along : {-kBesideMiddle, kBesideMiddle}) {
+        before += 0.5 * face.at(edge + across(-beside, along));
+        after += 0.5 * face.at(edge + across(beside, along));
+      }
+      const double lack = sign * (threshold.dot(edge.homogeneous()) - 0.5 * (before + after));
+      const Vector2d place = edge / n - Vector2d(0.5, 0.5);
+      // The last entry represents white areas that grow at the cost of black ones.
+      Vector5d g;
+      g << 1, place, place.x() * place.y(), sign;
+      sums.squares += g * g.transpose();
+      sums.moments += lack * g;
+      sums.square += lack * lack;
+      sums.slope += sign * (after - before) / (2 * beside);
+      ++sums.count;
+    }
+  }
+  sums.slope /= sums.count;
+  return sums;
+}
+
+// Whether the edges between the cells agree with the corners.
 bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
                      const EdgeTolerance& tolerance) {
-  using Vector5d = Eigen::Matrix<double, 5, 1>;
-  using Matrix5d = Eigen::Matrix<double, 5, 5>;
-  const int n = pattern.cells;
   const double smallest = face.cell().minCoeff();
   const double small = std::max(1.0, std::pow(kPlainCell / smallest, 1.5));
   const double least = small * std::max(tolerance.px, tolerance.cells * smallest);
   const double most = std::max(least, small * tolerance.most_px);
   for (int axis = 0; axis < 2; ++axis) {
-    const auto across = [axis](double first, double second) {
-      return axis == 0 ? Vector2d(first, second) : Vector2d(second, first);
-    };
-    const double beside = std::min(0.25, kBesideEdge / face.cell()[axis]);
-    Matrix5d squares = Matrix5d::Zero();
-    Vector5d moments = Vector5d::Zero();
-    double square = 0, slope = 0;
-    int count = 0;
-    for (int second = 0; second < n; ++second) {
-      for (int first = 1; first < n; ++first) {
-        const auto white = [&](int i) {
-          return axis == 0 ? isWhite(pattern, second, i) : isWhite(pattern, i, second);
-        };
-        if (white(first) == white(first - 1)) continue;
-        const double sign = white(first) ? 1 : -1;
-        const Vector2d edge = across(first, second + 0.5);
-        double before = 0, after = 0;
-        for (const double along : {-kBesideMiddle, kBesideMiddle}) {
-          before += 0.5 * face.at(edge + across(-beside, along));
-          after += 0.5 * face.at(edge + across(beside, along));
-        }
-        const double lack = sign * (threshold.dot(edge.homogeneous()) - 0.5 * (before + after));
-        const Vector2d place = edge / n - Vector2d(0.5, 0.5);
-        // The last entry represents white areas that grow at the cost of black ones.
-        Vector5d g;
-        g << 1, place, place.x() * place.y(), sign;
-        squares += g * g.transpose();
-        moments += lack * g;
-        square += lack * lack;
-        slope += sign * (after - before) / (2 * beside);
-        ++count;
-      }
-    }
-    slope /= count;
-    if (!(count > 5 && slope > 0)) return false;
-    const Eigen::LDLT<Matrix5d> solver(squares);
-    const Vector5d fit = solver.solve(moments);
-    const double variance = std::max(0.0, square - moments.dot(fit)) / (count - 5);
-    const double px = face.cell()[axis] / slope;
+    const EdgeSums sums = sumEdges(face, pattern, threshold, axis);
+    if (!(sums.count > 5 && sums.slope > 0)) return false;
+    const Eigen::LDLT<Matrix5d> solver(sums.squares);
+    const Vector5d fit = solver.solve(sums.moments);
+    const double variance = std::max(0.0, sums.square - sums.moments.dot(fit)) / (sums.count - 5);
+    const double px = face.cell()[axis] / sums.slope;
     for (const double u : {-0.5, 0.5}) {
       for (const double v : {-0.5, 0.5}) {
         Vector5d g;
@@ -394,24 +394,6 @@ bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vecto
   }
   return true;
 }
-
-namespace {
-
-using estimation::Corners;
-
-constexpr double kLeastMargin = 5;  // of the bits [gray levels]
-
-constexpr int kSecondReach = 4;     // [px]
-constexpr double kMovedMuch = 1.5;  // the samples were in the wrong positions [px]
-
-// Refinement of the corners.
-constexpr double kRefineReach = 3.0;  // [px]
-constexpr int kRefinements = 3;
-constexpr double kSettled = 0.5;  // [px]
-
-// An edge lock can fall back to a search of the region, a detection cannot.
-constexpr EdgeTolerance kOfLock{0.3, 0.06, 2.5, 0.6};
-constexpr EdgeTolerance kOfDetection{0.8, 0.2, 4.0, 1.5};
 
 double largestMove(const Corners& a, const Corners& b) {
   return (a - b).colwise().norm().maxCoeff();

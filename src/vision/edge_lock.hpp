@@ -6,7 +6,6 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/vision/tag_detector.hpp"
-#include "helix_arm/vision/tag_family.hpp"
 
 /// Tags whose bits lie inside a black border on white.
 namespace helix_arm::vision {
@@ -59,5 +58,15 @@ std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& fa
 /// @param corners  [px]
 bool cornersHold(const cv::Mat& gray, const TagPattern& pattern,
                  const estimation::Corners& corners);
+
+/// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
+/// where the gray level is half-way between the centres of the cells on its two sides; pixels
+/// beyond these cells have no influence.
+///
+/// @param reach    maximum error of the given corners [px].
+/// @param corners  [px]
+/// @return the corners unchanged if the edges are farther away.
+estimation::Corners refineCorners(const cv::Mat& gray, const TagFamily& family, double reach,
+                                  const estimation::Corners& corners);
 
 }  // namespace helix_arm::vision

@@ -8,24 +8,16 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "media.hpp"
-#include "picture_files.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
 namespace fs = std::filesystem;
-
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  (out << ... << parts);
-  return out.str();
-}
 
 // ---- Webcams ------------------------------------------------------------------------------------
 
@@ -121,11 +113,20 @@ std::vector<fs::path> picturesIn(const fs::path& folder) {
   return pictures;
 }
 
+bool equal(const cv::Mat& a, const cv::Mat& b) {
+  if (a.empty() || a.size() != b.size() || a.type() != b.type()) return false;
+  const std::size_t row = a.elemSize() * static_cast<std::size_t>(a.cols);
+  for (int y = 0; y < a.rows; ++y) {
+    if (std::memcmp(a.ptr(y), b.ptr(y), row) != 0) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 void WebcamConfig::validate() const {
   const auto require = [](bool holds, const auto&... parts) {
-    if (!holds) throw std::invalid_argument(text("webcam ", parts...));
+    basics::require(holds, "webcam ", parts...);
   };
   require(!device.empty(), "device is empty; expected a path such as /dev/video0");
   require(width > 0 && height > 0, "size is ", width, " x ", height, "; expected > 0 px");
@@ -186,19 +187,6 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
   throw std::invalid_argument(path + " is neither a picture (" + listOf(kPictures) +
                               ") nor a video (" + listOf(kVideos) + ")");
 }
-
-namespace {
-
-bool equal(const cv::Mat& a, const cv::Mat& b) {
-  if (a.empty() || a.size() != b.size() || a.type() != b.type()) return false;
-  const std::size_t row = a.elemSize() * static_cast<std::size_t>(a.cols);
-  for (int y = 0; y < a.rows; ++y) {
-    if (std::memcmp(a.ptr(y), b.ptr(y), row) != 0) return false;
-  }
-  return true;
-}
-
-}  // namespace
 
 bool FrozenWatch::isFrozen(const cv::Mat& gray, const Eigen::Vector3d& model_tip) {
   if (equal(gray, before_)) return (model_tip - tip_).norm() > kMotion;

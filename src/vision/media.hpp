@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -26,6 +27,22 @@ struct Media {
 
 /// Loads the library once. @throws std::runtime_error if it cannot be loaded.
 const Media& media();
+
+/// Decodes a PNG of any colour type and depth to gray of 8 bits: of 16 bits the upper 8, colours
+/// weighted as in JPEG, without transparency. A picture that is damaged or truncated is refused as
+/// a whole. The size that the header claims is what is allocated, so check it first.
+///
+/// @param gray  (CV_8UC1) the picture; its memory is reused if the size fits; empty on failure.
+/// @return what is wrong with the data; empty on success.
+std::optional<std::string> decodePng(const std::uint8_t* data, std::size_t size, cv::Mat& gray);
+
+/// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
+/// acceptable.
+std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
+
+/// Independent pictures from files; see FrameSource::files().
+std::unique_ptr<FrameSource> pictureFiles(std::vector<std::filesystem::path> paths,
+                                          std::optional<cv::Size> expected);
 
 }  // namespace helix_arm::vision
 

@@ -1,5 +1,4 @@
 #include <cstring>
-#include <memory>
 #include <sstream>
 #include <utility>
 
@@ -10,7 +9,6 @@
 
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
-#include "picture_files.hpp"
 
 namespace helix_arm::vision {
 namespace {

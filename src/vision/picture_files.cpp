@@ -1,33 +1,22 @@
-#include "picture_files.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cstdint>
 #include <cstring>
-#include <initializer_list>
 #include <limits>
-#include <optional>
-#include <string>
+#include <stdexcept>
 #include <utility>
 #include <variant>
-#include <vector>
 
+#include <dlfcn.h>
 #include <opencv2/core.hpp>
 
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
-#include "png.hpp"
 
 namespace helix_arm::vision {
-
-/// The size [px] that a picture's header claims, read without decoding: JPEG, PNG, BMP, PNM, TIFF
-/// and WebP. A decoder of these formats allocates a small multiple of it.
-/// @return the size, both > 0; or what is wrong with the header.
-std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>& bytes);
-
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -111,6 +100,9 @@ Claim ofTiff(const Header& header) {
                           kTileWidth = 322, kTileHeight = 323, kShort = 3;
   Claim claim;
   std::uint64_t rows = 0, tile_width = 0, tile_height = 0, bits = 1, samples = 1;
+  const std::pair<std::uint32_t, std::uint64_t*> fields[] = {
+      {kWidth, &claim.width}, {kHeight, &claim.height},  {kSamples, &samples},
+      {kRows, &rows},         {kTileWidth, &tile_width}, {kTileHeight, &tile_height}};
   const std::size_t directory = number(4, 4);
   const std::uint32_t entries = directory < header.size() ? number(directory, 2) : 0;
   for (std::uint32_t i = 0; i < entries; ++i) {
@@ -118,31 +110,12 @@ Claim ofTiff(const Header& header) {
     const bool is_short = number(entry + 2, 2) == kShort;
     const std::uint32_t value = number(entry + 8, is_short ? 2 : 4);
     const bool is_elsewhere = is_short && number(entry + 4, 4) > 2;
-    switch (number(entry, 2)) {
-      case kWidth:
-        claim.width = value;
-        break;
-      case kHeight:
-        claim.height = value;
-        break;
-      case kBits:  // one per sample; they must be equal, or the decoder refuses the file
-        bits = is_elsewhere ? number(number(entry + 8, 4), 2) : value;
-        break;
-      case kSamples:
-        samples = value;
-        break;
-      case kRows:
-        rows = value;
-        break;
-      case kTileWidth:
-        tile_width = value;
-        break;
-      case kTileHeight:
-        tile_height = value;
-        break;
-      default:
-        break;
+    const std::uint32_t tag = number(entry, 2);
+    for (const auto& [known, field] : fields) {
+      if (tag == known) *field = value;
     }
+    // One per sample; they must be equal, or the decoder refuses the file.
+    if (tag == kBits) bits = is_elsewhere ? number(number(entry + 8, 4), 2) : value;
   }
   constexpr std::uint64_t kAllRows = std::numeric_limits<std::uint32_t>::max();
   constexpr std::uint64_t kTile = 1024;  // larger than a small picture
@@ -170,8 +143,9 @@ std::optional<Claim> claimOf(const Bytes& bytes) {
   return std::nullopt;
 }
 
-}  // namespace
-
+// The size [px] that a picture's header claims, read without decoding: JPEG, PNG, BMP, PNM, TIFF
+// and WebP. A decoder of these formats allocates a small multiple of it.
+// @return the size, both > 0; or what is wrong with the header.
 std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>& bytes) {
   if (bytes.empty()) return "the file is empty";
   const std::optional<Claim> claim = claimOf(bytes);
@@ -185,23 +159,17 @@ std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>&
   return cv::Size(static_cast<int>(claim->width), static_cast<int>(claim->height));
 }
 
-namespace {
-
 constexpr std::size_t kMostBytes = 128U << 20U;  // of a file
 
 std::string sizeText(const cv::Size& size) {
   return std::to_string(size.width) + " x " + std::to_string(size.height);
 }
 
-bool startsWith(const std::vector<std::uint8_t>& bytes, std::initializer_list<std::uint8_t> mark) {
-  return bytes.size() >= mark.size() && std::equal(mark.begin(), mark.end(), bytes.begin());
-}
-
 // @return the fault; absent on success.
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
-  if (startsWith(bytes, {0xff, 0xd8}))
-    return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
-  if (startsWith(bytes, {0x89, 'P', 'N', 'G'})) return decodePng(bytes.data(), bytes.size(), gray);
+  const Header header(bytes);
+  if (header.has(0, "\xff\xd8")) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  if (header.has(0, "\x89PNG")) return decodePng(bytes.data(), bytes.size(), gray);
   return media().decode(bytes, gray);
 }
 
@@ -241,7 +209,27 @@ class PictureFiles : public FrameSource {
   std::vector<std::uint8_t> bytes_;
 };
 
+constexpr char kLibrary[] = "libhelix_arm_media.so";
+
+const Media& load() {
+  void* library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
+  const void* symbol = library == nullptr ? nullptr : dlsym(library, "helix_arm_media");
+  if (symbol == nullptr) {
+    const char* fault = dlerror();
+    throw std::runtime_error(
+        std::string("videos, webcams and pictures other than JPEG and PNG need ") + kLibrary +
+        ", which does not load: " + (fault == nullptr ? "it is empty" : fault) +
+        "; build or install helix_arm again");
+  }
+  return *static_cast<const Media*>(symbol);
+}
+
 }  // namespace
+
+const Media& media() {
+  static const Media& loaded = load();
+  return loaded;
+}
 
 std::optional<std::string> sizeFault(const cv::Size& size,
                                      const std::optional<cv::Size>& expected) {

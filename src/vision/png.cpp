@@ -1,5 +1,3 @@
-#include "png.hpp"
-
 #include <algorithm>
 #include <array>
 #include <csetjmp>
@@ -7,6 +5,8 @@
 #include <new>
 
 #include <png.h>
+
+#include "media.hpp"
 
 namespace helix_arm::vision {
 namespace {

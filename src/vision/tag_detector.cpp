@@ -1,12 +1,24 @@
 #include "helix_arm/vision/tag_detector.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdlib>
+#include <stdexcept>
 #include <tuple>
 
 #include <apriltag/apriltag.h>
+#include <apriltag/tag16h5.h>
+#include <apriltag/tag25h9.h>
+#include <apriltag/tag36h10.h>
+#include <apriltag/tag36h11.h>
+#include <apriltag/tagCircle21h7.h>
+#include <apriltag/tagCircle49h12.h>
+#include <apriltag/tagCustom48h12.h>
+#include <apriltag/tagStandard41h12.h>
+#include <apriltag/tagStandard52h13.h>
 
-#include "corner_refinement.hpp"
+#include "edge_lock.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/camera.hpp"
 
@@ -15,6 +27,39 @@ namespace {
 
 using basics::require;
 using estimation::Camera;
+
+struct Maker {
+  const char* name;
+  apriltag_family_t* (*create)();
+  void (*destroy)(apriltag_family_t*);
+};
+
+constexpr std::array<Maker, 9> kMakers = {{
+    {"36h11", tag36h11_create, tag36h11_destroy},
+    {"25h9", tag25h9_create, tag25h9_destroy},
+    {"16h5", tag16h5_create, tag16h5_destroy},
+    {"36h10", tag36h10_create, tag36h10_destroy},
+    {"Circle21h7", tagCircle21h7_create, tagCircle21h7_destroy},
+    {"Circle49h12", tagCircle49h12_create, tagCircle49h12_destroy},
+    {"Custom48h12", tagCustom48h12_create, tagCustom48h12_destroy},
+    {"Standard41h12", tagStandard41h12_create, tagStandard41h12_destroy},
+    {"Standard52h13", tagStandard52h13_create, tagStandard52h13_destroy},
+}};
+
+std::shared_ptr<apriltag_family> make(const std::string& name) {
+  std::string known;
+  for (const Maker& maker : kMakers) {
+    if (name == maker.name) return {maker.create(), maker.destroy};
+    known += (known.empty() ? "" : ", ") + std::string(maker.name);
+  }
+  throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " + known);
+}
+
+// libapriltag does not export its own function.
+void freeImage(image_u8_t* image) {
+  std::free(image->buf);
+  std::free(image);
+}
 
 constexpr int kMaxDecimate = 32;
 constexpr int kMaxThreads = 64;
@@ -34,6 +79,36 @@ double tableBytes(const TagFamily& family, int wrong_bits) {
 int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
 
 }  // namespace
+
+TagFamily::TagFamily(const std::string& name) : name_(name), family_(make(name)) {}
+
+std::vector<std::string> TagFamily::names() {
+  std::vector<std::string> names;
+  for (const Maker& maker : kMakers) names.emplace_back(maker.name);
+  return names;
+}
+
+int TagFamily::count() const { return static_cast<int>(family_->ncodes); }
+
+int TagFamily::bitCount() const { return static_cast<int>(family_->nbits); }
+
+int TagFamily::distance() const { return static_cast<int>(family_->h); }
+
+cv::Mat TagFamily::cells(int id) const {
+  if (id < 0 || id >= count()) {
+    throw std::out_of_range("tag id is " + std::to_string(id) + "; family " + name_ + " has 0 to " +
+                            std::to_string(count() - 1));
+  }
+  const std::unique_ptr<image_u8_t, void (*)(image_u8_t*)> image(
+      apriltag_to_image(family_.get(), id), freeImage);
+  return cv::Mat(image->height, image->width, CV_8UC1, image->buf, image->stride).clone();
+}
+
+int TagFamily::quietCells() const { return (family_->total_width - family_->width_at_border) / 2; }
+
+int TagFamily::borderCells() const { return family_->width_at_border; }
+
+bool TagFamily::isReversed() const { return family_->reversed_border; }
 
 void DetectorConfig::validate() const {
   const TagFamily of(family);
@@ -77,53 +152,52 @@ struct TagDetector::Handle {
            std::max(kTile, kernelSize(config.quad_sigma));
   }
 
-  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
+  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region) {
+    std::vector<TagDetection> tags;
+    cv::Mat searched = gray(region);
+    const int right = std::max(0, leastSide() - region.width);
+    const int below = std::max(0, leastSide() - region.height);
+    if (right > 0 || below > 0) {
+      cv::copyMakeBorder(searched, copy, 0, below, 0, right,
+                         cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+      searched = copy;
+    } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
+      searched.copyTo(copy);  // libapriltag would blur the caller's picture
+      searched = copy;
+    }
+    image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]),
+                     searched.data};
+    const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
+        apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
+    tags.reserve(zarray_size(found.get()));
+    for (int i = 0; i < zarray_size(found.get()); ++i) {
+      const apriltag_detection_t* tag = nullptr;
+      zarray_get(found.get(), i, &tag);
+      TagDetection& out = tags.emplace_back();
+      out.id = tag->id;
+      out.hamming = tag->hamming;
+      out.margin = tag->decision_margin;
+      for (int k = 0; k < 4; ++k) {
+        // libapriltag has pixel centres at .5.
+        out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
+      }
+      if (config.refine_edges) {
+        out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
+      }
+    }
+    const auto key = [](const TagDetection& tag) {
+      return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
+    };
+    std::sort(tags.begin(), tags.end(),
+              [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
+    return tags;
+  }
 
   DetectorConfig config;
   TagFamily family;
   apriltag_detector_t* detector;
   cv::Mat copy;
 };
-
-std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const cv::Rect& region) {
-  std::vector<TagDetection> tags;
-  cv::Mat searched = gray(region);
-  const int right = std::max(0, leastSide() - region.width);
-  const int below = std::max(0, leastSide() - region.height);
-  if (right > 0 || below > 0) {
-    cv::copyMakeBorder(searched, copy, 0, below, 0, right,
-                       cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-    searched = copy;
-  } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
-    searched.copyTo(copy);  // libapriltag would blur the caller's picture
-    searched = copy;
-  }
-  image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]), searched.data};
-  const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
-      apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
-  tags.reserve(zarray_size(found.get()));
-  for (int i = 0; i < zarray_size(found.get()); ++i) {
-    const apriltag_detection_t* tag = nullptr;
-    zarray_get(found.get(), i, &tag);
-    TagDetection& out = tags.emplace_back();
-    out.id = tag->id;
-    out.hamming = tag->hamming;
-    out.margin = tag->decision_margin;
-    for (int k = 0; k < 4; ++k) {
-      // libapriltag has pixel centres at .5.
-      out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
-    }
-    if (config.refine_edges) {
-      out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
-    }
-  }
-  const auto key = [](const TagDetection& tag) {
-    return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
-  };
-  std::sort(tags.begin(), tags.end(),
-            [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
-  return tags;
-}
 
 TagDetector::TagDetector(const DetectorConfig& config)
     : handle_(std::make_unique<Handle>(config)) {}

@@ -106,12 +106,6 @@ struct TagTracker::Workspace {
     if (lock) take(*lock, i, Way::kEdges);
   }
 
-  void lockOnTags(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
-    for (std::size_t i = 0; i < expected.size(); ++i) {
-      lockOnTag(gray, expected[i], i, Eigen::Vector2d::Zero());
-    }
-  }
-
   // Looks for tags that are still missing at the displacement of the nearest tag that was found.
   void lockOnDisplacedTags(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
     for (std::size_t i = 0; i < expected.size(); ++i) {
@@ -260,7 +254,9 @@ const TrackResult& TagTracker::track(const cv::Mat& gray,
   work.tag_ways.clear();
   const bool by_edges = work.mode == TrackingMode::kEdges && work.closed_border;
   if (by_edges) {
-    work.lockOnTags(gray, expected);
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      work.lockOnTag(gray, expected[i], i, Eigen::Vector2d::Zero());
+    }
     work.lockOnDisplacedTags(gray, expected);
   }
   work.searchRegions(gray, expected);

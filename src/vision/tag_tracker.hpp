@@ -9,16 +9,6 @@
 
 namespace helix_arm::vision {
 
-/// How a picture is searched when the approximate positions of the tags are known. Each mode
-/// falls back to those above it, within the same picture.
-enum class TrackingMode {
-  kFull,     ///< the whole picture, always
-  kRegions,  ///< a region around each expected tag, wider by half its size
-  /// The edges and bits of each expected tag. It may be off by a quarter of its shorter side and at
-  /// most 12 px. Families with bits outside their border are searched by regions instead.
-  kEdges,
-};
-
 /// Where a tag is expected.
 struct ExpectedTag {
   int id;

@@ -9,7 +9,7 @@
 #include <benchmark/benchmark.h>
 #include <sys/mman.h>
 
-#include "helix_arm/basics/vector_clones.hpp"
+#include "basics/vector_clones.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "support/paper_arm.hpp"
 

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"

@@ -14,7 +14,7 @@
 
 #include "command.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/modbus_tcp_driver.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"

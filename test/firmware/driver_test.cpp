@@ -10,7 +10,7 @@
 
 #include "board_kinds.hpp"
 #include "board_rig.hpp"
-#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "line_damage.hpp"
 #include "support/serial_profiles.hpp"
 

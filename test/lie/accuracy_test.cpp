@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/lie/coefficients.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
+#include "lie/coefficients.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 

@@ -1,13 +1,13 @@
 // The coefficients themselves, where finite differences of exp would see nothing.
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 #include <cmath>
 #include <cstdio>
 
 #include <gtest/gtest.h>
 
+#include "basics/vector_clones.hpp"
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/vector_clones.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 

@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 #include "support/tapered_arm.hpp"
 
 namespace helix_arm::model {

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
 

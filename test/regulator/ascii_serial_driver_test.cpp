@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/serial_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"

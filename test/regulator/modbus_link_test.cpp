@@ -12,7 +12,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/modbus_tcp_driver.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"

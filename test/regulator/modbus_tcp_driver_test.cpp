@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"

@@ -1,5 +1,3 @@
-#include "helix_arm/simulation/modbus_device.hpp"
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -12,6 +10,7 @@
 #include <unistd.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"

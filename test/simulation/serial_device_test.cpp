@@ -1,7 +1,5 @@
 // The emulated device against a bare line, without a driver.
 
-#include "helix_arm/simulation/serial_device.hpp"
-
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -13,6 +11,7 @@
 
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"

@@ -14,8 +14,7 @@
 
 #include <unistd.h>
 
-#include "helix_arm/simulation/modbus_device.hpp"
-#include "helix_arm/simulation/serial_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "soaked_arm.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "control/channel_watch.hpp"
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "latency_histogram.hpp"
 #include "support/random.hpp"
 

@@ -8,11 +8,11 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/lie/jacobian_slope.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "lie/jacobian_slope.hpp"
 #include "support/linked_arm.hpp"
 #include "support/tapered_arm.hpp"
 

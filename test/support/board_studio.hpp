@@ -3,9 +3,9 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "helix_arm/simulation/board.hpp"
+#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/vision/camera_calibration.hpp"
 #include "support/random.hpp"
-#include "vision/board_views.hpp"
 
 namespace helix_arm::test {
 

@@ -9,8 +9,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/modbus_device.hpp"
-#include "helix_arm/simulation/serial_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/emulated_device.hpp"
 
 namespace helix_arm::test {
 

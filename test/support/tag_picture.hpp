@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/localization/tag_layout.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::test {
 

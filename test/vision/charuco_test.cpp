@@ -9,7 +9,7 @@
 #include <opencv2/aruco/charuco.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/vision/charuco_reader.hpp"
+#include "helix_arm/vision/camera_calibration.hpp"
 #include "support/board_studio.hpp"
 #include "support/refusal.hpp"
 

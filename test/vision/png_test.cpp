@@ -9,7 +9,7 @@
 
 #include "jpeg_pictures.hpp"
 #include "mangled.hpp"
-#include "vision/png.hpp"
+#include "vision/media.hpp"
 
 namespace helix_arm::test {
 namespace {

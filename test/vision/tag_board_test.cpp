@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/vision/charuco_board.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::vision {

@@ -88,6 +88,8 @@ class LineFormat {
   };
   class Reader;
 
+  void demand(bool holds, const std::string& fault) const;
+  void checkFields() const;
   std::optional<LineFields> read(std::string_view line, const std::string& address,
                                  std::size_t pressures, Mismatch& mismatch) const;
 

@@ -2,9 +2,7 @@
 
 #include <Eigen/Core>
 #include <deque>
-#include <functional>
 #include <optional>
-#include <vector>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
@@ -61,7 +59,6 @@ class Lockstep {
   };
   const std::optional<MeasuredTip>& measuredTip() const { return measured_; }
   int picturesAccepted() const { return accepted_; }
-  int picturesRefused() const { return refused_; }
 
  private:
   struct Waiting {
@@ -78,7 +75,7 @@ class Lockstep {
   std::deque<Waiting> waiting_;
   Eigen::VectorXd reading_;
   std::optional<MeasuredTip> measured_;
-  int accepted_ = 0, refused_ = 0;
+  int accepted_ = 0;
 };
 
 }  // namespace helix_arm::simulation

@@ -12,7 +12,7 @@
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/statics/arm_model.hpp"
-#include "helix_arm/vision/tag_family.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::simulation {
 

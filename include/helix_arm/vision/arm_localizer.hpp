@@ -8,7 +8,7 @@
 
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
-#include "vision/tag_tracker.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
 

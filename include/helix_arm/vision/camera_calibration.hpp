@@ -10,7 +10,8 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/shape.hpp"
-#include "vision/board_views.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
 
@@ -25,6 +26,114 @@ std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
                                          const model::Shape& shape,
                                          const std::vector<estimation::CornerObservation>& seen,
                                          double focal);
+
+/// One corner of a board in a picture.
+struct BoardCorner {
+  int id;                 ///< of the corner, on its board
+  Eigen::Vector2d board;  ///< where it is in the plane of the board [m]
+  Eigen::Vector2d pixel;  ///< where it is seen [px]
+};
+
+/// A board in one picture.
+struct BoardObservation {
+  std::string name;                  ///< of the picture
+  std::vector<BoardCorner> corners;  ///< sorted by id, each once
+};
+
+/// Least distance of a tag's corners from the border of the picture [px]. The detector finds a tag
+/// that the border cuts as well, with an edge up to 4 px inside the picture, which is not the
+/// tag's.
+inline constexpr double kLeastFromBorder = 8;
+
+/// Corners of the board's tags among all detections. Tags with wrong bits, those that are seen
+/// twice and those at the border are omitted.
+/// @param size  of the picture.
+BoardObservation boardObservation(const TagBoard& board, const std::string& name,
+                                  const cv::Size& size,
+                                  const std::vector<TagDetection>& detections);
+
+/// Which part of a picture the corners of boards have covered.
+class Coverage {
+ public:
+  static constexpr int kColumns = 8, kRows = 6;
+
+  explicit Coverage(const cv::Size& size) : size_(size), seen_(kColumns * kRows, false) {}
+
+  void add(const BoardObservation& observation);
+  /// Part of the cells that hold a corner, 0 to 1.
+  double fraction() const;
+  /// Where the most cells are empty: "top left", "right", "centre", .. Empty if none are.
+  std::string emptiest() const;
+
+ private:
+  bool isSeen(int column, int row) const {
+    return seen_[static_cast<std::size_t>(row * kColumns + column)];
+  }
+
+  cv::Size size_;
+  std::vector<bool> seen_;
+};
+
+/// Chooses pictures of a video or a webcam for a calibration: those in which the board rests, and
+/// that differ from all chosen before.
+class BoardViews {
+ public:
+  /// Largest RMS motion of the corners since the last picture at rest [px].
+  static constexpr double kMostMotion = 1.0;
+  /// Least RMS distance of the corners from those of a chosen view [widths of the picture].
+  static constexpr double kLeastChange = 0.04;
+
+  BoardViews(const cv::Size& size, const BoardParts& parts)
+      : size_(size), least_(parts.leastCorners()), coverage_(size) {}
+
+  /// Takes the next picture's board. @return whether it was chosen.
+  bool offer(const BoardObservation& observation);
+
+  const std::vector<BoardObservation>& chosen() const { return chosen_; }
+  const Coverage& coverage() const { return coverage_; }
+
+ private:
+  cv::Size size_;
+  int least_;  // corners of a view
+  Coverage coverage_;
+  std::optional<BoardObservation> last_;
+  std::vector<BoardObservation> chosen_;
+};
+
+/// A marker in a picture.
+struct MarkerObservation {
+  int id;
+  estimation::Corners corners;  ///< [px], (0, 0) the centre of the top-left pixel
+};
+
+/// The markers of a dictionary in a picture, sorted by id. Those that are seen twice are omitted.
+/// @param gray  (CV_8UC1).
+/// @throws std::invalid_argument on an unknown dictionary.
+std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray);
+
+/// An inner corner between two diagonal squares whose markers were both seen.
+struct MarkedCorner {
+  int id;
+  Eigen::Vector2d pixel;  ///< mean of what the two markers tell, not refined [px]
+  double room;            ///< from there to the nearest corner of a marker [px]
+};
+
+/// The largest connected set of corners on which the markers on either side agree to a quarter of a
+/// square. On a board of another number of squares they agree along single rows at most. Neighbours
+/// alone are compared, so that distortion by the lens has no influence.
+/// @param markers  sorted by id, each once.
+std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
+                                        const std::vector<MarkerObservation>& markers);
+
+/// The inner corners of a ChArUco board in a picture, to a fraction of a pixel.
+/// @param board  valid.
+/// @param gray   (CV_8UC1).
+BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
+                                    const cv::Mat& gray);
+
+/// Why pictures that were taken of a ChArUco board show none of these sizes, and the remedy:
+/// another dictionary, another number of squares, another size of the markers, or no markers.
+std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures);
 
 struct CameraCalibrationOptions {
   /// Number of coefficients of distortion: 0, 2 (k1 k2), 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4

@@ -11,7 +11,6 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "helix_arm/vision/tag_family.hpp"
 #include "io/document/map_reader.hpp"
 #include "section_reader.hpp"
 

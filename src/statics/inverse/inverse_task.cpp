@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include "helix_arm/basics/fraction.hpp"
+#include "basics/fraction.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "statics/loaded/shape_motion.hpp"
 

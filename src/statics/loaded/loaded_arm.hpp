@@ -8,11 +8,11 @@
 
 #include "buckling.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/lie/jacobian_slope.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "lie/jacobian_slope.hpp"
 #include "relaxation.hpp"
 
 /// Derivatives of solutions of the loaded tier.

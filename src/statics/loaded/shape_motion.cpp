@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/lie/coefficients.hpp"
+#include "lie/coefficients.hpp"
 
 namespace helix_arm::statics {
 

@@ -8,7 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "helix_arm/basics/fraction.hpp"
+#include "basics/fraction.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/exact.hpp"

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "helix_arm/basics/fraction.hpp"
+#include "basics/fraction.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "statics/inverse/box_quadratic.hpp"

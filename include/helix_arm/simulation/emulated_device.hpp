@@ -1,0 +1,149 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/modbus_profile.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
+
+namespace helix_arm::simulation {
+
+/// Faults that an emulated pressure regulator, or the arm behind it, can be given.
+enum class DeviceFault {
+  kNone,
+  kSilence,     ///< accepts nothing and answers nothing
+  kGarbage,     ///< answers with random bytes
+  kHalfLine,    ///< answers are cut short
+  kWrongUnit,   ///< answers in a unit other than its profile's
+  kSlow,        ///< answers later than the profile's timeout
+  kRestart,     ///< drops the link once and comes back vented, without fault
+  kNanText,     ///< answers "nan", or the register value of a broken sensor
+  kStuckValue,  ///< answers the readings of the start of the fault; the true pressures change
+  kBurst,       ///< this and the following: as regulator::AirFault
+  kStuckOpen,
+  kStuckShut,
+  kLowSupply,
+};
+inline constexpr int kDeviceFaultCount = 13;
+
+/// "none", "silence", "garbage", "half_line", "wrong_unit", "slow", "restart", "nan_text",
+/// "stuck_value", "burst", "stuck_open", "stuck_shut" or "low_supply".
+const char* nameOf(DeviceFault fault);
+/// All names, separated by commas.
+std::string deviceFaultNames();
+/// The fault with this name; nothing if there is none.
+std::optional<DeviceFault> parseDeviceFault(const std::string& name);
+/// The pneumatic fault behind it; kNone if only the device is faulty.
+regulator::AirFault airFaultOf(DeviceFault fault);
+
+/// Configuration of an emulated regulator on a serial line.
+struct SerialDeviceConfig {
+  regulator::SerialProfile profile;               ///< protocol
+  std::vector<std::string> addresses;             ///< (channels) if its lines have {address}
+  int channels = 1;                               ///< >= 1
+  regulator::SimulatedRegulatorConfig regulator;  ///< dynamics of its valves
+  /// Path of a symlink to its line, removed at the end; empty: none. An existing symlink is
+  /// replaced, unless it points to an existing pseudo terminal.
+  std::string link;
+  double period = 0.02;    ///< period of unsolicited lines, > 0 [s]
+  std::uint32_t seed = 1;  ///< seed of the garbage
+};
+
+/// Emulates a pressure regulator at the other end of a pseudo terminal: speaks the device's side of
+/// a profile, follows its set points in real time, and produces faults on demand.
+///
+/// It behaves like the real devices. Once closed, or vented by a line that is not a set point, it
+/// accepts set points but follows them only after a resume line, if the profile has such lines. It
+/// sends unsolicited lines only after the last of the profile's start lines. It vents by itself if
+/// the profile has a watchdog.
+class SerialDevice {
+ public:
+  /// Starts answering, vented.
+  /// @throws std::invalid_argument naming the value and its rule.
+  /// @throws std::runtime_error if the system provides no terminal or the link cannot be made; the
+  /// message names the other terminal if the link points to one.
+  explicit SerialDevice(SerialDeviceConfig config);
+  ~SerialDevice();
+  SerialDevice(const SerialDevice&) = delete;
+  SerialDevice& operator=(const SerialDevice&) = delete;
+
+  // All members below are thread-safe.
+
+  /// Path to connect to: the link, or the terminal's own path, which a restart changes.
+  std::string path() const;
+  /// Takes effect with the next line; kRestart takes effect immediately and then counts as kNone.
+  void setFault(DeviceFault fault);
+  DeviceFault fault() const;
+
+  Eigen::VectorXd pressure() const;            ///< (channels) true, gauge, now [Pa]
+  Eigen::VectorXd setPoint() const;            ///< (channels) last taken, gauge [Pa]
+  std::vector<control::Valve> valves() const;  ///< (channels)
+  std::uint64_t lines() const;                 ///< number of lines understood
+  std::uint64_t restarts() const;              ///< number of completed restarts
+  /// Time of the last line with set points, on the steady clock [s]; NaN before the first.
+  double lastSetTime() const;
+
+ private:
+  class Worker;
+  std::unique_ptr<Worker> worker_;
+};
+
+/// Configuration of an emulated Modbus device.
+struct ModbusDeviceConfig {
+  regulator::ModbusProfile profile;
+  int places = 8;  ///< number of outlets, >= 1; the last slot has all of its outlets
+  regulator::SimulatedRegulatorConfig regulator;
+  int port = 0;                   ///< port on 127.0.0.1; 0: any free one
+  double activation_time = 0.02;  ///< time that an app takes to start, >= 0 [s]
+};
+
+/// Emulates a pressure regulator with Modbus TCP: a server on 127.0.0.1 in its own thread, with
+/// simulated pressures that follow the steady clock. Serves several connections. All members are
+/// thread-safe.
+///
+/// It starts vented. A device with apps starts not ready, regulates once it is acknowledged and
+/// commanded to, and keeps its air while no app runs. When the last connection is closed, by either
+/// side, its outputs are reset, which ends its apps; a device without apps continues as commanded.
+/// Access to registers that it does not have is refused, and so are writes to its inputs. A
+/// pressure beyond a register's range reads as the limit of the range.
+///
+/// Faults: kHalfLine omits the second half of every reply; kGarbage replaces it by random bytes;
+/// kWrongUnit reads a tenth (kPa for millibar); kNanText reads regulator::kNoReading; kSlow answers
+/// after one and a half times the profile's timeout; kRestart closes all sockets for a moment.
+/// After kSilence, all connections are closed and their data is lost.
+class ModbusDevice {
+ public:
+  /// @throws std::invalid_argument on a broken rule; std::runtime_error naming the port if it
+  /// cannot listen there.
+  explicit ModbusDevice(const ModbusDeviceConfig& config);
+  ~ModbusDevice();
+  ModbusDevice(const ModbusDevice&) = delete;
+  ModbusDevice& operator=(const ModbusDevice&) = delete;
+
+  int port() const;
+
+  /// kRestart becomes kNone by itself.
+  void setFault(DeviceFault fault);
+  DeviceFault fault() const;
+  /// Gives a slot a fault that cannot be acknowledged: its app ends and does not start.
+  void jam(int slot, bool jammed);
+
+  Eigen::VectorXd pressure() const;            ///< true pressures (places), gauge [Pa]
+  Eigen::VectorXd setPoint() const;            ///< set points as written (places), gauge [Pa]
+  std::vector<control::Valve> valves() const;  ///< (places)
+  std::uint64_t writes() const;                ///< number of accepted write requests
+  double lastWrite() const;  ///< time of the last write, as steadyNow(); -infinity: never [s]
+  int connections() const;   ///< number of open connections
+
+ private:
+  class Server;
+  std::unique_ptr<Server> server_;
+};
+
+}  // namespace helix_arm::simulation
