@@ -469,10 +469,4 @@ void eraseValue(Value& map, const std::string& key) {
                     map.entries.end());
 }
 
-void MapWriter::text(const std::string& key, const std::string& text) {
-  Value value = plainValue(text);
-  value.quoted = true;
-  set(key, std::move(value));
-}
-
 }  // namespace helix_arm::io
