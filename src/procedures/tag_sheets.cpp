@@ -3,13 +3,13 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 #include <string>
 #include <vector>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -261,9 +261,7 @@ PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corn
 
 // With up to so many decimals, without zeros at its end.
 std::string rounded(double value, int digits) {
-  char text[32];
-  const int size = std::snprintf(text, sizeof text, "%.*f", digits, value);
-  std::string out(text, static_cast<std::size_t>(size));
+  std::string out = basics::format("%.*f", digits, value);
   if (digits > 0) {
     out.erase(out.find_last_not_of('0') + 1);
     if (out.back() == '.') out.pop_back();
