@@ -1,12 +1,11 @@
 // The tip error of a scene, from the tags of captures.
-#include "../../src/procedures/tip_error.hpp"
-
 #include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::procedures {
