@@ -89,25 +89,24 @@ std::string tipErrorText(const CalibrationOutcome& outcome) {
 std::string resultText(const std::string& scene, const CalibrationOutcome& outcome) {
   std::string out = tipErrorText(outcome);
   out += (out.empty() ? "" : "; ") + std::string("calibrated ") + scene;
-  std::string list;
-  const auto add = [&list](const std::string& text) { list += (list.empty() ? "" : ", ") + text; };
-  for (const auto& [name, fit] : outcome.contractions) add("contraction " + name);
+  std::vector<std::string> list;
+  for (const auto& [name, fit] : outcome.contractions) list.push_back("contraction " + name);
   const Determined found = determinedOf(outcome);
   bool base = false;
   for (const estimation::Parameter& one : found.parameters) {
     if (beginsWith(one.name, kBase)) {
       base = true;
     } else {
-      add(textOf(one));
+      list.push_back(textOf(one));
     }
   }
   if (outcome.calibration) {
     for (const estimation::Combination& one : outcome.calibration->combinations) {
-      if (one.identifiable) add(textOf(one));
+      if (one.identifiable) list.push_back(textOf(one));
     }
   }
-  for (const std::string& text : placementTexts(base, found.tags.size())) add(text);
-  return out + ": " + (list.empty() ? "the data determined no parameter" : list);
+  for (const std::string& text : placementTexts(base, found.tags.size())) list.push_back(text);
+  return out + ": " + (list.empty() ? "the data determined no parameter" : basics::joined(list));
 }
 
 }  // namespace helix_arm::procedures

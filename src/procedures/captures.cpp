@@ -185,11 +185,11 @@ DataKind kindOf(const io::DataSet& data) {
     return DataKind::kTipSeries;
   }
   if (found != nullptr) return found->kind;
-  std::string expected;
-  for (const NamedKind& kind : kKinds) {
-    expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
-  }
-  refuse(data.path, "has none of the columns that identify its kind of data; expected " + expected);
+  std::vector<std::string> known;
+  for (const NamedKind& kind : kKinds)
+    known.push_back(std::string(kind.column) + " of " + kind.text);
+  refuse(data.path, "has none of the columns that identify its kind of data; expected " +
+                        basics::joined(known));
 }
 
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {

@@ -26,10 +26,6 @@ struct TagRow {
   int number(const std::string& column) const;
 };
 
-/// @param columns  required besides capture, pressures and tag.
-/// @throws DocumentError naming the missing ones.
-void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns);
-
 /// The captures of a table in the order in which each appears first.
 /// @param readTag  makes a tag, which has an id and a line, from its id and row.
 /// @throws DocumentError with all faults.

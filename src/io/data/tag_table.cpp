@@ -6,16 +6,13 @@
 #include <sstream>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 
 namespace helix_arm::io {
-namespace {
-
-constexpr double kMostNumber = 1e9;
-
-}  // namespace
 
 int TagRow::number(const std::string& column) const {
+  constexpr double kMostNumber = 1e9;
   const double value = (*this)[column];
   if (value >= 0 && value <= kMostNumber && value == std::floor(value)) {
     return static_cast<int>(value);
@@ -24,24 +21,14 @@ int TagRow::number(const std::string& column) const {
   return -1;
 }
 
-void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns) {
-  std::string missing, expected = "capture, pressure_1_kpa .., tag";
-  const auto look = [&data, &missing](const std::string& column) {
-    if (data.find(column) < 0) missing += (missing.empty() ? "" : ", ") + column;
-  };
-  look("capture");
-  look("tag");
-  for (const std::string& column : columns) {
-    look(column);
-    expected += ", " + column;
-  }
-  if (missing.empty()) return;
-  FaultList faults(data.path);
-  faults.add(0, "has no column " + missing + "; expected " + expected);
-  faults.throwIfAny();
-}
-
 namespace {
+
+// Columns besides those that all tables of tags have.
+void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns) {
+  std::vector<std::string> all{"capture", "tag"};
+  all.insert(all.end(), columns.begin(), columns.end());
+  requireColumns(data, all, "capture, pressure_1_kpa .., tag, " + basics::joined(columns));
+}
 
 constexpr double kNormTolerance = 1e-2;  // rounding to two digits
 
