@@ -17,6 +17,9 @@ control::Refusal refuse(control::Fault fault, const std::string& message) {
   return {fault, message};
 }
 
+constexpr double kFullAngle = 2 * basics::kPi;
+constexpr int kStops = 12;  // on the way around
+
 }  // namespace
 
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
@@ -76,13 +79,6 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::ve
   }
   return loop ? thereAndBack(plan) : plan;
 }
-
-namespace {
-
-constexpr double kFullAngle = 2 * basics::kPi;
-constexpr int kStops = 12;  // on the way around
-
-}  // namespace
 
 Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
   if (!(fraction > 0 && fraction <= 1)) {

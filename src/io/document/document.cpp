@@ -26,32 +26,6 @@ std::optional<std::string> plainText(std::string text, FaultList& faults) {
   return std::nullopt;
 }
 
-}  // namespace
-
-std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
-                                        FaultList& faults) {
-  basics::RegularFile file(path);
-  std::optional<std::string> text = file.readAll(most);
-  if (!text) {
-    faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));
-    return std::nullopt;
-  }
-  return plainText(std::move(*text), faults);
-}
-
-std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults) {
-  std::string text(most + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > most) {
-    faults.add(0, "has more than " + std::to_string(most) + " bytes; expected at most that");
-    return std::nullopt;
-  }
-  return plainText(std::move(text), faults);
-}
-
-namespace {
-
 // With aliases, a short file may expand to an endless tree, or to many copies of a long text.
 constexpr std::size_t kMostBytes = kMostSceneBytes;
 constexpr int kMostValues = 20000;
@@ -332,6 +306,28 @@ void emit(const Value& value, YAML::Emitter& out) {
 }
 
 }  // namespace
+
+std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
+                                        FaultList& faults) {
+  basics::RegularFile file(path);
+  std::optional<std::string> text = file.readAll(most);
+  if (!text) {
+    faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));
+    return std::nullopt;
+  }
+  return plainText(std::move(*text), faults);
+}
+
+std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults) {
+  std::string text(most + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > most) {
+    faults.add(0, "has more than " + std::to_string(most) + " bytes; expected at most that");
+    return std::nullopt;
+  }
+  return plainText(std::move(text), faults);
+}
 
 const Value* Value::find(const std::string& key) const {
   const auto found = std::find_if(entries.begin(), entries.end(),

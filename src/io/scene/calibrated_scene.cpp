@@ -341,32 +341,6 @@ std::string checkedText(const std::string& title, const Value& document, const s
   return text;
 }
 
-}  // namespace
-
-SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
-                           const std::set<estimation::FitParameter>& fitted, bool corners) {
-  SceneCalibration changes;
-  for (const estimation::FitParameter one : fitted) {
-    addChange(one, scene, calibration, corners, changes);
-  }
-  return changes;
-}
-
-std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
-                                const SceneCalibration& calibration, const std::string& sha256) {
-  FaultList faults(path);
-  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
-  if (!sha256.empty() && read_sha256 != sha256) {
-    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
-  }
-  const Scene scene = makeScene(document, faults);
-  putCalibration(scene, calibration, document, faults);
-  faults.throwIfAny();
-  return checkedText(kTitle, document, path + ", once calibrated,");
-}
-
-namespace {
-
 constexpr std::size_t kPlumbBob = 5;  // coefficients
 
 // Up to the last that is not 0, in one of the sizes that are known.
@@ -401,6 +375,28 @@ void addMatrix(const char* name, int rows, const Eigen::VectorXd& entries, std::
 }
 
 }  // namespace
+
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners) {
+  SceneCalibration changes;
+  for (const estimation::FitParameter one : fitted) {
+    addChange(one, scene, calibration, corners, changes);
+  }
+  return changes;
+}
+
+std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
+                                const SceneCalibration& calibration, const std::string& sha256) {
+  FaultList faults(path);
+  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
+  if (!sha256.empty() && read_sha256 != sha256) {
+    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
+  }
+  const Scene scene = makeScene(document, faults);
+  putCalibration(scene, calibration, document, faults);
+  faults.throwIfAny();
+  return checkedText(kTitle, document, path + ", once calibrated,");
+}
 
 CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};

@@ -68,58 +68,6 @@ Key linesKey(const char* name, std::vector<std::string>& lines) {
           }};
 }
 
-}  // namespace
-
-std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults) {
-  const std::size_t before = faults.count();
-  constexpr Text kLine{"a line of text"};
-  constexpr Text kSeparator{"the separator of numbers"};
-  regulator::SerialProfile profile;
-  profile.name = name;
-  std::string terminator = "lf", unit = "Pa", checksum = "none";
-  double scale = 1.0;
-  const MapReader keys(
-      value, path,
-      {{"baud", Whole{1200, 2000000}, profile.baud},
-       Key("terminator", OneOf{{"cr", "lf", "crlf"}}, terminator).required(),
-       Key("unit", OneOf{{"psi", "kPa", "bar", "mbar", "Pa"}}, unit).required(),
-       {"scale", within(kPositive, 1e-6, 1e6), scale},
-       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
-       {"unit_word", Text{"a word"}, profile.unit_word},
-       {"decimals", Whole{0, 6}, profile.decimals},
-       {"separator", kSeparator, profile.separator},
-       {"reply_separator", kSeparator, profile.reply_separator},
-       {"one_by_one", profile.one_by_one},
-       linesKey("start", profile.start),
-       Key("write", kLine, profile.write).required(),
-       {"write_reply", kLine, profile.write_reply},
-       {"read", kLine, profile.read},
-       Key("reply", kLine, profile.reply).required(),
-       {"supply_line", kLine, profile.supply_line},
-       linesKey("skip", profile.skip),
-       linesKey("vent", profile.vent),
-       linesKey("close", profile.close),
-       linesKey("resume", profile.resume),
-       {"vent_reply", kLine, profile.vent_reply},
-       {"timeout_s", kTimeout, profile.timeout},
-       {"watchdog_s", within(kPositive, 0.1, 60, " s"), profile.watchdog},
-       {"highest_kpa", within(kPositive, 1e-3, 1e5, " kPa"), profile.highest, kKilo},
-       {"channels", kChannels, profile.channels},
-       {"checksum", OneOf{{"none", "crc16"}}, checksum}},
-      faults);
-  keys.required("vent", "a line of text, or a list of them");
-  profile.terminator = terminatorOf(terminator);
-  profile.pascals = pascalsOf(unit) * scale;
-  if (!keys.has("reply_separator")) profile.reply_separator = profile.separator;
-  profile.checksum = checksum == "crc16";
-  return checked(profile, value, path, before, faults);
-}
-
-namespace {
-
 constexpr Whole kRegister{0, 0xffff};
 constexpr Whole kStride{1, 1024};
 constexpr Whole kInStride{0, kStride.highest - 1};
@@ -135,47 +83,6 @@ std::vector<Key> appKeys(regulator::ModbusApp& app) {
           Key("running", kRegister, app.running).required(),
           {"activation_time_s", within(kPositive, 0.01, 60, " s"), app.activation_time}};
 }
-
-}  // namespace
-
-std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults) {
-  const std::size_t before = faults.count();
-  regulator::ModbusProfile profile;
-  profile.name = name;
-  regulator::ModbusApp app;
-  std::string registers;
-  const MapReader keys(
-      value, path,
-      {{"unit_id", Whole{0, 255}, profile.unit_id},
-       Key("count_pa", within(kPositive, 1e-3, 1e6, " Pa"), profile.pascals).required(),
-       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
-       Key("highest_count", Whole{1, 32767}, profile.highest_count).required(),
-       {"outlets", Whole{1, 64}, profile.outlets},
-       {"channels", kChannels, profile.channels},
-       {"outputs",
-        {Key("first", kRegister, profile.output_base).required(),
-         Key("stride", kStride, profile.output_stride).required(),
-         Key("pressure", kInStride, profile.output_pressure).required()}},
-       {"inputs",
-        {Key("first", kRegister, profile.input_base).required(),
-         Key("stride", kStride, profile.input_stride).required(),
-         Key("pressure", kInStride, profile.input_pressure).required(),
-         Key("registers", OneOf{{"holding", "input"}}, registers).required()}},
-       {"supply", kRegister, profile.supply},
-       {"app", appKeys(app)},
-       {"timeout_s", kTimeout, profile.timeout}},
-      faults);
-  keys.required("outputs", "a map of first, stride and pressure");
-  keys.required("inputs", "a map of first, stride, pressure and registers");
-  profile.input_registers = registers == "input";
-  if (keys.has("app")) profile.app = app;
-  return checked(profile, value, path, before, faults);
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -251,6 +158,91 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind,
 }
 
 }  // namespace
+
+std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
+                                                          const std::string& path,
+                                                          const std::string& name,
+                                                          FaultList& faults) {
+  const std::size_t before = faults.count();
+  constexpr Text kLine{"a line of text"};
+  constexpr Text kSeparator{"the separator of numbers"};
+  regulator::SerialProfile profile;
+  profile.name = name;
+  std::string terminator = "lf", unit = "Pa", checksum = "none";
+  double scale = 1.0;
+  const MapReader keys(
+      value, path,
+      {{"baud", Whole{1200, 2000000}, profile.baud},
+       Key("terminator", OneOf{{"cr", "lf", "crlf"}}, terminator).required(),
+       Key("unit", OneOf{{"psi", "kPa", "bar", "mbar", "Pa"}}, unit).required(),
+       {"scale", within(kPositive, 1e-6, 1e6), scale},
+       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
+       {"unit_word", Text{"a word"}, profile.unit_word},
+       {"decimals", Whole{0, 6}, profile.decimals},
+       {"separator", kSeparator, profile.separator},
+       {"reply_separator", kSeparator, profile.reply_separator},
+       {"one_by_one", profile.one_by_one},
+       linesKey("start", profile.start),
+       Key("write", kLine, profile.write).required(),
+       {"write_reply", kLine, profile.write_reply},
+       {"read", kLine, profile.read},
+       Key("reply", kLine, profile.reply).required(),
+       {"supply_line", kLine, profile.supply_line},
+       linesKey("skip", profile.skip),
+       linesKey("vent", profile.vent),
+       linesKey("close", profile.close),
+       linesKey("resume", profile.resume),
+       {"vent_reply", kLine, profile.vent_reply},
+       {"timeout_s", kTimeout, profile.timeout},
+       {"watchdog_s", within(kPositive, 0.1, 60, " s"), profile.watchdog},
+       {"highest_kpa", within(kPositive, 1e-3, 1e5, " kPa"), profile.highest, kKilo},
+       {"channels", kChannels, profile.channels},
+       {"checksum", OneOf{{"none", "crc16"}}, checksum}},
+      faults);
+  keys.required("vent", "a line of text, or a list of them");
+  profile.terminator = terminatorOf(terminator);
+  profile.pascals = pascalsOf(unit) * scale;
+  if (!keys.has("reply_separator")) profile.reply_separator = profile.separator;
+  profile.checksum = checksum == "crc16";
+  return checked(profile, value, path, before, faults);
+}
+
+std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
+                                                          const std::string& path,
+                                                          const std::string& name,
+                                                          FaultList& faults) {
+  const std::size_t before = faults.count();
+  regulator::ModbusProfile profile;
+  profile.name = name;
+  regulator::ModbusApp app;
+  std::string registers;
+  const MapReader keys(
+      value, path,
+      {{"unit_id", Whole{0, 255}, profile.unit_id},
+       Key("count_pa", within(kPositive, 1e-3, 1e6, " Pa"), profile.pascals).required(),
+       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
+       Key("highest_count", Whole{1, 32767}, profile.highest_count).required(),
+       {"outlets", Whole{1, 64}, profile.outlets},
+       {"channels", kChannels, profile.channels},
+       {"outputs",
+        {Key("first", kRegister, profile.output_base).required(),
+         Key("stride", kStride, profile.output_stride).required(),
+         Key("pressure", kInStride, profile.output_pressure).required()}},
+       {"inputs",
+        {Key("first", kRegister, profile.input_base).required(),
+         Key("stride", kStride, profile.input_stride).required(),
+         Key("pressure", kInStride, profile.input_pressure).required(),
+         Key("registers", OneOf{{"holding", "input"}}, registers).required()}},
+       {"supply", kRegister, profile.supply},
+       {"app", appKeys(app)},
+       {"timeout_s", kTimeout, profile.timeout}},
+      faults);
+  keys.required("outputs", "a map of first, stride and pressure");
+  keys.required("inputs", "a map of first, stride, pressure and registers");
+  profile.input_registers = registers == "input";
+  if (keys.has("app")) profile.app = app;
+  return checked(profile, value, path, before, faults);
+}
 
 std::vector<std::string> shippedProfiles() { return shippedNames(kShippedRegulators); }
 

@@ -145,38 +145,6 @@ struct RegulatorKind {
 constexpr RegulatorKind kKinds[] = {
     {"simulated", readSimulated}, {"ascii_serial", readSerial}, {"modbus_tcp", readModbus}};
 
-}  // namespace
-
-std::optional<regulator::Config> readRegulator(const MapReader& scene, const ArmParts* arm) {
-  std::vector<std::string> kinds;
-  for (const RegulatorKind& known : kKinds) kinds.emplace_back(known.key);
-  const std::optional<MapReader> regulator = scene.map("regulator", keysOf(kinds));
-  if (!regulator) return std::nullopt;
-  const std::optional<std::string> kind = regulator->exactlyOne(kinds);
-  if (!kind) return std::nullopt;
-  const RegulatorKind& known = *std::find_if(std::begin(kKinds), std::end(kKinds),
-                                             [&](const auto& one) { return *kind == one.key; });
-  const std::size_t before = scene.faults().count();
-  for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = arm->arm.actuator(i);
-    if (model::isPressure(actuator.drive)) continue;
-    regulator->complain(*kind,
-                        "regulates pressures, but " + actuator.name +
-                            " is a tendon; expected an arm of pressure actuators or no regulator");
-  }
-  std::optional<regulator::Config> config = known.read(*regulator, *kind, arm);
-  if (!config || arm == nullptr || scene.faults().count() != before) return std::nullopt;
-  try {
-    regulator::makeDriver(*config,
-                          arm->arm.actuatorCount());  // constructed for its checks, not connected
-  } catch (const std::invalid_argument& error) {
-    regulator->complain(*kind, std::string("cannot be used: ") + error.what());
-  }
-  return config;
-}
-
-namespace {
-
 constexpr double kHardwareSlew = 3e5;  // [Pa/s]
 
 constexpr NumberRule seconds(const NumberRule& sign) { return within(sign, 0, 3600, " s"); }
@@ -256,6 +224,34 @@ void checkVentedBelow(const MapReader& safety, const SafetyConfig& config) {
 }
 
 }  // namespace
+
+std::optional<regulator::Config> readRegulator(const MapReader& scene, const ArmParts* arm) {
+  std::vector<std::string> kinds;
+  for (const RegulatorKind& known : kKinds) kinds.emplace_back(known.key);
+  const std::optional<MapReader> regulator = scene.map("regulator", keysOf(kinds));
+  if (!regulator) return std::nullopt;
+  const std::optional<std::string> kind = regulator->exactlyOne(kinds);
+  if (!kind) return std::nullopt;
+  const RegulatorKind& known = *std::find_if(std::begin(kKinds), std::end(kKinds),
+                                             [&](const auto& one) { return *kind == one.key; });
+  const std::size_t before = scene.faults().count();
+  for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm->arm.actuator(i);
+    if (model::isPressure(actuator.drive)) continue;
+    regulator->complain(*kind,
+                        "regulates pressures, but " + actuator.name +
+                            " is a tendon; expected an arm of pressure actuators or no regulator");
+  }
+  std::optional<regulator::Config> config = known.read(*regulator, *kind, arm);
+  if (!config || arm == nullptr || scene.faults().count() != before) return std::nullopt;
+  try {
+    regulator::makeDriver(*config,
+                          arm->arm.actuatorCount());  // constructed for its checks, not connected
+  } catch (const std::invalid_argument& error) {
+    regulator->complain(*kind, std::string("cannot be used: ") + error.what());
+  }
+  return config;
+}
 
 SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
                         const std::optional<regulator::Config>& regulator) {

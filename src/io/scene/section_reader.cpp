@@ -62,26 +62,6 @@ void readPlays(const MapReader& keys, model::Response& response) {
   }
 }
 
-}  // namespace
-
-model::Response readResponse(const MapReader& owner, const std::string& key) {
-  model::Response response;
-  const auto keys = owner.map(key, {{"rise_time_constant_s", kResponseTime, response.rise_time},
-                                    {"fall_time_constant_s", kResponseTime, response.fall_time},
-                                    "play_kpa",
-                                    "play_weight"});
-  if (!keys) return response;
-  if (!keys->has("fall_time_constant_s")) response.fall_time = response.rise_time;
-  if (keys->has("play_kpa")) {
-    readPlays(*keys, response);
-  } else if (keys->has("play_weight")) {
-    keys->complain("play_weight", "is given without play_kpa; expected both or none");
-  }
-  return response;
-}
-
-namespace {
-
 using OptionalCurve = std::optional<model::Contraction>;
 
 OptionalCurve readQuintic(const MapReader& contraction, const std::string& key) {
@@ -151,21 +131,6 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
   }
   return std::nullopt;
 }
-
-}  // namespace
-
-Contractions readContractions(const MapReader& scene) {
-  Contractions contractions;
-  const std::string key = "contractions";
-  const auto* curves = scene.entries(key, 0, "a map of named contraction curves");
-  if (curves == nullptr) return contractions;
-  for (const auto& [name, value] : *curves) {
-    contractions[name] = readContraction(value, scene.path(joinPath(key, name)), scene.faults());
-  }
-  return contractions;
-}
-
-namespace {
 
 Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
@@ -433,6 +398,33 @@ void checkTable(const MapReader& keys, const SectionParts& parts) {
 }
 
 }  // namespace
+
+model::Response readResponse(const MapReader& owner, const std::string& key) {
+  model::Response response;
+  const auto keys = owner.map(key, {{"rise_time_constant_s", kResponseTime, response.rise_time},
+                                    {"fall_time_constant_s", kResponseTime, response.fall_time},
+                                    "play_kpa",
+                                    "play_weight"});
+  if (!keys) return response;
+  if (!keys->has("fall_time_constant_s")) response.fall_time = response.rise_time;
+  if (keys->has("play_kpa")) {
+    readPlays(*keys, response);
+  } else if (keys->has("play_weight")) {
+    keys->complain("play_weight", "is given without play_kpa; expected both or none");
+  }
+  return response;
+}
+
+Contractions readContractions(const MapReader& scene) {
+  Contractions contractions;
+  const std::string key = "contractions";
+  const auto* curves = scene.entries(key, 0, "a map of named contraction curves");
+  if (curves == nullptr) return contractions;
+  for (const auto& [name, value] : *curves) {
+    contractions[name] = readContraction(value, scene.path(joinPath(key, name)), scene.faults());
+  }
+  return contractions;
+}
 
 InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited) {
   std::optional<double> gamma, tau, kappa;

@@ -40,47 +40,6 @@ std::vector<Key> webcamKeys(vision::WebcamConfig& webcam) {
           {"exposure", kDriverUnits, webcam.exposure}};
 }
 
-}  // namespace
-
-std::optional<CameraConfig> readCamera(const MapReader& scene) {
-  CameraConfig camera;
-  estimation::Camera& model = camera.model;
-  vision::WebcamConfig webcam;
-  double width = 0, height = 0;
-  const auto keys = scene.map(
-      "camera",
-      {Key("size_px", kPixels, std::vector{&width, &height}).required(),
-       Key("focal_px", within(kPositive, 1, 1e6, " px"), std::vector{&model.fx, &model.fy})
-           .required(),
-       Key("centre_px", within(kFinite, -1e5, 1e5, " px"), std::vector{&model.cx, &model.cy})
-           .required(),
-       {"distortion",
-        [&](const MapReader& map, const std::string&) { readDistortion(map, model.distortion); }},
-       "position_m",
-       "rpy_deg",
-       {"webcam", webcamKeys(webcam)}});
-  if (!keys) return std::nullopt;
-  if (width * height > vision::JpegDecoder::kMaxPixels) {
-    keys->complain("size_px", "makes " + formatNumber(width * height) +
-                                  " pixels; expected at most " +
-                                  formatNumber(vision::JpegDecoder::kMaxPixels));
-  }
-  model.width = static_cast<int>(width);
-  model.height = static_cast<int>(height);
-  keys->required("position_m", "the position of the camera in the world [m]");
-  keys->required("rpy_deg",
-                 "the rotation of its frame, whose x axis is the optical axis [degrees]");
-  // A camera farther away than this was given in mm.
-  for (const Key& key : poseKeys(camera.X_WC, within(kFinite, -100, 100, " m"))) key.read(*keys);
-  camera.X_WC.rotation *= kOpticalInBody;
-  webcam.width = model.width;
-  webcam.height = model.height;
-  if (keys->has("webcam")) camera.webcam = webcam;
-  return camera;
-}
-
-namespace {
-
 constexpr NumberRule kTagId{"a whole number >= 0",
                             [](double x) { return x >= 0 && x == std::floor(x); }, 0, 1e6};
 
@@ -139,38 +98,6 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const std::string& 
   }
 }
 
-}  // namespace
-
-std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
-  TagParts parts{vision::DetectorConfig().family, {}, {}, {}};
-  const auto tags = scene.map(
-      "tags",
-      {{"family", OneOf{vision::TagFamily::names()}, parts.family},
-       Key("size_m", kLength, parts.layout.size).required(),
-       // A wider prior has no effect.
-       {"placement_prior",
-        {{"translation_m", within(kPositive, 1e-6, 0.1, " m"), parts.prior.translation},
-         {"rotation_deg", within(kPositive, 1e-4, 90, " degrees"), parts.prior.rotation, kDegree}}},
-       {"frame", poseKeys(parts.X_BF, kCoordinate)},
-       "groups"});
-  if (!tags) return std::nullopt;
-  const bool listed = tags->eachOf("groups", [&](const Value& value, const std::string& path) {
-    lie::SE3 X_MT;
-    const std::vector<Key> pose = poseKeys(X_MT, kCoordinate);
-    const MapReader group(value, path, {"section", "actuator", "ids", "s", pose[0], pose[1]},
-                          scene.faults());
-    readGroup(group, X_MT, parts.family, arm, parts.layout);
-  });
-  if (!listed) return std::nullopt;
-  if (parts.layout.tags.size() > static_cast<std::size_t>(estimation::kMaxTags)) {
-    tags->complain("groups", "place " + std::to_string(parts.layout.tags.size()) +
-                                 " tags; expected at most " + std::to_string(estimation::kMaxTags));
-  }
-  return parts;
-}
-
-namespace {
-
 constexpr NumberRule kSmallLength = within(kPositive, 1e-6, 1, " m");
 constexpr NumberRule kSmallAngle = within(kPositive, 1e-4, 180, " degrees");
 
@@ -205,27 +132,6 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
             {"rotation_deg", kSmallAngle, fit.base_prior.rotation, kDegree}}},
           {"bleed_prior_m", kSmallLength, fit.bleed_prior}};
 }
-
-}  // namespace
-
-vision::LocalizerConfig readVision(const MapReader& scene, const std::string& family) {
-  vision::LocalizerConfig config;
-  if (!family.empty()) config.detector.family = family;
-  const std::size_t faults_before = scene.faults().count();
-  if (const auto keys = scene.map("vision", visionKeys(config))) {
-    config.fit.free_base = keys->has("base_prior");
-    config.fit.free_bleed = keys->has("bleed_prior_m");
-  }
-  if (scene.faults().count() != faults_before) return config;
-  try {
-    config.detector.validate();
-  } catch (const std::invalid_argument& error) {
-    scene.complain("vision", std::string("does not configure a tag detector: ") + error.what());
-  }
-  return config;
-}
-
-namespace {
 
 constexpr NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 constexpr NumberRule kScaleOfLength = within(kPositive, 0.5, 2);
@@ -270,19 +176,6 @@ std::vector<Key> pictureKeys(simulation::SimulatedCameraConfig& camera) {
           {"seed", kSeed, camera.seed}};
 }
 
-}  // namespace
-
-SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm) {
-  SimulationConfig config;
-  const int actuators = arm == nullptr ? 0 : arm->arm.actuatorCount();
-  scene.map("simulation", {{"arm", deviationKeys(config.arm, actuators)},
-                           {"mounts", mountKeys(config.mounts)},
-                           {"camera", pictureKeys(config.camera)}});
-  return config;
-}
-
-namespace {
-
 constexpr NumberRule kFollowTime = within(kPositive, 1e-3, 3600, " s");
 
 constexpr double kUsualDamping = 0.1;        // of muscles and bellows
@@ -324,6 +217,97 @@ void readReaction(const MapReader& keys, follow::OnContact& reaction) {
 }
 
 }  // namespace
+
+std::optional<CameraConfig> readCamera(const MapReader& scene) {
+  CameraConfig camera;
+  estimation::Camera& model = camera.model;
+  vision::WebcamConfig webcam;
+  double width = 0, height = 0;
+  const auto keys = scene.map(
+      "camera",
+      {Key("size_px", kPixels, std::vector{&width, &height}).required(),
+       Key("focal_px", within(kPositive, 1, 1e6, " px"), std::vector{&model.fx, &model.fy})
+           .required(),
+       Key("centre_px", within(kFinite, -1e5, 1e5, " px"), std::vector{&model.cx, &model.cy})
+           .required(),
+       {"distortion",
+        [&](const MapReader& map, const std::string&) { readDistortion(map, model.distortion); }},
+       "position_m",
+       "rpy_deg",
+       {"webcam", webcamKeys(webcam)}});
+  if (!keys) return std::nullopt;
+  if (width * height > vision::JpegDecoder::kMaxPixels) {
+    keys->complain("size_px", "makes " + formatNumber(width * height) +
+                                  " pixels; expected at most " +
+                                  formatNumber(vision::JpegDecoder::kMaxPixels));
+  }
+  model.width = static_cast<int>(width);
+  model.height = static_cast<int>(height);
+  keys->required("position_m", "the position of the camera in the world [m]");
+  keys->required("rpy_deg",
+                 "the rotation of its frame, whose x axis is the optical axis [degrees]");
+  // A camera farther away than this was given in mm.
+  for (const Key& key : poseKeys(camera.X_WC, within(kFinite, -100, 100, " m"))) key.read(*keys);
+  camera.X_WC.rotation *= kOpticalInBody;
+  webcam.width = model.width;
+  webcam.height = model.height;
+  if (keys->has("webcam")) camera.webcam = webcam;
+  return camera;
+}
+
+std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
+  TagParts parts{vision::DetectorConfig().family, {}, {}, {}};
+  const auto tags = scene.map(
+      "tags",
+      {{"family", OneOf{vision::TagFamily::names()}, parts.family},
+       Key("size_m", kLength, parts.layout.size).required(),
+       // A wider prior has no effect.
+       {"placement_prior",
+        {{"translation_m", within(kPositive, 1e-6, 0.1, " m"), parts.prior.translation},
+         {"rotation_deg", within(kPositive, 1e-4, 90, " degrees"), parts.prior.rotation, kDegree}}},
+       {"frame", poseKeys(parts.X_BF, kCoordinate)},
+       "groups"});
+  if (!tags) return std::nullopt;
+  const bool listed = tags->eachOf("groups", [&](const Value& value, const std::string& path) {
+    lie::SE3 X_MT;
+    const std::vector<Key> pose = poseKeys(X_MT, kCoordinate);
+    const MapReader group(value, path, {"section", "actuator", "ids", "s", pose[0], pose[1]},
+                          scene.faults());
+    readGroup(group, X_MT, parts.family, arm, parts.layout);
+  });
+  if (!listed) return std::nullopt;
+  if (parts.layout.tags.size() > static_cast<std::size_t>(estimation::kMaxTags)) {
+    tags->complain("groups", "place " + std::to_string(parts.layout.tags.size()) +
+                                 " tags; expected at most " + std::to_string(estimation::kMaxTags));
+  }
+  return parts;
+}
+
+vision::LocalizerConfig readVision(const MapReader& scene, const std::string& family) {
+  vision::LocalizerConfig config;
+  if (!family.empty()) config.detector.family = family;
+  const std::size_t faults_before = scene.faults().count();
+  if (const auto keys = scene.map("vision", visionKeys(config))) {
+    config.fit.free_base = keys->has("base_prior");
+    config.fit.free_bleed = keys->has("bleed_prior_m");
+  }
+  if (scene.faults().count() != faults_before) return config;
+  try {
+    config.detector.validate();
+  } catch (const std::invalid_argument& error) {
+    scene.complain("vision", std::string("does not configure a tag detector: ") + error.what());
+  }
+  return config;
+}
+
+SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm) {
+  SimulationConfig config;
+  const int actuators = arm == nullptr ? 0 : arm->arm.actuatorCount();
+  scene.map("simulation", {{"arm", deviationKeys(config.arm, actuators)},
+                           {"mounts", mountKeys(config.mounts)},
+                           {"camera", pictureKeys(config.camera)}});
+  return config;
+}
 
 follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig& safety,
                                      const std::optional<regulator::Config>& regulator) {
