@@ -218,32 +218,26 @@ std::string SettleWatch::motion(double begin) const {
 Settling SettleWatch::at(double now) const {
   Settling out;
   out.set_point = set_point_;
-  out.reason = pressureStaleness(now);
-  if (!out.reason.empty()) return out;
-  out.reason = pictureStaleness(now);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kUnseen;
+  const auto fails = [&out](SettleState state, std::string reason) {
+    out.state = state;
+    out.reason = std::move(reason);
+    return !out.reason.empty();
+  };
+  if (fails(SettleState::kStale, pressureStaleness(now)) ||
+      fails(SettleState::kUnseen, pictureStaleness(now))) {
     return out;
   }
+  const Observation& last = observations_.back();
+  const char* const no_tags = "no tag of the arm is in sight; check the camera's picture";
   const double begin = windowBegin();
   Eigen::VectorXd mean;
-  out.reason = pressureFault(begin, mean);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kPressure;
-    return out;
-  }
-  if (observations_.back().tags.empty()) {
-    out.state = SettleState::kNoTags;
-    out.reason = "no tag of the arm is in sight; check the camera's picture";
-    return out;
-  }
-  out.reason = motion(begin);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kMoving;
+  if (fails(SettleState::kPressure, pressureFault(begin, mean)) ||
+      fails(SettleState::kNoTags, last.tags.empty() ? no_tags : "") ||
+      fails(SettleState::kMoving, motion(begin))) {
     return out;
   }
   out.state = SettleState::kSettled;
-  out.last = Sample{observations_.back().time, std::move(mean), observations_.back().tags};
+  out.last = Sample{last.time, std::move(mean), last.tags};
   return out;
 }
 

@@ -97,6 +97,11 @@ constexpr double kRulerColumn = 11.0;  // width of the ruler on the left
 constexpr int kRulerLength = 100;
 constexpr double kNumberHeight = 2.6;
 
+void write(Page& page, const Box& box, const std::string& text, Align align = Align::kLeft,
+           bool bold = false) {
+  page.labels.push_back({box, text, align, bold});
+}
+
 double tickLength(int millimetre) {
   if (millimetre % 10 == 0) return 4.5;
   return millimetre % 5 == 0 ? 3.2 : 2.0;
@@ -119,9 +124,8 @@ void addAcrossRuler(const Point& zero, Page& page) {
   for (int i = 0; i <= kRulerLength; i += 10) {
     const bool last = i == kRulerLength;
     const double half = last ? 4.9 : 3.0;
-    page.labels.push_back({{zero.x + i - half, y, 2 * half, kNumberHeight},
-                           std::to_string(i) + (last ? " mm" : ""),
-                           Align::kCentre});
+    write(page, {zero.x + i - half, y, 2 * half, kNumberHeight},
+          std::to_string(i) + (last ? " mm" : ""), Align::kCentre);
   }
 }
 
@@ -129,9 +133,8 @@ void addUprightRuler(const Point& zero, Page& page) {
   addRuler(zero, {0, -1}, {-1, 0}, page);
   const double width = zero.x - tickLength(0) - 0.3 - kPageMargin;
   for (int i = 0; i <= kRulerLength; i += 10) {
-    page.labels.push_back({{kPageMargin, zero.y - i - 0.5 * kNumberHeight, width, kNumberHeight},
-                           std::to_string(i),
-                           Align::kRight});
+    write(page, {kPageMargin, zero.y - i - 0.5 * kNumberHeight, width, kNumberHeight},
+          std::to_string(i), Align::kRight);
   }
 }
 
@@ -175,7 +178,7 @@ Box areaBesideRulers(const Paper& paper) {
 double addLines(const std::vector<std::string>& lines, const Box& area, Page& page) {
   double y = area.y;
   for (const std::string& line : lines) {
-    page.labels.push_back({{area.x, y, area.width, kTextHeight}, line});
+    write(page, {area.x, y, area.width, kTextHeight}, line);
     y += kLineHeight;
   }
   return y;
@@ -187,8 +190,7 @@ Page headedPage(const Paper& paper, const std::string& title,
   constexpr double kNumberWidth = 30.0, kTitleHeight = 5.5;
   const Box area = printableArea(paper);
   Page page;
-  page.labels.push_back(
-      {{area.x, area.y, area.width - kNumberWidth, kTitleHeight}, title, Align::kLeft, true});
+  write(page, {area.x, area.y, area.width - kNumberWidth, kTitleHeight}, title, Align::kLeft, true);
   addLines(notes, {area.x, area.y + kTitleHeight + 0.6, area.width, 0}, page);
   return page;
 }
@@ -203,9 +205,12 @@ void addRulers(const Paper& paper, const std::vector<std::string>& notes, Page& 
   addLines(notes, {x, area.bottom() + 2.0, area.right() - x, 0}, page);
 }
 
+std::vector<Point> cornersOf(const Box& box) {
+  return {{box.x, box.y}, {box.right(), box.y}, {box.right(), box.bottom()}, {box.x, box.bottom()}};
+}
+
 void addOutline(const Box& box, Page& page) {
-  const Point corners[] = {
-      {box.x, box.y}, {box.right(), box.y}, {box.right(), box.bottom()}, {box.x, box.bottom()}};
+  const std::vector<Point> corners = cornersOf(box);
   for (int i = 0; i < 4; ++i) page.strokes.push_back({corners[i], corners[(i + 1) % 4], 0.15, 0.4});
 }
 
@@ -337,10 +342,9 @@ void addActuators(const model::Arm& arm, int section, const Skin& skin, Page& pa
     const double angle = angleAround(arm.actuator(i));
     const double y = skin.at(0, angle).y;
     page.strokes.push_back({{skin.field.x, y}, {skin.field.right(), y}, 0.2, 0.6});
-    page.labels.push_back(
-        {{skin.field.x - kNames, y - 0.5 * height, kNames - 2.0, height},
-         arm.actuator(i).name + ", " + rounded(angle * 180 / basics::kPi, 1) + " deg",
-         Align::kRight});
+    write(page, {skin.field.x - kNames, y - 0.5 * height, kNames - 2.0, height},
+          arm.actuator(i).name + ", " + rounded(angle * 180 / basics::kPi, 1) + " deg",
+          Align::kRight);
   }
 }
 
@@ -354,10 +358,9 @@ void addScale(double rest_length, const Skin& skin, Page& page) {
         {{x, skin.field.y}, {x, skin.field.bottom() + 1.0}, 0.1, 0.7, i > 0 && i < kSteps});
     const std::string end = i == 0 ? "base, " : i == kSteps ? "end, " : "";
     const double left = std::min(x - 0.5 * kWidth, skin.field.right() - kWidth);
-    page.labels.push_back(
-        {{left, y, kWidth, kTextHeight},
-         end + "s " + rounded(s, 2) + ": " + millimetres(1e3 * s * rest_length, 0),
-         i == kSteps ? Align::kRight : Align::kCentre});
+    write(page, {left, y, kWidth, kTextHeight},
+          end + "s " + rounded(s, 2) + ": " + millimetres(1e3 * s * rest_length, 0),
+          i == kSteps ? Align::kRight : Align::kCentre);
   }
 }
 
@@ -375,11 +378,8 @@ void addTag(const UnrolledTag& tag, const Point& centre, double side, Page& page
   page.areas.push_back({square(0.5 * side), 0.0});
   page.areas.push_back({square(0.5 * side - kEdgeWidth), 1.0});
   page.areas.push_back(upMark(at(0, 0.36 * side), 0.16 * side, tag.turn));
-  page.labels.push_back(
-      {{centre.x - 0.3 * side, centre.y - 0.5 * kText * side, 0.6 * side, kText * side},
-       std::to_string(tag.id),
-       Align::kCentre,
-       true});
+  write(page, {centre.x - 0.3 * side, centre.y - 0.5 * kText * side, 0.6 * side, kText * side},
+        std::to_string(tag.id), Align::kCentre, true);
 }
 
 // Draws a section as if its skin were unrolled and seen from outside: its base on the left, angles
@@ -469,7 +469,7 @@ class PlacementSheet {
     double y = y_;
     for (const Column& column : kColumns) {
       Page& page = pages_.back();
-      page.labels.push_back({{area.x, y, kTerms, kTextHeight}, column.title, Align::kLeft, true});
+      write(page, {area.x, y, kTerms, kTextHeight}, column.title, Align::kLeft, true);
       y = addLines({column.meaning}, {area.x + kTerms, y, area.width - kTerms, 0}, page);
     }
     y_ = y + kTextHeight;
@@ -483,12 +483,10 @@ class PlacementSheet {
     if (roomLeft() < kTitleHeight + kMapHeight + 3 * kRowHeight) beginPage();
     const Box area = printableArea(paper_);
     Page& page = pages_.back();
-    page.labels.push_back(
-        {{area.x, y_, area.width, kTitleHeight},
-         "Section " + scene_.looks[static_cast<std::size_t>(section)].name + ", " +
-             millimetres(kMillimetres * scene_.arm.restLength(section), 1) + " long at rest",
-         Align::kLeft,
-         true});
+    write(page, {area.x, y_, area.width, kTitleHeight},
+          "Section " + scene_.looks[static_cast<std::size_t>(section)].name + ", " +
+              millimetres(kMillimetres * scene_.arm.restLength(section), 1) + " long at rest",
+          Align::kLeft, true);
     y_ += kTitleHeight + 1.0;
     addUnrolledMap(scene_.arm, tags, {area.x, y_, area.width, kMapHeight}, page);
     y_ += kMapHeight + 1.0;
@@ -517,8 +515,7 @@ class PlacementSheet {
     double x = area.x;
     for (std::size_t i = 0; i < cells.size(); ++i) {
       const double width = kColumns[i].share * area.width;
-      pages_.back().labels.push_back(
-          {{x, y_, width - kPad, kTextHeight}, cells[i], Align::kRight, bold});
+      write(pages_.back(), {x, y_, width - kPad, kTextHeight}, cells[i], Align::kRight, bold);
       x += width;
     }
     y_ += kRowHeight;
@@ -587,11 +584,9 @@ void addStrip(const Box& card, const std::string& id, const std::string& place, 
   page.strokes.push_back({{card.x, card.bottom()}, {card.right(), card.bottom()}, 0.15, 0.4, true});
   const double width = card.width - 3 * kPad, height = kStrip - 2 * kPad;
   const Box id_box{card.x + kPad, card.bottom() + kPad, kIdShare * width, height};
-  page.labels.push_back({id_box, id, Align::kLeft, true});
-  page.labels.push_back(
-      {{id_box.right() + kPad, id_box.y + 0.3, (1 - kIdShare) * width, height - 0.6},
-       place,
-       Align::kRight});
+  write(page, id_box, id, Align::kLeft, true);
+  write(page, {id_box.right() + kPad, id_box.y + 0.3, (1 - kIdShare) * width, height - 0.6}, place,
+        Align::kRight);
 }
 
 void addCard(const vision::TagFamily& family, const CardGrid& grid, const Point& corner, int id,
@@ -715,11 +710,7 @@ Page boardSheet(const vision::CharucoBoard& board, const Paper& paper) {
     for (int column = 0; column < board.columns; ++column) {
       const Box box{place.x + column * square, place.y + row * square, square, square};
       if (!board.isWhite(column, row)) {
-        page.areas.push_back({{{box.x, box.y},
-                               {box.right(), box.y},
-                               {box.right(), box.bottom()},
-                               {box.x, box.bottom()}},
-                              0.0});
+        page.areas.push_back({cornersOf(box), 0.0});
         continue;
       }
       const int id = board.markerIn(column, row);
@@ -738,10 +729,8 @@ void numberPages(const Paper& paper, std::vector<Page>& pages) {
   constexpr double kWidth = 28.0;
   const Box area = printableArea(paper);
   for (std::size_t i = 0; i < pages.size(); ++i) {
-    pages[i].labels.push_back(
-        {{area.right() - kWidth, area.y + 0.6, kWidth, kTextHeight},
-         "page " + std::to_string(i + 1) + " of " + std::to_string(pages.size()),
-         Align::kRight});
+    write(pages[i], {area.right() - kWidth, area.y + 0.6, kWidth, kTextHeight},
+          "page " + std::to_string(i + 1) + " of " + std::to_string(pages.size()), Align::kRight);
   }
 }
 

@@ -11,6 +11,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/yaml_text.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
@@ -263,9 +264,7 @@ Value* entryOf(Value& list, const std::string& part) {
 }
 
 Value* childOf(Value& map, const std::string& key, const Place& place) {
-  for (Value::Entry& entry : map.entries) {
-    if (entry.key == key) return &entry.value;
-  }
+  if (Value* const present = findValue(map, key)) return present;
   Value child;
   child.kind = Value::Kind::kMap;
   child.place = place;
@@ -429,6 +428,12 @@ Value plainValue(const std::string& text) {
   return value;
 }
 
+std::string yamlText(const std::string& text) {
+  std::string out = writeDocument(plainValue(text));
+  out.pop_back();  // the end of the line
+  return out;
+}
+
 Value numberValue(double number) { return plainValue(formatNumber(number)); }
 
 Value numbersValue(const Eigen::VectorXd& numbers) {
@@ -445,11 +450,7 @@ Value listValue(const std::vector<Value>& values) {
   return list;
 }
 
-Value* findValue(Value& map, const std::string& key) {
-  const auto found = std::find_if(map.entries.begin(), map.entries.end(),
-                                  [&key](const Value::Entry& entry) { return entry.key == key; });
-  return found == map.entries.end() ? nullptr : &found->value;
-}
+Value* findValue(Value& map, const std::string& key) { return const_cast<Value*>(map.find(key)); }
 
 void setValue(Value& map, const std::string& key, Value value) {
   if (Value* present = findValue(map, key)) {

@@ -102,7 +102,7 @@ bool isKnown(const std::string& profile, const std::vector<std::string>& shipped
 
 // The value of a key; null without a map or without the key.
 Value* child(Value* map, const char* key) {
-  return map == nullptr ? nullptr : const_cast<Value*>(map->find(key));
+  return map == nullptr ? nullptr : findValue(*map, key);
 }
 
 template <class Profile>
