@@ -105,56 +105,34 @@ Value* child(Value* map, const char* key) {
   return map == nullptr ? nullptr : findValue(*map, key);
 }
 
-template <class Profile>
-using Reader = std::optional<Profile> (*)(const Value&, const std::string&, const std::string&,
-                                          FaultList&);
-
 std::optional<Value> readDocument(const fs::path& path, FaultList& faults) {
   const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
   if (!text) return std::nullopt;
   return parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
 }
 
-// Content of a profile file's document below its single top-level key.
-template <class Profile>
-std::optional<Profile> readContent(const Value& document, const fs::path& path, const char* kind,
-                                   Reader<Profile> reader, FaultList& faults) {
-  const MapReader file(document, "", {kSerial, kModbus}, faults);
+// Content of a profile file: the map below its single key, which has to be `kind` unless that is
+// null. Nothing if there are faults.
+std::optional<RegulatorProfile> readContent(const fs::path& path, const char* kind,
+                                            FaultList& faults) {
+  const std::optional<Value> document = readDocument(path, faults);
+  if (!document) return std::nullopt;
+  const MapReader file(*document, "", {kSerial, kModbus}, faults);
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
   if (!found) return std::nullopt;
-  if (*found != kind) {
+  if (kind != nullptr && *found != kind) {
     file.complain(
         *found, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
     return std::nullopt;
   }
-  std::optional<Profile> profile = reader(*document.find(kind), kind, path.stem().string(), faults);
+  const std::string name = path.stem().string();
+  std::optional<RegulatorProfile> profile;
+  if (*found == kSerial) {
+    profile = readSerialProfile(*file.find(*found), *found, name, faults);
+  } else {
+    profile = readModbusProfile(*file.find(*found), *found, name, faults);
+  }
   return faults.empty() ? std::move(profile) : std::nullopt;
-}
-
-template <class Profile>
-std::optional<Profile> readProfile(const MapReader& keys, const char* kind,
-                                   Reader<Profile> reader) {
-  const std::vector<std::string> shipped = shippedProfiles();
-  const std::string expected =
-      alternatives(shipped) + ", or a path (with a / or ending in .yaml) from the scene's folder";
-  const std::optional<std::string> profile = keys.text("profile", expected);
-  if (!profile) return std::nullopt;
-  if (!isKnown(*profile, shipped)) {
-    keys.fault("profile", expected);
-    return std::nullopt;
-  }
-  const fs::path path = pathOf(*profile);
-  FaultList in_file(path.string());
-  std::optional<Profile> read;
-  if (const std::optional<Value> document = readDocument(path, in_file)) {
-    read = readContent(*document, path, kind, reader, in_file);
-  }
-  if (!in_file.empty()) {
-    keys.complain("profile",
-                  "is " + basics::quoted(*profile, kLongestProfile) + ", which has faults:");
-  }
-  keys.faults().append(in_file);
-  return read;
 }
 
 }  // namespace
@@ -257,15 +235,7 @@ RegulatorProfile loadRegulatorProfile(const std::string& profile) {
                   alternatives(shipped), ", or a path (with a / or ending in .yaml)");
   const fs::path path = pathOf(profile);
   FaultList faults(path.string());
-  std::optional<RegulatorProfile> read;
-  const std::optional<Value> document = readDocument(path, faults);
-  if (document && document->find(kModbus) != nullptr) {
-    read =
-        readContent<regulator::ModbusProfile>(*document, path, kModbus, readModbusProfile, faults);
-  } else if (document) {
-    read =
-        readContent<regulator::SerialProfile>(*document, path, kSerial, readSerialProfile, faults);
-  }
+  std::optional<RegulatorProfile> read = readContent(path, nullptr, faults);
   faults.throwIfAny();
   return read.value();
 }
@@ -281,12 +251,25 @@ Value* relativeProfile(Value& scene) {
   return nullptr;
 }
 
-std::optional<regulator::SerialProfile> readSerialProfileFile(const MapReader& keys) {
-  return readProfile<regulator::SerialProfile>(keys, kSerial, readSerialProfile);
-}
-
-std::optional<regulator::ModbusProfile> readModbusProfileFile(const MapReader& keys) {
-  return readProfile<regulator::ModbusProfile>(keys, kModbus, readModbusProfile);
+std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std::string& kind) {
+  const std::vector<std::string> shipped = shippedProfiles();
+  const std::string expected =
+      alternatives(shipped) + ", or a path (with a / or ending in .yaml) from the scene's folder";
+  const std::optional<std::string> profile = keys.text("profile", expected);
+  if (!profile) return std::nullopt;
+  if (!isKnown(*profile, shipped)) {
+    keys.fault("profile", expected);
+    return std::nullopt;
+  }
+  const fs::path path = pathOf(*profile);
+  FaultList in_file(path.string());
+  std::optional<RegulatorProfile> read = readContent(path, kind.c_str(), in_file);
+  if (!in_file.empty()) {
+    keys.complain("profile",
+                  "is " + basics::quoted(*profile, kLongestProfile) + ", which has faults:");
+  }
+  keys.faults().append(in_file);
+  return read;
 }
 
 }  // namespace helix_arm::io

@@ -34,9 +34,7 @@ Value* relativeProfile(Value& scene);
 
 /// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
 /// it are reported with its own file and lines.
-/// @return nothing, and at least one fault, if there is no such profile.
-std::optional<regulator::SerialProfile> readSerialProfileFile(const MapReader& keys);
-/// The same of "modbus_tcp".
-std::optional<regulator::ModbusProfile> readModbusProfileFile(const MapReader& keys);
+/// @return nothing, and at least one fault, if there is no such profile of this kind.
+std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std::string& kind);
 
 }  // namespace helix_arm::io

@@ -67,12 +67,14 @@ std::vector<std::string> readAddresses(const MapReader& keys, const ArmParts* ar
 std::optional<regulator::Config> readSerial(const MapReader& regulator, const std::string& kind,
                                             const ArmParts* arm) {
   const MapReader keys = *regulator.map(kind, {"profile", "device", "addresses"});
-  const auto profile = readSerialProfileFile(keys);
+  const auto file = readProfileFile(keys, kind);
+  const auto* profile = file ? std::get_if<regulator::SerialProfile>(&*file) : nullptr;
   const std::optional<std::string> device = keys.text("device", "a serial port like /dev/ttyUSB0");
   regulator::SerialConfig config;
   const bool given = keys.has("addresses");
   if (given) config.addresses = readAddresses(keys, arm);
-  const bool addressed = profile && profile->write.find("{address}") != std::string::npos;
+  const bool addressed =
+      profile != nullptr && profile->write.find("{address}") != std::string::npos;
   if (addressed && !given) {
     keys.complain("addresses", "is missing; profile " + profile->name +
                                    " addresses each channel: expected " +
@@ -127,7 +129,8 @@ std::optional<regulator::Config> readModbus(const MapReader& regulator, const st
   regulator::ModbusConfig config;
   const MapReader keys =
       *regulator.map(kind, {"profile", "host", {"port", Whole{1, 65535}, config.port}, "slots"});
-  const auto profile = readModbusProfileFile(keys);
+  const auto file = readProfileFile(keys, kind);
+  const auto* profile = file ? std::get_if<regulator::ModbusProfile>(&*file) : nullptr;
   const std::optional<std::string> host = keys.text("host", "a name or address");
   config.slots = readSlots(keys, arm);
   if (profile && arm != nullptr) checkRange(keys, *profile, *arm);
