@@ -70,7 +70,7 @@ Mount readMount(const MapReader& group, const ArmParts& parts) {
   return mount;
 }
 
-void readGroup(const MapReader& group, const lie::SE3& X_MT, const std::string& family,
+void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFamily& family,
                const ArmParts* arm, estimation::TagLayout& layout) {
   const auto ids = group.numbers("ids", 0, kTagId);
   const auto s = group.numbers("s", 0, kFraction);
@@ -80,12 +80,12 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const std::string& 
   if (s && ids->size() != s->size()) {
     group.complainOfSize("s", s->size(), std::to_string(ids->size()) + ", one per id");
   }
-  const int family_size = vision::TagFamily(family).count();
   for (std::size_t i = 0; i < ids->size(); ++i) {
     const int id = static_cast<int>((*ids)[i]);
-    if (id >= family_size) {
+    if (id >= family.count()) {
       group.complain("ids", "has " + std::to_string(id) + "; expected 0 to " +
-                                std::to_string(family_size - 1) + ", the tags of " + family);
+                                std::to_string(family.count() - 1) + ", the tags of " +
+                                family.name());
     }
     if (layout.find(id) >= 0) {
       group.complain("ids", "places tag " + std::to_string(id) + " again; expected distinct ids");
@@ -268,12 +268,13 @@ std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
        {"frame", poseKeys(parts.X_BF, kCoordinate)},
        "groups"});
   if (!tags) return std::nullopt;
+  const vision::TagFamily family(parts.family);
   const bool listed = tags->eachOf("groups", [&](const Value& value, const std::string& path) {
     lie::SE3 X_MT;
     const std::vector<Key> pose = poseKeys(X_MT, kCoordinate);
     const MapReader group(value, path, {"section", "actuator", "ids", "s", pose[0], pose[1]},
                           scene.faults());
-    readGroup(group, X_MT, parts.family, arm, parts.layout);
+    readGroup(group, X_MT, family, arm, parts.layout);
   });
   if (!listed) return std::nullopt;
   if (parts.layout.tags.size() > static_cast<std::size_t>(estimation::kMaxTags)) {
