@@ -48,38 +48,38 @@ Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
 }
 
-template <class Integer>
-Key::Read readWhole(Whole rule, Integer& into) {
-  return [rule, &into](const MapReader& keys, const std::string& key) {
-    if (const auto number = keys.integer(key, rule)) into = static_cast<Integer>(*number);
-  };
-}
-
-template <class Number>
-Key::Read readNumber(const NumberRule& rule, Number& into, double unit) {
-  return [rule, &into, unit](const MapReader& keys, const std::string& key) {
-    if (const auto number = keys.number(key, rule)) into = *number * unit;
-  };
-}
-
-Key::Write writeText(const std::string& from) {
-  return [&from](Value& map, const std::string& key) {
-    Value value = plainValue(basics::printable(from));
-    value.quoted = true;  // it is read back as text
-    if (!from.empty()) setValue(map, key, std::move(value));
-  };
-}
-
 }  // namespace
 
-Key::Key(const char* name, const NumberRule& rule, double& into, double unit)
-    : Key(name, readNumber(rule, into, unit), [&into, unit](Value& map, const std::string& key) {
-        setValue(map, key, numberValue(into / unit));
-      }) {}
-Key::Key(const char* name, const NumberRule& rule, std::optional<double>& into, double unit)
-    : Key(name, readNumber(rule, into, unit), [&into, unit](Value& map, const std::string& key) {
-        if (into) setValue(map, key, numberValue(*into / unit));
-      }) {}
+template <class Number>
+Key::Key(const char* name, const NumberRule& rule, Number& into, double unit)
+    : Key(
+          name,
+          [rule, &into, unit](const MapReader& keys, const std::string& key) {
+            if (const auto number = keys.number(key, rule)) into = *number * unit;
+          },
+          [&into, unit](Value& map, const std::string& key) {
+            const std::optional<double> number(into);
+            if (number) setValue(map, key, numberValue(*number / unit));
+          }) {}
+template Key::Key(const char*, const NumberRule&, double&, double);
+template Key::Key(const char*, const NumberRule&, std::optional<double>&, double);
+
+template <class Integer>
+Key::Key(const char* name, Whole rule, Integer& into)
+    : Key(
+          name,
+          [rule, &into](const MapReader& keys, const std::string& key) {
+            using Plain = typename decltype(std::optional(into))::value_type;
+            if (const auto number = keys.integer(key, rule)) into = static_cast<Plain>(*number);
+          },
+          [&into](Value& map, const std::string& key) {
+            const std::optional<double> number(into);
+            if (number) setValue(map, key, numberValue(*number));
+          }) {}
+template Key::Key(const char*, Whole, int&);
+template Key::Key(const char*, Whole, std::optional<int>&);
+template Key::Key(const char*, Whole, std::uint32_t&);
+
 Key::Key(const char* name, const NumberRule& rule, std::vector<double*> into)
     : Key(
           name,
@@ -92,14 +92,6 @@ Key::Key(const char* name, const NumberRule& rule, std::vector<double*> into)
             std::transform(into.begin(), into.end(), numbers.begin(), [](double* x) { return *x; });
             setValue(map, key, numbersValue(numbers));
           }) {}
-Key::Key(const char* name, Whole rule, int& into)
-    : Key(name, readWhole(rule, into),
-          [&into](Value& map, const std::string& key) { setValue(map, key, numberValue(into)); }) {}
-Key::Key(const char* name, Whole rule, std::optional<int>& into)
-    : Key(name, [rule, &into](const MapReader& keys, const std::string& key) {
-        if (const auto number = keys.integer(key, rule)) into = static_cast<int>(*number);
-      }) {}
-Key::Key(const char* name, Whole rule, std::uint32_t& into) : Key(name, readWhole(rule, into)) {}
 Key::Key(const char* name, bool& into)
     : Key(
           name,
@@ -115,7 +107,11 @@ Key::Key(const char* name, Text rule, std::string& into)
           [rule, &into](const MapReader& keys, const std::string& key) {
             if (const auto text = keys.text(key, rule.expected)) into = *text;
           },
-          writeText(into)) {}
+          [&into](Value& map, const std::string& key) {
+            Value value = plainValue(basics::printable(into));
+            value.quoted = true;  // it is read back as text
+            if (!into.empty()) setValue(map, key, std::move(value));
+          }) {}
 Key::Key(const char* name, OneOf rule, std::string& into)
     : Key(
           name,

@@ -79,15 +79,16 @@ class Key {
   Key(const char* name) : name_(name) {}
   Key(const char* name, Read read, Write write = {})
       : name_(name), read_(std::move(read)), write_(std::move(write)) {}
-  Key(const char* name, const NumberRule& rule, double& into, double unit = 1);
-  Key(const char* name, const NumberRule& rule, std::optional<double>& into, double unit = 1);
+  /// @tparam Number  double, or an optional of it, which is not written where it is absent.
+  template <class Number>
+  Key(const char* name, const NumberRule& rule, Number& into, double unit = 1);
   /// A list of so many numbers.
   Key(const char* name, const NumberRule& rule, std::vector<double*> into);
   Key(const char* name, const NumberRule& rule, Eigen::Vector3d& into)
       : Key(name, rule, std::vector{&into[0], &into[1], &into[2]}) {}
-  Key(const char* name, Whole rule, int& into);
-  Key(const char* name, Whole rule, std::optional<int>& into);
-  Key(const char* name, Whole rule, std::uint32_t& into);
+  /// @tparam Integer  int, std::uint32_t, or an optional int.
+  template <class Integer>
+  Key(const char* name, Whole rule, Integer& into);
   Key(const char* name, bool& into);
   /// An empty text is not written.
   Key(const char* name, Text rule, std::string& into);
