@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -19,22 +20,15 @@ BudgetRow rowOf(const char* name, const TipSpread& spread) {
   return {name, variance.unaryExpr(root), spread.deviation()};
 }
 
-template <class... Values>
-std::string text(const char* format, Values... values) {
-  char out[160];
-  std::snprintf(out, sizeof out, format, values...);
-  return out;
-}
-
 std::string line(const char* name, const Eigen::Vector3d& axes, double worst) {
   const Eigen::Vector3d mm = 1e3 * axes;
-  return text("%-16s%8.2f%8.2f%8.2f%8.2f\n", name, mm.x(), mm.y(), mm.z(), 1e3 * worst);
+  return basics::format("%-16s%8.2f%8.2f%8.2f%8.2f\n", name, mm.x(), mm.y(), mm.z(), 1e3 * worst);
 }
 
 // The measured error in standard deviations of what the calibration promises.
 std::string verdict(const TipErrorBudget& budget) {
-  return text("%s: %.1f of %.1f sd", nameOf(budget.state), std::sqrt(budget.distance2),
-              std::sqrt(budget.limit));
+  return basics::format("%s: %.1f of %.1f sd", nameOf(budget.state), std::sqrt(budget.distance2),
+                        std::sqrt(budget.limit));
 }
 
 }  // namespace
@@ -56,7 +50,7 @@ std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
 
 std::string budgetTable(const TipErrorBudget& budget) {
   std::string out = "error budget of the tip, standard deviations in mm, seen from the base\n" +
-                    text("%-16s%8s%8s%8s%8s\n", "", "x", "y", "z", "worst");
+                    basics::format("%-16s%8s%8s%8s%8s\n", "", "x", "y", "z", "worst");
   const std::vector<BudgetRow> rows = budgetRows(budget);
   for (const BudgetRow& row : rows) out += line(row.name.c_str(), row.axes, row.worst);
   if (std::any_of(rows.begin(), rows.end(), [](const BudgetRow& row) {
@@ -69,23 +63,20 @@ std::string budgetTable(const TipErrorBudget& budget) {
 }
 
 std::string driftText(const estimation::Drift& drift) {
-  char out[400];
-  std::snprintf(
-      out, sizeof out,
+  return basics::format(
       "the measured tip is %.1f mm from what was learnt %.0f s ago, beyond the %.1f mm "
       "that creep, hysteresis and noise explain: the camera or the base may have moved, a "
       "load may have come slowly, or the arm has changed; check them, then call ~reset to "
       "accept what is seen, or calibrate again",
       1e3 * drift.distance, drift.age, 1e3 * drift.allowed);
-  return out;
 }
 
 std::string budgetText(const TipErrorBudget& budget) {
   std::string out;
   for (const BudgetRow& row : budgetRows(budget)) {
-    out += text("%.2f mm %s\n", 1e3 * row.worst, row.name.c_str());
+    out += basics::format("%.2f mm %s\n", 1e3 * row.worst, row.name.c_str());
   }
-  out += text("%.2f mm measured - model\n", 1e3 * budget.error.norm());
+  out += basics::format("%.2f mm measured - model\n", 1e3 * budget.error.norm());
   return out + verdict(budget);
 }
 

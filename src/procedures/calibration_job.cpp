@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/calibration_job.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +14,7 @@
 #include "curve_in_arm.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
@@ -20,52 +22,20 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/captures.hpp"
-#include "response_calibration.hpp"
 
 namespace helix_arm::procedures {
-
-std::optional<double> medianTipError(const io::Scene& scene,
-                                     const std::vector<estimation::Capture>& captures) {
-  using Corners = std::vector<estimation::CornerObservation>;
-  using Poses = std::vector<estimation::PoseObservation>;
-  if (!scene.tags) return std::nullopt;
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  std::vector<double> errors;
-  for (const estimation::Capture& capture : captures) {
-    const auto* const corners = std::get_if<Corners>(&capture.reading);
-    const auto* const poses = std::get_if<Poses>(&capture.reading);
-    const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
-                      (poses != nullptr && !poses->empty());
-    if (!seen) continue;
-    const statics::Solution model = scene.model.solve(capture.pressure);
-    if (!model.converged()) continue;
-    const estimation::TwistFit& fit =
-        corners != nullptr
-            ? fitter.fitCold(*corners, scene.X_CB(), scene.camera->model.focal(), model.shape)
-            : fitter.fitCold(*poses, model.shape);
-    if (fit.status != estimation::FitStatus::kConverged) continue;
-    const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
-    errors.push_back((tip.translation - model.tip.translation).norm());
-  }
-  if (errors.empty()) return std::nullopt;
-  return basics::medianOf(std::move(errors));
-}
-
-// K_kappa by the paper's definition, in addition to a calibration.
-
-/// See CalibrationOutcome::least_tip_error.
-///
-/// @param data  captures of the arm, as used by the calibration.
-/// @param options  of the calibration.
-/// @return nothing if K_kappa or its tips do not follow from the calibration.
-std::optional<estimation::LeastTipError> leastTipError(
-    const io::Scene& scene, const estimation::ArmCaptures& data,
-    const estimation::Calibration& calibration, const estimation::CalibrationOptions& options);
 
 namespace {
 
 using estimation::ArmCaptures;
 using estimation::Calibration;
+using estimation::CalibrationOptions;
+using estimation::CalibrationStatus;
+using estimation::FitParameter;
+using estimation::ResponseFit;
+using estimation::ResponseVerdict;
+using CornersOfTags = std::vector<estimation::CornerObservation>;
+using PosesOfTags = std::vector<estimation::PoseObservation>;
 
 // Twists fitted to the tags of each capture separately, if they determine one, with the calibrated
 // placements.
@@ -85,8 +55,8 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
     const estimation::Capture& capture = data.captures[i];
     const model::Shape& model = calibration.curves[i];
     estimation::Capture twists = capture;
-    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
-    auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
+    const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
+    auto* poses = std::get_if<PosesOfTags>(&twists.reading);
     if (poses != nullptr) {
       for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
     }
@@ -100,8 +70,9 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
   return out;
 }
 
-}  // namespace
-
+// See CalibrationOutcome::least_tip_error. Nothing if K_kappa or its tips do not follow from the
+// calibration.
+// @param data  captures of the arm, as used by the calibration.
 std::optional<estimation::LeastTipError> leastTipError(
     const io::Scene& scene, const ArmCaptures& data, const Calibration& calibration,
     const estimation::CalibrationOptions& options) {
@@ -116,17 +87,163 @@ std::optional<estimation::LeastTipError> leastTipError(
   return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
 }
 
-namespace {
+// Of a direction that counts, relative to the largest motion.
+constexpr double kLeastMotion = 0.5;
 
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::CalibrationOptions;
-using estimation::CalibrationStatus;
-using estimation::FitParameter;
+// The response as it is written: the fit's, but of the scene what the data do not determine.
+model::Response written(const ResponseFit& fit, const model::Response& before) {
+  model::Response out = fit.response;
+  if (fit.lag == ResponseVerdict::kNotDetermined) {
+    out.rise_time = before.rise_time;
+    out.fall_time = before.fall_time;
+  }
+  if (fit.play == ResponseVerdict::kNotDetermined) {
+    out.play_count = before.play_count;
+    out.plays = before.plays;
+  }
+  return out;
+}
+
+std::optional<std::string> faultOf(const CalibrationRequest& request, const CalibrationData& data) {
+  if (data.lengths.empty() && data.tips.empty()) {
+    return "a response needs readings in the order taken; expected free lengths (pressure_kpa, "
+           "length_m) or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m)";
+  }
+  if (!data.lengths.empty() && !data.tips.empty()) {
+    return "the data hold free lengths and a series of the tip; expected one of them for a "
+           "response";
+  }
+  if (request.branch != estimation::Branch::kBoth) {
+    return "a response explains the rising and the falling branch; expected both of them, but one "
+           "was chosen";
+  }
+  return std::nullopt;
+}
+
+// The positions along the directions of the largest motions: across an arm. Those along it vary
+// with the square of its bend and tell little of what muscles remember. NaN where there is none.
+Eigen::MatrixXd largestMotions(const Eigen::MatrixXd& position) {
+  std::vector<Eigen::Index> seen;
+  for (Eigen::Index row = 0; row < position.rows(); ++row) {
+    if (position.row(row).allFinite()) seen.push_back(row);
+  }
+  if (seen.empty()) return position;
+  const Eigen::RowVectorXd mean = position(seen, Eigen::all).colwise().mean();
+  const Eigen::MatrixXd about = position(seen, Eigen::all).rowwise() - mean;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(about.transpose() * about);
+  const Eigen::Vector3d& squares = axes.eigenvalues();  // ascending
+  const double least = kLeastMotion * kLeastMotion * squares[2];
+  const auto count = (squares.array() >= least).count();
+  return (position.rowwise() - mean) * axes.eigenvectors().rightCols(count);
+}
+
+// The numbers that were found.
+std::vector<estimation::Parameter> numbersOf(const ResponseFit& fit,
+                                             const model::Response& before) {
+  std::vector<estimation::Parameter> out;
+  const auto add = [&out](const std::string& name, const char* unit, double initial,
+                          const estimation::Estimate& one) {
+    out.push_back({name, unit, initial, one.value, one.standard_error, true});
+  };
+  if (fit.lag == ResponseVerdict::kFound) {
+    add("rise_time_constant", "s", before.rise_time, fit.rise_time);
+    add("fall_time_constant", "s", before.fall_time, fit.fall_time);
+  }
+  for (int j = 0; j < fit.response.play_count; ++j) {
+    const auto play = static_cast<std::size_t>(j);
+    const std::string number = std::to_string(j + 1);
+    add("play_" + number, "Pa", before.plays[play].reach, fit.reach[play]);
+    add("play_weight_" + number, "", before.plays[play].weight, fit.weight[play]);
+  }
+  return out;
+}
+
+// Before a capture, whose arm is at rest, effective pressures are averaged for so long [s].
+constexpr double kEffectiveMean = 0.5;
+// A series reaches so far beyond its last row [s].
+constexpr double kSeriesHold = 0.5;
+
+// Mean of the effective beyond the measured pressures before a time; nothing if no trial of the
+// series covers it.
+std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& history,
+                                        const Eigen::MatrixXd& beyond) {
+  const std::vector<double>& times = history.time;
+  for (std::size_t begin = 0, end = 0; begin < times.size(); begin = end) {
+    for (end = begin + 1; end < times.size() && !history.starts_anew[end];) ++end;
+    if (time < times[begin] || time > times[end - 1] + kSeriesHold) continue;
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(beyond.cols());
+    int count = 0;
+    for (std::size_t k = begin; k < end && times[k] <= time; ++k) {
+      if (times[k] <= time - kEffectiveMean) continue;
+      sum += beyond.row(static_cast<Eigen::Index>(k)).transpose();
+      ++count;
+    }
+    if (count > 0) return sum / count;
+  }
+  return std::nullopt;
+}
+
+// Captures with effective pressures in place of the measured ones, as far as a series was recorded
+// through them.
+struct EffectiveCaptures {
+  std::vector<estimation::Capture> captures;
+  std::vector<int> unknown;  // numbers of those that keep their measured pressures
+};
+// @param arm  with the responses. Without any, nothing changes.
+EffectiveCaptures effectiveCaptures(const model::Arm& arm, const ResponseSeries& tips,
+                                    std::vector<estimation::Capture> captures) {
+  EffectiveCaptures out{std::move(captures), {}};
+  model::ArmResponse response(arm);
+  if (response.instant()) return out;
+  const model::InputHistory& history = tips.history;
+  Eigen::MatrixXd beyond(history.rows(), arm.actuatorCount());
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    response.follow(history, row);
+    beyond.row(row) = response.effective().transpose() - history.input.row(row);
+  }
+  for (estimation::Capture& capture : out.captures) {
+    const auto more =
+        capture.time ? beyondAt(*capture.time, history, beyond) : std::optional<Eigen::VectorXd>();
+    if (more) {
+      capture.pressure = arm.clamped(capture.pressure + *more);
+    } else {
+      out.unknown.push_back(capture.number);
+    }
+  }
+  return out;
+}
+
+// Fits the response to free lengths or to a series of the tip, whichever the data hold, into
+// outcome.response; with warnings on what the data do not determine or show to be absent.
+// @param names  curves that get it, at least one; what the data do not determine stays as that of
+// the first one. @return cause and remedy if it cannot be fitted.
+std::optional<std::string> fitResponseOf(const io::Scene& scene, const CalibrationRequest& request,
+                                         const CalibrationData& data,
+                                         const std::vector<std::string>& names,
+                                         CalibrationOutcome& outcome) {
+  if (auto fault = faultOf(request, data)) return fault;
+  const model::Response& before = scene.contractions.at(names.front());
+  FittedResponse found{names, {}, {}, {}};
+  if (data.tips.empty()) {
+    const Eigen::MatrixXd& length = data.lengths.reading;
+    found.fit =
+        estimation::fitResponse(data.lengths.history, (length(0, 0) - length.array()).matrix());
+  } else {
+    found.fit =
+        estimation::fitResponseToPositions(data.tips.history, largestMotions(data.tips.reading));
+  }
+  if (!found.fit.fitted()) return "response: " + found.fit.failure;
+  found.response = written(found.fit, before);
+  found.parameters = numbersOf(found.fit, before);
+  for (const std::string* reason : {&found.fit.lag_reason, &found.fit.play_reason}) {
+    if (!reason->empty()) outcome.warnings.push_back("response: " + *reason);
+  }
+  outcome.response = std::move(found);
+  return std::nullopt;
+}
 
 bool areCorners(const std::vector<estimation::Capture>& captures) {
-  return !captures.empty() && std::holds_alternative<std::vector<estimation::CornerObservation>>(
-                                  captures.front().reading);
+  return !captures.empty() && std::holds_alternative<CornersOfTags>(captures.front().reading);
 }
 
 // Parameters that the words of a request select for this data.
@@ -177,11 +294,10 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
 // The contraction curve that the free lengths belong to.
 std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
                                      std::string& message) {
-  std::string names;
-  for (const auto& [name, response] : scene.contractions) {
-    names += (names.empty() ? "" : ", ") + name;
-    if (name == asked) return name;
-  }
+  if (scene.contractions.count(asked) > 0) return asked;
+  std::vector<std::string> known;
+  for (const auto& [name, response] : scene.contractions) known.push_back(name);
+  const std::string names = basics::joined(known);
   if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.begin()->first;
   message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
                                 "; name the one that was measured"
@@ -234,7 +350,7 @@ std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scen
                                           std::vector<estimation::Capture> captures) {
   const lie::SE3 X_B1B = other.X_BF * scene.X_BF.inverse();
   for (estimation::Capture& capture : captures) {
-    auto* const poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
+    auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
     if (poses == nullptr) continue;
     for (estimation::PoseObservation& one : *poses) one.X_BT = X_B1B * one.X_BT;
   }
@@ -247,8 +363,8 @@ void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& capt
   ArmCaptures arm = makeArmCaptures(scene, {});
   std::vector<int> empty;
   for (const estimation::Capture& capture : captures) {
-    const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
-    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
+    const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
+    const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
     if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
       empty.push_back(capture.number);
     } else {
@@ -266,12 +382,6 @@ void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& capt
   outcome.arms.push_back(std::move(arm));
 }
 
-std::string joinedNames(const std::vector<std::string>& names) {
-  std::string out;
-  for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;
-  return out;
-}
-
 // A calibration in its phases. Each of them says why the request is refused, or nothing.
 class CalibrationJob {
  public:
@@ -287,22 +397,187 @@ class CalibrationJob {
         timed_(std::any_of(data.captures.begin(), data.captures.end(),
                            [](const auto& capture) { return capture.time.has_value(); })) {}
 
-  CalibrationOutcome run();
+  CalibrationOutcome run() {
+    using Job = CalibrationJob;
+    for (const auto phase :
+         {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitCurve, &Job::fitArm}) {
+      if (const Refusal refusal = (this->*phase)()) {
+        outcome_.message = *refusal;
+        return std::move(outcome_);
+      }
+    }
+    write();
+    return std::move(outcome_);
+  }
 
  private:
   using Refusal = std::optional<std::string>;
 
-  Refusal gatherSources();
-  Refusal readScene();
-  Refusal fitResponse();
-  Refusal fitCurve();
-  Refusal fitArm();
-  void write();
+  Refusal gatherSources() {
+    outcome_.warnings = data_.warnings;
+    sources_ = data_.sources;
+    for (const CompanionArm& one : companions_) {
+      sources_.insert(sources_.end(), one.data.sources.begin(), one.data.sources.end());
+      warn(one.data.warnings);
+      if (!one.data.lengths.empty()) {
+        return "the data of " + one.scene.name +
+               " holds free lengths; give only those of the scene's own arm";
+      }
+    }
+    return repeatedSource(sources_);
+  }
 
-  void putCurves();
-  Refusal gatherArms();
-  void decideOnCurve(const CalibrationOptions& options);
-  void compareTips();
+  Refusal readScene() {
+    scene_ = io::loadScene(path_, overrides_);
+    sha256_ = scene_->sha256;
+    captures_ = data_.captures;
+    if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
+      return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
+             "contraction as well";
+    }
+    // A series also gives the effective pressures of captures whose times are known.
+    if (!fitsResponse() && !data_.tips.empty() && !timed_) {
+      return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
+             "response as well";
+    }
+    const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
+    if (!fitsCurve() && !of_curve) return std::nullopt;
+    std::string message;
+    name_ = curveName(*scene_, request_.contraction, message);
+    return name_ ? Refusal() : message;
+  }
+
+  Refusal fitResponse() {
+    if (!fitsResponse()) return std::nullopt;
+    std::vector<std::string> names;
+    for (const auto& [one, response] : scene_->contractions) {
+      if (!name_ || one == *name_) names.push_back(one);
+    }
+    if (auto fault = fitResponseOf(*scene_, request_, data_, names, outcome_)) return fault;
+    for (const std::string& one : names) {
+      curves_.responses.emplace_back(one, outcome_.response->response);
+    }
+    return std::nullopt;
+  }
+
+  Refusal fitCurve() {
+    if (!fitsCurve()) return std::nullopt;
+    const model::Response response =
+        outcome_.response ? outcome_.response->response : scene_->contractions.at(*name_);
+    remembers_ = !response.instant();
+    const bool with_arm = fitsArm() && !data_.captures.empty();
+    const estimation::CurveKind usual =
+        with_arm && !remembers_ ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
+    outcome_.lengths = effectiveSamples(data_.lengths, response);
+    estimation::ContractionFit fit = estimation::fitContraction(
+        outcome_.lengths, {request_.curve.value_or(usual), request_.branch});
+    if (fit.curve && remembers_) {
+      fit = continuedTo(data_.lengths.history.input.maxCoeff(), std::move(fit));
+    }
+    outcome_.contractions.emplace_back(*name_, fit);
+    if (fit.status != estimation::ContractionFitStatus::kFitted) {
+      return "contraction " + *name_ + ": " + fit.reason;
+    }
+    curves_.contractions = outcome_.contractions;
+    return std::nullopt;
+  }
+
+  // From here on, the arm has its new curves.
+  void putCurves() {
+    curves_.contractions = outcome_.contractions;
+    curves_.provenance = provenance();
+    scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, curves_, sha256_), path_);
+  }
+
+  Refusal gatherArms() {
+    if (timed_ && !data_.tips.empty()) {
+      EffectiveCaptures effective = effectiveCaptures(scene_->arm, data_.tips, data_.captures);
+      captures_ = std::move(effective.captures);
+      if (!effective.unknown.empty()) {
+        warn(
+            {"captures that the series of the tip does not cover are taken "
+             "at their measured pressures: " +
+             io::listOf(effective.unknown)});
+      }
+    }
+    addArm(*scene_, captures_, outcome_);
+    for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures, outcome_);
+    for (const ArmCaptures& arm : outcome_.arms) {
+      if (arm.captures.empty()) return "no capture of " + arm.name + " was given";
+    }
+    return std::nullopt;
+  }
+
+  Refusal fitArm() {
+    if (!fitsArm()) {
+      if (companions_.empty()) return std::nullopt;
+      return "other arms share the stiffness, but it is not fitted; fit it, or leave out the other "
+             "arms";
+    }
+    const model::Arm before = scene_->arm;
+    if (fitsCurve() || fitsResponse()) putCurves();
+    if (auto refusal = gatherArms()) return refusal;
+    CalibrationOptions options = optionsOf(*scene_, request_, fitted_, data_);
+    // The effective pressures of the captures are unknown where the muscle remembers.
+    const bool in_arm = fitsCurve() && !remembers_ && !options.free_shapes &&
+                        outcome_.contractions.front().second.spline.has_value();
+    std::vector<std::string> others;
+    for (std::size_t a = 1; a < outcome_.arms.size(); ++a) others.push_back(outcome_.arms[a].name);
+    options.errors = request_.errors || in_arm;
+    if (in_arm) others = shareCurve(before, outcome_.contractions.front().second, outcome_.arms);
+    if (fitsCurve() && !others.empty()) {
+      warn({"these arms keep the contraction curves of their own scenes: " +
+            basics::joined(others)});
+    }
+    outcome_.calibration = estimation::calibrate(outcome_.arms, options);
+    if (in_arm && outcome_.calibration->status == CalibrationStatus::kCalibrated) {
+      decideOnCurve(options);
+    }
+    const Calibration& calibration = *outcome_.calibration;
+    warn(calibration.warnings);
+    if (calibration.status != CalibrationStatus::kCalibrated) {
+      return std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason;
+    }
+    outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
+    changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
+    return std::nullopt;
+  }
+
+  // The curve that captures and free lengths have in common is taken where it explains both.
+  void decideOnCurve(const CalibrationOptions& options) {
+    estimation::ContractionFit& curve = outcome_.contractions.front().second;
+    CurveFit fit = fitCurveInArm(outcome_.arms, options, curve, outcome_.lengths, request_.branch,
+                                 *outcome_.calibration);
+    outcome_.curve_in_arm = fit.verdict;
+    if (!fit.verdict.taken) {
+      warn({"contraction " + outcome_.contractions.front().first +
+            " keeps the curve of the free lengths alone: " + fit.verdict.reason});
+      return;
+    }
+    curve = std::move(fit.contraction);
+    outcome_.calibration = std::move(fit.calibration);
+    putCurves();
+    outcome_.arms.front().arm = scene_->arm;
+  }
+
+  void compareTips() {
+    outcome_.tip_error_before = medianTipError(*scene_, data_.captures);
+    const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
+    const std::vector<estimation::Capture> captures =
+        seenFrom(calibrated, *scene_, std::move(captures_));
+    outcome_.tip_error_after = medianTipError(calibrated, captures);
+    warn(warningsOfScatter(calibrated, captures));
+  }
+
+  void write() {
+    changes_.contractions = curves_.contractions;
+    changes_.responses = curves_.responses;
+    changes_.provenance = provenance();
+    outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
+    if (fitsArm()) compareTips();
+    outcome_.success = true;
+    outcome_.message = resultText(scene_->name, outcome_);
+  }
 
   bool fits(FitParameter parameter) const { return fitted_.count(parameter) > 0; }
   bool fitsCurve() const { return fits(FitParameter::kContraction); }
@@ -333,185 +608,32 @@ class CalibrationJob {
   CalibrationOutcome outcome_;
 };
 
-CalibrationOutcome CalibrationJob::run() {
-  using Job = CalibrationJob;
-  for (const auto phase :
-       {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitCurve, &Job::fitArm}) {
-    if (const Refusal refusal = (this->*phase)()) {
-      outcome_.message = *refusal;
-      return std::move(outcome_);
-    }
-  }
-  write();
-  return std::move(outcome_);
-}
-
-CalibrationJob::Refusal CalibrationJob::gatherSources() {
-  outcome_.warnings = data_.warnings;
-  sources_ = data_.sources;
-  for (const CompanionArm& one : companions_) {
-    sources_.insert(sources_.end(), one.data.sources.begin(), one.data.sources.end());
-    warn(one.data.warnings);
-    if (!one.data.lengths.empty()) {
-      return "the data of " + one.scene.name +
-             " holds free lengths; give only those of the scene's own arm";
-    }
-  }
-  return repeatedSource(sources_);
-}
-
-CalibrationJob::Refusal CalibrationJob::readScene() {
-  scene_ = io::loadScene(path_, overrides_);
-  sha256_ = scene_->sha256;
-  captures_ = data_.captures;
-  if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
-    return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
-           "contraction as well";
-  }
-  // A series also gives the effective pressures of captures whose times are known.
-  if (!fitsResponse() && !data_.tips.empty() && !timed_) {
-    return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
-           "response as well";
-  }
-  const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
-  if (!fitsCurve() && !of_curve) return std::nullopt;
-  std::string message;
-  name_ = curveName(*scene_, request_.contraction, message);
-  return name_ ? Refusal() : message;
-}
-
-CalibrationJob::Refusal CalibrationJob::fitResponse() {
-  if (!fitsResponse()) return std::nullopt;
-  std::vector<std::string> names;
-  for (const auto& [one, response] : scene_->contractions) {
-    if (!name_ || one == *name_) names.push_back(one);
-  }
-  if (auto fault = fitResponseOf(*scene_, request_, data_, names, outcome_)) return fault;
-  for (const std::string& one : names) {
-    curves_.responses.emplace_back(one, outcome_.response->response);
-  }
-  return std::nullopt;
-}
-
-CalibrationJob::Refusal CalibrationJob::fitCurve() {
-  if (!fitsCurve()) return std::nullopt;
-  const model::Response response =
-      outcome_.response ? outcome_.response->response : scene_->contractions.at(*name_);
-  remembers_ = !response.instant();
-  const bool with_arm = fitsArm() && !data_.captures.empty();
-  const estimation::CurveKind usual =
-      with_arm && !remembers_ ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
-  outcome_.lengths = effectiveSamples(data_.lengths, response);
-  estimation::ContractionFit fit = estimation::fitContraction(
-      outcome_.lengths, {request_.curve.value_or(usual), request_.branch});
-  if (fit.curve && remembers_) {
-    fit = continuedTo(data_.lengths.history.input.maxCoeff(), std::move(fit));
-  }
-  outcome_.contractions.emplace_back(*name_, fit);
-  if (fit.status != estimation::ContractionFitStatus::kFitted) {
-    return "contraction " + *name_ + ": " + fit.reason;
-  }
-  curves_.contractions = outcome_.contractions;
-  return std::nullopt;
-}
-
-// From here on, the arm has its new curves.
-void CalibrationJob::putCurves() {
-  curves_.contractions = outcome_.contractions;
-  curves_.provenance = provenance();
-  scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, curves_, sha256_), path_);
-}
-
-CalibrationJob::Refusal CalibrationJob::gatherArms() {
-  if (timed_ && !data_.tips.empty()) {
-    EffectiveCaptures effective = effectiveCaptures(scene_->arm, data_.tips, data_.captures);
-    captures_ = std::move(effective.captures);
-    if (!effective.unknown.empty()) {
-      warn(
-          {"captures that the series of the tip does not cover are taken "
-           "at their measured pressures: " +
-           io::listOf(effective.unknown)});
-    }
-  }
-  addArm(*scene_, captures_, outcome_);
-  for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures, outcome_);
-  for (const ArmCaptures& arm : outcome_.arms) {
-    if (arm.captures.empty()) return "no capture of " + arm.name + " was given";
-  }
-  return std::nullopt;
-}
-
-CalibrationJob::Refusal CalibrationJob::fitArm() {
-  if (!fitsArm()) {
-    if (companions_.empty()) return std::nullopt;
-    return "other arms share the stiffness, but it is not fitted; fit it, or leave out the other "
-           "arms";
-  }
-  const model::Arm before = scene_->arm;
-  if (fitsCurve() || fitsResponse()) putCurves();
-  if (auto refusal = gatherArms()) return refusal;
-  CalibrationOptions options = optionsOf(*scene_, request_, fitted_, data_);
-  // The effective pressures of the captures are unknown where the muscle remembers.
-  const bool in_arm = fitsCurve() && !remembers_ && !options.free_shapes &&
-                      outcome_.contractions.front().second.spline.has_value();
-  std::vector<std::string> others;
-  for (std::size_t a = 1; a < outcome_.arms.size(); ++a) others.push_back(outcome_.arms[a].name);
-  options.errors = request_.errors || in_arm;
-  if (in_arm) others = shareCurve(before, outcome_.contractions.front().second, outcome_.arms);
-  if (fitsCurve() && !others.empty()) {
-    warn({"these arms keep the contraction curves of their own scenes: " + joinedNames(others)});
-  }
-  outcome_.calibration = estimation::calibrate(outcome_.arms, options);
-  if (in_arm && outcome_.calibration->status == CalibrationStatus::kCalibrated) {
-    decideOnCurve(options);
-  }
-  const Calibration& calibration = *outcome_.calibration;
-  warn(calibration.warnings);
-  if (calibration.status != CalibrationStatus::kCalibrated) {
-    return std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason;
-  }
-  outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
-  changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
-  return std::nullopt;
-}
-
-// The curve that captures and free lengths have in common is taken where it explains both.
-void CalibrationJob::decideOnCurve(const CalibrationOptions& options) {
-  estimation::ContractionFit& curve = outcome_.contractions.front().second;
-  CurveFit fit = fitCurveInArm(outcome_.arms, options, curve, outcome_.lengths, request_.branch,
-                               *outcome_.calibration);
-  outcome_.curve_in_arm = fit.verdict;
-  if (!fit.verdict.taken) {
-    warn({"contraction " + outcome_.contractions.front().first +
-          " keeps the curve of the free lengths alone: " + fit.verdict.reason});
-    return;
-  }
-  curve = std::move(fit.contraction);
-  outcome_.calibration = std::move(fit.calibration);
-  putCurves();
-  outcome_.arms.front().arm = scene_->arm;
-}
-
-void CalibrationJob::compareTips() {
-  outcome_.tip_error_before = medianTipError(*scene_, data_.captures);
-  const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
-  const std::vector<estimation::Capture> captures =
-      seenFrom(calibrated, *scene_, std::move(captures_));
-  outcome_.tip_error_after = medianTipError(calibrated, captures);
-  warn(warningsOfScatter(calibrated, captures));
-}
-
-void CalibrationJob::write() {
-  changes_.contractions = curves_.contractions;
-  changes_.responses = curves_.responses;
-  changes_.provenance = provenance();
-  outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
-  if (fitsArm()) compareTips();
-  outcome_.success = true;
-  outcome_.message = resultText(scene_->name, outcome_);
-}
-
 }  // namespace
+
+std::optional<double> medianTipError(const io::Scene& scene,
+                                     const std::vector<estimation::Capture>& captures) {
+  if (!scene.tags) return std::nullopt;
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<double> errors;
+  for (const estimation::Capture& capture : captures) {
+    const auto* const corners = std::get_if<CornersOfTags>(&capture.reading);
+    const auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
+    const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
+                      (poses != nullptr && !poses->empty());
+    if (!seen) continue;
+    const statics::Solution model = scene.model.solve(capture.pressure);
+    if (!model.converged()) continue;
+    const estimation::TwistFit& fit =
+        corners != nullptr
+            ? fitter.fitCold(*corners, scene.X_CB(), scene.camera->model.focal(), model.shape)
+            : fitter.fitCold(*poses, model.shape);
+    if (fit.status != estimation::FitStatus::kConverged) continue;
+    const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
+    errors.push_back((tip.translation - model.tip.translation).norm());
+  }
+  if (errors.empty()) return std::nullopt;
+  return basics::medianOf(std::move(errors));
+}
 
 CalibrationOutcome runCalibration(const std::string& path,
                                   const std::vector<io::Override>& overrides,

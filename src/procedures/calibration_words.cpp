@@ -1,9 +1,10 @@
 #include "helix_arm/procedures/calibration_words.hpp"
 
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <set>
+
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -14,13 +15,6 @@ constexpr int kMostDigits = 12;
 
 bool beginsWith(const std::string& text, const std::string& begin) {
   return text.compare(0, begin.size(), begin) == 0;
-}
-
-template <class... Arguments>
-std::string format(const char* pattern, Arguments... arguments) {
-  char text[128];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
 }
 
 // Digits of the value down to the second digit of its error.
@@ -66,14 +60,15 @@ std::string textOf(const estimation::Parameter& one) {
     return textOf({one.name, "kPa", 1e-3 * one.initial, 1e-3 * one.value, 1e-3 * one.standard_error,
                    one.identifiable});
   }
-  std::string out = one.name + format(" = %.*g", digitsOf(one), one.value);
-  if (isJudged(one)) out += format(" +- %.2g", one.standard_error);
+  std::string out = one.name + basics::format(" = %.*g", digitsOf(one), one.value);
+  if (isJudged(one)) out += basics::format(" +- %.2g", one.standard_error);
   return out + (one.unit.empty() ? "" : " " + one.unit);
 }
 
 std::string textOf(const estimation::Combination& one) {
-  if (one.relative_error < 1) return one.name + format(" +- %.2g %%", 1e2 * one.relative_error);
-  return one.name + format(" +- a factor of %.2g", std::exp(one.relative_error));
+  if (one.relative_error < 1)
+    return one.name + basics::format(" +- %.2g %%", 1e2 * one.relative_error);
+  return one.name + basics::format(" +- a factor of %.2g", std::exp(one.relative_error));
 }
 
 std::vector<std::string> placementTexts(bool base, std::size_t tags) {
@@ -87,32 +82,31 @@ std::vector<std::string> placementTexts(bool base, std::size_t tags) {
 
 std::string tipErrorText(const CalibrationOutcome& outcome) {
   if (!outcome.tip_error_before || !outcome.tip_error_after) return "";
-  return format("tip error %.1f mm before, %.1f mm after", 1e3 * *outcome.tip_error_before,
-                1e3 * *outcome.tip_error_after);
+  return basics::format("tip error %.1f mm before, %.1f mm after", 1e3 * *outcome.tip_error_before,
+                        1e3 * *outcome.tip_error_after);
 }
 
 std::string resultText(const std::string& scene, const CalibrationOutcome& outcome) {
   std::string out = tipErrorText(outcome);
   out += (out.empty() ? "" : "; ") + std::string("calibrated ") + scene;
-  std::string list;
-  const auto add = [&list](const std::string& text) { list += (list.empty() ? "" : ", ") + text; };
-  for (const auto& [name, fit] : outcome.contractions) add("contraction " + name);
+  std::vector<std::string> list;
+  for (const auto& [name, fit] : outcome.contractions) list.push_back("contraction " + name);
   const Determined found = determinedOf(outcome);
   bool base = false;
   for (const estimation::Parameter& one : found.parameters) {
     if (beginsWith(one.name, kBase)) {
       base = true;
     } else {
-      add(textOf(one));
+      list.push_back(textOf(one));
     }
   }
   if (outcome.calibration) {
     for (const estimation::Combination& one : outcome.calibration->combinations) {
-      if (one.identifiable) add(textOf(one));
+      if (one.identifiable) list.push_back(textOf(one));
     }
   }
-  for (const std::string& text : placementTexts(base, found.tags.size())) add(text);
-  return out + ": " + (list.empty() ? "the data determined no parameter" : list);
+  for (const std::string& text : placementTexts(base, found.tags.size())) list.push_back(text);
+  return out + ": " + (list.empty() ? "the data determined no parameter" : basics::joined(list));
 }
 
 }  // namespace helix_arm::procedures

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <map>
-#include <sstream>
 #include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 
@@ -24,11 +23,7 @@ constexpr int kLeastTags = 3;
 constexpr double kMostShapeDeviations = 3.0;
 constexpr double kMostRms = 1.0;  // [px]
 
-std::string number(double value, int digits) {
-  std::ostringstream text;
-  text << std::setprecision(digits) << value;
-  return text.str();
-}
+std::string number(double value, int digits) { return basics::format("%.*g", digits, value); }
 
 using Observations = std::map<int, std::vector<Corners>>;  // by index in the layout
 

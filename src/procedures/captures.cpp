@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <cstdio>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -10,6 +9,7 @@
 #include <utility>
 #include <variant>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -185,11 +185,11 @@ DataKind kindOf(const io::DataSet& data) {
     return DataKind::kTipSeries;
   }
   if (found != nullptr) return found->kind;
-  std::string expected;
-  for (const NamedKind& kind : kKinds) {
-    expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
-  }
-  refuse(data.path, "has none of the columns that identify its kind of data; expected " + expected);
+  std::vector<std::string> known;
+  for (const NamedKind& kind : kKinds)
+    known.push_back(std::string(kind.column) + " of " + kind.text);
+  refuse(data.path, "has none of the columns that identify its kind of data; expected " +
+                        basics::joined(known));
 }
 
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
@@ -268,13 +268,10 @@ estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool 
 }
 
 std::string scatterText(double rms, double usual) {
-  char text[256];
-  std::snprintf(
-      text, sizeof text,
+  return basics::format(
       "no shape explains it: the tags that fit best are off by RMS %.1f mm, usual in this "
       "data set are %.1f mm; look for swapped or moved tags, or leave the capture out",
       1e3 * rms, 1e3 * usual);
-  return text;
 }
 
 std::vector<std::string> warningsOfScatter(const io::Scene& scene,

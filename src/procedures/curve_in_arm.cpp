@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 
 namespace helix_arm::procedures {
@@ -81,18 +81,11 @@ bool isWorse(const std::optional<estimation::HeldOut>& with,
   return estimation::tailOfF(sum * sum / count / variance, 1, count - 1) < 2 * kFalseAlarms;
 }
 
-template <class... Arguments>
-std::string phrase(const char* pattern, Arguments... arguments) {
-  char text[384];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
-}
-
 std::string reasonAgainst(const CurveInArm& found, const Calibration& with,
                           const Calibration& alone) {
   if (with.status != estimation::CalibrationStatus::kCalibrated) return with.reason;
   if (found.probability < kFalseAlarms) {
-    return phrase(
+    return basics::format(
         "the captures ask for a curve that is off by %.1f mm at %.0f kPa, %.1f standard errors of "
         "the free lengths; of one muscle, they differ by as much with a probability of %.2g; "
         "expected at least %.2g: the curve describes the arm, not the muscle (unequal lengths, "
@@ -101,15 +94,15 @@ std::string reasonAgainst(const CurveInArm& found, const Calibration& with,
         kFalseAlarms);
   }
   if (with.noise_scale > kMostMisfit) {
-    return phrase(
+    return basics::format(
         "the residuals of the captures remain %.1f times as large as their noise; expected at most "
         "%.0f times: the curve describes the arm, not the muscle (unequal lengths, friction)",
         with.noise_scale, kMostMisfit);
   }
   const auto worse = [](const char* what, const estimation::HeldOut& a,
                         const estimation::HeldOut& b, const std::string& unit) {
-    return phrase("left-out %s are predicted worse with it, %.3g instead of %.3g %s", what, a.error,
-                  b.error, unit.c_str());
+    return basics::format("left-out %s are predicted worse with it, %.3g instead of %.3g %s", what,
+                          a.error, b.error, unit.c_str());
   };
   if (isWorse(with.by_pressure, alone.by_pressure)) {
     return worse("pressures", *with.by_pressure, *alone.by_pressure, with.error_unit);

@@ -11,11 +11,6 @@
 
 namespace helix_arm::procedures {
 
-/// @param tips  number of tips that share the rows' time evenly.
-FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips);
-/// @param duration  of the path [s].
-FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration);
-
 namespace {
 
 constexpr double kSettledWithin = 0.002;  // [m]
@@ -44,8 +39,7 @@ std::optional<double> settleTime(Rows begin, Rows end) {
   return (last_outside + 1)->time - begin->time;
 }
 
-}  // namespace
-
+// @param tips  number of tips that share the rows' time evenly.
 FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips) {
   FollowFigures out;
   const auto count = static_cast<std::ptrdiff_t>(rows.size());
@@ -61,6 +55,7 @@ FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips) {
   return out;
 }
 
+// @param duration  of the path [s].
 FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration) {
   FollowFigures out;
   const Rows begin = std::find_if(rows.begin(), rows.end(), [](const FollowRow& row) {
@@ -76,8 +71,6 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration) {
   out.path_max = most;
   return out;
 }
-
-namespace {
 
 constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
@@ -141,33 +134,123 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
       config);
 }
 
-FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
-                const Eigen::VectorXd& pressure, double last_stamp) {
-  FollowRow row;
-  row.time = lockstep.time();
-  if (turn.commands) row.wanted = turn.wanted.translation;
-  row.true_tip = lockstep.trueTip().translation;
-  const auto& measured = lockstep.measuredTip();
-  if (measured && measured->stamp > last_stamp) {
-    row.measured = measured->tip.translation;
-    row.measured_time = measured->stamp;
+void requireSound(const FollowPlan& plan) {
+  basics::requirePositive("follow", "the duration [s]", plan.seconds);
+  basics::require(plan.path.has_value() != !plan.tips.empty(),
+                  "follow: expected either tips or a path");
+  const double least = kLeastTipTime * static_cast<double>(plan.tips.size());
+  basics::requireValue(plan.seconds >= least, "follow", "the duration [s]", plan.seconds,
+                       "at least 1 s for each tip");
+  if (plan.drift) {
+    basics::requirePositive("follow", "the duration of the camera's drift [s]",
+                            plan.drift->seconds);
   }
-  if (turn.predicted) row.predicted = turn.predicted->translation;
-  row.pressure = pressure;
-  row.state = turn.state;
-  row.path_time = turn.path_time;
-  row.unreachable = turn.commands && turn.status == statics::InverseStatus::kUnreachable;
-  return row;
+  if (plan.force) {
+    basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
+                         plan.force->time, "a finite value");
+  }
 }
 
-// Records contacts that the loop reports in one turn.
-void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
-              std::vector<FollowAlarm>& alarms) {
-  if (!load.contact) return;
-  if (!touched) alarms.push_back({time, load.onset, load.force, load.covariance, load.normalised});
-  alarms.back().force = load.force;
-  alarms.back().covariance = load.covariance;
-}
+// A plan on its rig, turn by turn.
+class FollowRun {
+ public:
+  FollowRun(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan)
+      : plan_(plan),
+        lockstep_(lockstepOf(scene, rig, plan)),
+        turns_(static_cast<std::int64_t>(std::llround(plan.seconds / kTurn))) {
+    if (plan.open) loop_.close(false);
+    if (plan.path) loop_.follow(*plan.path);
+  }
+
+  FollowResult take(const std::function<bool(double)>& progress) {
+    double told = 0.0;
+    for (std::int64_t k = 0; k < turns_; ++k) {
+      aim(k);
+      disturb();
+      lockstep_.advance();
+      record();
+      if (lockstep_.core().state() != control::SafetyState::kEnabled) {
+        out_.vented = lockstep_.core().reason();
+        return std::move(out_);
+      }
+      if (progress && lockstep_.time() >= told + kProgressPeriod) {
+        told = lockstep_.time();
+        if (!progress(told)) return std::move(out_);
+      }
+    }
+    out_.budget = loop_.budget();
+    out_.figures = plan_.path ? pathFigures(out_.rows, plan_.path->lastTime())
+                              : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
+    return std::move(out_);
+  }
+
+ private:
+  void aim(std::int64_t turn) {
+    const auto tips = static_cast<std::int64_t>(plan_.tips.size());
+    if (tips > 0 && (turn == 0 || turn * tips / turns_ != (turn - 1) * tips / turns_)) {
+      loop_.aimAt(plan_.tips[static_cast<std::size_t>(turn * tips / turns_)]);
+    }
+  }
+
+  void disturb() {
+    const double time = lockstep_.time();
+    if (plan_.force && !pulled_ && time >= plan_.force->time) {
+      lockstep_.rig().setTipForce(plan_.force->force);
+      pulled_ = true;
+    }
+    if (plan_.drift) {
+      const double part = (time - plan_.drift->begin) / plan_.drift->seconds;
+      lockstep_.vision().shift(std::clamp(part, 0.0, 1.0) * plan_.drift->pixels);
+    }
+    if (plan_.frozen) lockstep_.vision().freeze(plan_.frozen->contains(time));
+  }
+
+  void record() {
+    const double time = lockstep_.time();
+    const estimation::ExternalLoad& load = loop_.load();
+    if (load.contact) {
+      if (!touched_) {
+        out_.alarms.push_back({time, load.onset, load.force, load.covariance, load.normalised});
+      }
+      out_.alarms.back().force = load.force;
+      out_.alarms.back().covariance = load.covariance;
+    }
+    touched_ = load.contact;
+    const follow::Turn& turn = loop_.turn();
+    addRow(turn, load.score);
+    if (out_.states.empty() || out_.states.back().state != turn.state) {
+      out_.states.push_back({time, turn.state});
+    }
+    out_.pictures = lockstep_.picturesAccepted();
+  }
+
+  void addRow(const follow::Turn& turn, double load_score) {
+    FollowRow row;
+    row.time = lockstep_.time();
+    if (turn.commands) row.wanted = turn.wanted.translation;
+    row.true_tip = lockstep_.trueTip().translation;
+    const auto& measured = lockstep_.measuredTip();
+    if (measured && measured->stamp > last_stamp_) {
+      row.measured = measured->tip.translation;
+      row.measured_time = last_stamp_ = measured->stamp;
+    }
+    if (turn.predicted) row.predicted = turn.predicted->translation;
+    row.pressure = lockstep_.rig().pressure();
+    row.state = turn.state;
+    row.path_time = turn.path_time;
+    row.unreachable = turn.commands && turn.status == statics::InverseStatus::kUnreachable;
+    row.load_score = load_score;
+    out_.rows.push_back(std::move(row));
+  }
+
+  const FollowPlan& plan_;
+  simulation::Lockstep lockstep_;
+  follow::VisualServo& loop_ = lockstep_.loop();
+  const std::int64_t turns_;
+  FollowResult out_;
+  double last_stamp_ = -1.0;  // of a measured tip
+  bool pulled_ = false, touched_ = false;
+};
 
 }  // namespace
 
@@ -188,67 +271,8 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
 
 FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan,
                        const std::function<bool(double)>& progress) {
-  basics::requirePositive("follow", "the duration [s]", plan.seconds);
-  basics::require(plan.path.has_value() != !plan.tips.empty(),
-                  "follow: expected either tips or a path");
-  const auto tips = static_cast<std::int64_t>(plan.tips.size());
-  const double least = kLeastTipTime * static_cast<double>(tips);
-  basics::requireValue(plan.seconds >= least, "follow", "the duration [s]", plan.seconds,
-                       "at least 1 s for each tip");
-  if (plan.drift) {
-    basics::requirePositive("follow", "the duration of the camera's drift [s]",
-                            plan.drift->seconds);
-  }
-  if (plan.force) {
-    basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
-                         plan.force->time, "a finite value");
-  }
-  simulation::Lockstep lockstep = lockstepOf(scene, rig, plan);
-  follow::VisualServo& loop = lockstep.loop();
-  if (plan.open) loop.close(false);
-  if (plan.path) loop.follow(*plan.path);
-
-  FollowResult out;
-  const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / kTurn));
-  double last_stamp = -1.0, told = 0.0;
-  bool pulled = false, touched = false;
-  for (std::int64_t k = 0; k < turns; ++k) {
-    if (tips > 0 && (k == 0 || k * tips / turns != (k - 1) * tips / turns)) {
-      loop.aimAt(plan.tips[static_cast<std::size_t>(k * tips / turns)]);
-    }
-    if (plan.force && !pulled && lockstep.time() >= plan.force->time) {
-      lockstep.rig().setTipForce(plan.force->force);
-      pulled = true;
-    }
-    if (plan.drift) {
-      const double part = (lockstep.time() - plan.drift->begin) / plan.drift->seconds;
-      lockstep.vision().shift(std::clamp(part, 0.0, 1.0) * plan.drift->pixels);
-    }
-    if (plan.frozen) lockstep.vision().freeze(plan.frozen->contains(lockstep.time()));
-    lockstep.advance();
-    addAlarm(lockstep.time(), loop.load(), touched, out.alarms);
-    touched = loop.load().contact;
-    const follow::Turn& turn = loop.turn();
-    out.rows.push_back(rowOf(lockstep, turn, lockstep.rig().pressure(), last_stamp));
-    out.rows.back().load_score = loop.load().score;
-    if (out.rows.back().measured) last_stamp = out.rows.back().measured_time;
-    if (out.states.empty() || out.states.back().state != turn.state) {
-      out.states.push_back({lockstep.time(), turn.state});
-    }
-    out.pictures = lockstep.picturesAccepted();
-    if (lockstep.core().state() != control::SafetyState::kEnabled) {
-      out.vented = lockstep.core().reason();
-      return out;
-    }
-    if (progress && lockstep.time() >= told + kProgressPeriod) {
-      told = lockstep.time();
-      if (!progress(told)) return out;
-    }
-  }
-  out.budget = loop.budget();
-  out.figures = plan.path ? pathFigures(out.rows, plan.path->lastTime())
-                          : tipFigures(out.rows, static_cast<int>(tips));
-  return out;
+  requireSound(plan);
+  return FollowRun(scene, rig, plan).take(progress);
 }
 
 }  // namespace helix_arm::procedures

@@ -73,28 +73,6 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
   correlate(calibration, filter);
 }
 
-}  // namespace
-
-follow::VisualServoConfig loopConfigOf(const io::Scene& scene) {
-  basics::require(
-      !scene.safety.channels.empty(), "scene ", scene.name,
-      " has actuators that are not driven by pressure; the closed loop needs pressures");
-  follow::VisualServoConfig out = scene.follow;
-  out.filter.planar = scene.vision.fit.planar;
-  out.placed = placedViewOf(scene);
-  if (scene.calibration) startFrom(*scene.calibration, out.filter);
-  return out;
-}
-
-std::string loopWarning(const follow::VisualServoConfig& config) {
-  if (config.smoothing <= kSlowSmoothing) return {};
-  return "follow: the loop smooths over " +
-         io::formatNumber(std::round(100 * config.smoothing) / 100) +
-         " s, which is slow; stiffen or damp the arm, and give paths rather than distant targets";
-}
-
-namespace {
-
 using estimation::FitParameter;
 using estimation::RigEstimate;
 
@@ -145,6 +123,24 @@ RigEstimate::Matrix rigByPlacementsOf(const io::Scene& scene,
 }
 
 }  // namespace
+
+follow::VisualServoConfig loopConfigOf(const io::Scene& scene) {
+  basics::require(
+      !scene.safety.channels.empty(), "scene ", scene.name,
+      " has actuators that are not driven by pressure; the closed loop needs pressures");
+  follow::VisualServoConfig out = scene.follow;
+  out.filter.planar = scene.vision.fit.planar;
+  out.placed = placedViewOf(scene);
+  if (scene.calibration) startFrom(*scene.calibration, out.filter);
+  return out;
+}
+
+std::string loopWarning(const follow::VisualServoConfig& config) {
+  if (config.smoothing <= kSlowSmoothing) return {};
+  return "follow: the loop smooths over " +
+         io::formatNumber(std::round(100 * config.smoothing) / 100) +
+         " s, which is slow; stiffen or damp the arm, and give paths rather than distant targets";
+}
 
 std::optional<estimation::PlacedView> placedViewOf(const io::Scene& scene) {
   if (!scene.camera || !scene.tags) return std::nullopt;

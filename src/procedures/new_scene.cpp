@@ -9,6 +9,7 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/yaml_text.hpp"
@@ -81,9 +82,7 @@ double roomForTags(const NewScene& scene) {
 }
 
 std::string listText(const std::vector<std::string>& words) {
-  std::string out = "[";
-  for (const std::string& word : words) out += (out.size() > 1 ? ", " : "") + word;
-  return out + "]";
+  return "[" + basics::joined(words) + "]";
 }
 
 std::string sectionName(const NewScene& scene, int section) {

@@ -17,6 +17,27 @@ control::Refusal refuse(control::Fault fault, const std::string& message) {
   return {fault, message};
 }
 
+constexpr double kFullAngle = 2 * basics::kPi;
+constexpr int kStops = 12;  // on the way around
+
+// The default plan actuator by actuator, ascending in each.
+Eigen::MatrixXd risingPressurePlan(const model::Arm& arm) {
+  const Eigen::MatrixXd plan = defaultPressurePlan(arm);
+  Eigen::MatrixXd rising(plan.rows(), plan.cols());
+  Eigen::Index step = 0;
+  for (Eigen::Index i = 0; i < plan.cols(); ++i) {
+    for (Eigen::Index k = i; k < plan.rows(); k += plan.cols()) rising.row(step++) = plan.row(k);
+  }
+  return rising;
+}
+
+// The steps of a plan and then the same in reverse; the last one is not repeated.
+Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan) {
+  Eigen::MatrixXd out(2 * plan.rows() - 1, plan.cols());
+  out << plan, plan.topRows(plan.rows() - 1).colwise().reverse();
+  return out;
+}
+
 }  // namespace
 
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
@@ -30,22 +51,6 @@ Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
     plan(step, i) = limits.lower + share * (limits.upper - limits.lower);
   }
   return plan;
-}
-
-Eigen::MatrixXd risingPressurePlan(const model::Arm& arm) {
-  const Eigen::MatrixXd plan = defaultPressurePlan(arm);
-  Eigen::MatrixXd rising(plan.rows(), plan.cols());
-  Eigen::Index step = 0;
-  for (Eigen::Index i = 0; i < plan.cols(); ++i) {
-    for (Eigen::Index k = i; k < plan.rows(); k += plan.cols()) rising.row(step++) = plan.row(k);
-  }
-  return rising;
-}
-
-Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan) {
-  Eigen::MatrixXd out(2 * plan.rows() - 1, plan.cols());
-  out << plan, plan.topRows(plan.rows() - 1).colwise().reverse();
-  return out;
 }
 
 control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows,
@@ -76,13 +81,6 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::ve
   }
   return loop ? thereAndBack(plan) : plan;
 }
-
-namespace {
-
-constexpr double kFullAngle = 2 * basics::kPi;
-constexpr int kStops = 12;  // on the way around
-
-}  // namespace
 
 Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
   if (!(fraction > 0 && fraction <= 1)) {

@@ -27,6 +27,10 @@ Eigen::VectorXd columnOf(const io::DataSet& data, const char* name) {
   return data.values.col(column);
 }
 
+// Bounds if stamps hardly advance.
+constexpr std::size_t kMostWaitingReadings = 1 << 13;
+constexpr std::size_t kMostWaitingTips = 1 << 8;
+
 }  // namespace
 
 ResponseSeries lengthSeriesOf(const io::DataSet& data) {
@@ -128,14 +132,6 @@ estimation::ContractionFit continuedTo(double pressure, estimation::ContractionF
   fit.curve = model::Contraction::table(fit.pressures, fit.lengths);
   return fit;
 }
-
-namespace {
-
-// Bounds if stamps hardly advance.
-constexpr std::size_t kMostWaitingReadings = 1 << 13;
-constexpr std::size_t kMostWaitingTips = 1 << 8;
-
-}  // namespace
 
 SeriesRecord::SeriesRecord(int actuators) : actuators_(actuators) {
   basics::requireValue(actuators >= 1, "a series", "number of actuators", actuators,

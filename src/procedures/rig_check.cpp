@@ -3,17 +3,16 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <limits>
 #include <optional>
 #include <set>
-#include <sstream>
 #include <string>
 #include <variant>
 #include <vector>
 
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/placed_view.hpp"
@@ -25,28 +24,56 @@
 #include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/statics/tier.hpp"
 
-// The parts of checkRig(). Each adds its findings.
 namespace helix_arm::procedures {
+namespace {
 
-/// A number with so many significant digits.
-std::string figure(double value, int digits = 3);
+// A number with so many significant digits.
+std::string figure(double value, int digits = 3) { return basics::format("%.*g", digits, value); }
 
-/// Where tags are mounted.
-void checkTags(const io::Scene& scene, std::vector<Finding>& findings);
+std::string kpa(double pascals) { return figure(pascals / 1e3, 4) + " kPa"; }
 
-/// Contraction curves and the limits on them.
-void checkCurves(const io::Scene& scene, std::vector<Finding>& findings);
+const model::Actuator& highest(const model::Arm& arm) {
+  int best = 0;
+  for (int i = 1; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).limits.upper > arm.actuator(best).limits.upper) best = i;
+  }
+  return arm.actuator(best);
+}
 
-/// The regulator, as far as its profile tells.
-void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings);
+}  // namespace
 
-/// Intrinsics.
-void checkCamera(const io::Scene& scene, std::vector<Finding>& findings);
+const char* nameOf(Severity severity) {
+  switch (severity) {
+    case Severity::kNote:
+      return "note";
+    case Severity::kWarning:
+      return "warning";
+    case Severity::kFault:
+      break;
+  }
+  return "fault";
+}
 
-/// What is seen over the workspace; nothing without camera or tags.
-std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
-                                         std::vector<Finding>& findings);
+void sortBySeverity(std::vector<Finding>& findings) {
+  std::stable_sort(findings.begin(), findings.end(),
+                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
+}
 
+bool RigCheck::hasFault() const {
+  return std::any_of(findings.begin(), findings.end(),
+                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
+}
+
+std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
+  const model::Actuator& most = highest(scene.arm);
+  if (supply >= most.limits.upper) return {};
+  return {{Severity::kWarning, "supply", most.name,
+           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
+               ": pressures above that are never reached",
+           "raise the supply, or lower max_pressure_kpa"}};
+}
+
+// The parts of checkRig(). Each adds its findings.
 namespace {
 
 // Parts of a curve's range and length.
@@ -58,14 +85,42 @@ constexpr double kFlat = 0.1;
 constexpr double kMostFlat = 0.2;
 constexpr int kCurveSteps = 200;
 
-std::string kpa(double pascals) { return figure(pascals / 1e3, 4) + " kPa"; }
-
-const model::Actuator& highest(const model::Arm& arm) {
-  int best = 0;
-  for (int i = 1; i < arm.actuatorCount(); ++i) {
-    if (arm.actuator(i).limits.upper > arm.actuator(best).limits.upper) best = i;
+void checkCurves(const io::Scene& scene, std::vector<Finding>& findings) {
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    const model::Range& curve = actuator.contraction.inputRange();
+    const double range = limits.upper - limits.lower, whole = curve.upper - curve.lower;
+    const double change =
+        actuator.contraction.length(limits.upper) - actuator.contraction.length(limits.lower);
+    const double stroke = std::abs(change) / actuator.contraction.length(limits.lower);
+    if (stroke < kLeastStroke) {
+      findings.push_back({Severity::kWarning, "short_stroke", actuator.name,
+                          "its length changes by " + figure(100 * stroke) +
+                              " % within its limits; expected 3 % or more",
+                          "raise max_pressure_kpa, or measure the contraction curve again"});
+    }
+    if (range < kLeastOfRange * whole) {
+      findings.push_back(
+          {Severity::kNote, "curve_unused", actuator.name,
+           "its limits use " + figure(100 * range / whole) + " % of its contraction curve",
+           "raise max_pressure_kpa if the muscle stands it"});
+    }
+    int flat = 0;
+    for (int k = 0; k <= kCurveSteps; ++k) {
+      const double q =
+          std::clamp(limits.lower + range * k / kCurveSteps, limits.lower, limits.upper);
+      flat += std::abs(actuator.contraction.slope(q)) < kFlat * std::abs(change) / range ? 1 : 0;
+    }
+    const double part = static_cast<double>(flat) / (kCurveSteps + 1);
+    if (part > kMostFlat) {
+      findings.push_back({Severity::kWarning, "flat_curve", actuator.name,
+                          "in " + figure(100 * part, 2) +
+                              " % of its limits its length hardly changes (less than a tenth of "
+                              "the mean slope); expected 20 % at most",
+                          "raise min_pressure_kpa, or lower max_pressure_kpa, to leave that out"});
+    }
   }
-  return arm.actuator(best);
 }
 
 // What a profile tells of its device, against the channels and limits of the arm.
@@ -107,74 +162,6 @@ void checkWatchdog(const io::Scene& scene, std::vector<Finding>& findings) {
        "mount a dump valve that opens without power, and a relief valve; see docs/safety.md"});
 }
 
-}  // namespace
-
-const char* nameOf(Severity severity) {
-  switch (severity) {
-    case Severity::kNote:
-      return "note";
-    case Severity::kWarning:
-      return "warning";
-    case Severity::kFault:
-      break;
-  }
-  return "fault";
-}
-
-void sortBySeverity(std::vector<Finding>& findings) {
-  std::stable_sort(findings.begin(), findings.end(),
-                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
-}
-
-std::string figure(double value, int digits) {
-  std::ostringstream text;
-  text << std::setprecision(digits) << value;
-  return text.str();
-}
-
-bool RigCheck::hasFault() const {
-  return std::any_of(findings.begin(), findings.end(),
-                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
-}
-
-void checkCurves(const io::Scene& scene, std::vector<Finding>& findings) {
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = scene.arm.actuator(i);
-    const model::Range& limits = actuator.limits;
-    const model::Range& curve = actuator.contraction.inputRange();
-    const double range = limits.upper - limits.lower, whole = curve.upper - curve.lower;
-    const double change =
-        actuator.contraction.length(limits.upper) - actuator.contraction.length(limits.lower);
-    const double stroke = std::abs(change) / actuator.contraction.length(limits.lower);
-    if (stroke < kLeastStroke) {
-      findings.push_back({Severity::kWarning, "short_stroke", actuator.name,
-                          "its length changes by " + figure(100 * stroke) +
-                              " % within its limits; expected 3 % or more",
-                          "raise max_pressure_kpa, or measure the contraction curve again"});
-    }
-    if (range < kLeastOfRange * whole) {
-      findings.push_back(
-          {Severity::kNote, "curve_unused", actuator.name,
-           "its limits use " + figure(100 * range / whole) + " % of its contraction curve",
-           "raise max_pressure_kpa if the muscle stands it"});
-    }
-    int flat = 0;
-    for (int k = 0; k <= kCurveSteps; ++k) {
-      const double q =
-          std::clamp(limits.lower + range * k / kCurveSteps, limits.lower, limits.upper);
-      flat += std::abs(actuator.contraction.slope(q)) < kFlat * std::abs(change) / range ? 1 : 0;
-    }
-    const double part = static_cast<double>(flat) / (kCurveSteps + 1);
-    if (part > kMostFlat) {
-      findings.push_back({Severity::kWarning, "flat_curve", actuator.name,
-                          "in " + figure(100 * part, 2) +
-                              " % of its limits its length hardly changes (less than a tenth of "
-                              "the mean slope); expected 20 % at most",
-                          "raise min_pressure_kpa, or lower max_pressure_kpa, to leave that out"});
-    }
-  }
-}
-
 void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings) {
   if (!scene.regulator) {
     findings.push_back({Severity::kNote, "no_regulator", "regulator",
@@ -207,28 +194,6 @@ void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings) {
   }
   checkWatchdog(scene, findings);
 }
-
-std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
-  const model::Actuator& most = highest(scene.arm);
-  if (supply >= most.limits.upper) return {};
-  return {{Severity::kWarning, "supply", most.name,
-           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
-               ": pressures above that are never reached",
-           "raise the supply, or lower max_pressure_kpa"}};
-}
-
-RigCheck checkRig(const io::Scene& scene, int samples) {
-  RigCheck check;
-  checkTags(scene, check.findings);
-  checkCamera(scene, check.findings);
-  check.vision = checkVision(scene, samples, check.findings);
-  checkCurves(scene, check.findings);
-  checkRegulator(scene, check.findings);
-  sortBySeverity(check.findings);
-  return check;
-}
-
-namespace {
 
 constexpr double kDegree = basics::kPi / 180;
 constexpr double kInward = (90 + 1e-6) * kDegree;  // a face along the arm is none
@@ -373,8 +338,6 @@ void checkOverlaps(const io::Scene& scene, std::vector<Finding>& findings) {
   tell(Severity::kWarning, close);
 }
 
-}  // namespace
-
 void checkTags(const io::Scene& scene, std::vector<Finding>& findings) {
   if (!scene.tags) {
     findings.push_back({Severity::kNote, "no_tags", "tags",
@@ -385,8 +348,6 @@ void checkTags(const io::Scene& scene, std::vector<Finding>& findings) {
   checkMounting(scene, findings);
   checkOverlaps(scene, findings);
 }
-
-namespace {
 
 constexpr int kCorners = 50;
 // Parts of the samples, and of the arm's length.
@@ -517,8 +478,6 @@ void judge(const io::Scene& scene, const Samples& samples, const VisionFigures& 
   }
 }
 
-}  // namespace
-
 void checkCamera(const io::Scene& scene, std::vector<Finding>& findings) {
   if (!scene.camera) {
     findings.push_back({Severity::kNote, "no_camera", "camera",
@@ -541,6 +500,7 @@ void checkCamera(const io::Scene& scene, std::vector<Finding>& findings) {
                       "calibrate it: helix_arm tags --board, then helix_arm camera calibrate"});
 }
 
+// What is seen over the workspace; nothing without camera or tags.
 std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
                                          std::vector<Finding>& findings) {
   if (!scene.camera || !scene.tags) return std::nullopt;
@@ -566,6 +526,19 @@ std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
   judgeSize(scene, taken, figures, findings);
   judge(scene, taken, figures, findings);
   return figures;
+}
+
+}  // namespace
+
+RigCheck checkRig(const io::Scene& scene, int samples) {
+  RigCheck check;
+  checkTags(scene, check.findings);
+  checkCamera(scene, check.findings);
+  check.vision = checkVision(scene, samples, check.findings);
+  checkCurves(scene, check.findings);
+  checkRegulator(scene, check.findings);
+  sortBySeverity(check.findings);
+  return check;
 }
 
 }  // namespace helix_arm::procedures

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <utility>
 
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::procedures {
 
@@ -51,13 +51,6 @@ constexpr double kStillShare = 0.75;
 constexpr std::size_t kMostReadings = 1 << 17;
 constexpr std::size_t kMostObservations = 1 << 13;
 
-template <class... Arguments>
-std::string format(const char* pattern, Arguments... arguments) {
-  char text[256];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
-}
-
 void requirePositive(const char* what, double value) {
   basics::requirePositive("the settle rules", what, value);
 }
@@ -86,15 +79,16 @@ std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
 // Why what came last at `last` is too old; empty if it is not.
 std::string staleness(std::optional<double> last, double now, double max_age, const char* what,
                       const char* remedy) {
-  if (!last) return format("%s: none received yet; %s", what, remedy);
+  if (!last) return basics::format("%s: none received yet; %s", what, remedy);
   const double age = now - *last;
   if (age < -max_age) {
-    return format(
+    return basics::format(
         "%s: the last are stamped %.2f s ahead of now (at most %g s); synchronise the clocks", what,
         -age, max_age);
   }
   if (age <= max_age) return "";
-  return format("%s: none received for %.2f s (at most %g s); %s", what, age, max_age, remedy);
+  return basics::format("%s: none received for %.2f s (at most %g s); %s", what, age, max_age,
+                        remedy);
 }
 
 }  // namespace
@@ -170,12 +164,12 @@ std::string SettleWatch::pictureStaleness(double now) const {
 std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
   const double end = observations_.back().time;
   if (set_point_ && set_since_ > begin) {
-    return format("the set point has held for %.2f s of the tags' time; expected %g s",
-                  std::max(0.0, end - set_since_), rules_.window);
+    return basics::format("the set point has held for %.2f s of the tags' time; expected %g s",
+                          std::max(0.0, end - set_since_), rules_.window);
   }
   if (readings_.front().time > begin) {
-    return format("pressures were measured for %.2f s; expected %g s",
-                  readings_.back().time - readings_.front().time, rules_.window);
+    return basics::format("pressures were measured for %.2f s; expected %g s",
+                          readings_.back().time - readings_.front().time, rules_.window);
   }
   // Mean over each half: noise averages out, a drift does not.
   const double middle = 0.5 * (begin + end);
@@ -196,9 +190,10 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
       const double off = sums(i, half) / counts[half] - wanted[i];
       // Not <=: a NaN is not settled.
       if (std::abs(off) <= rules_.pressure_tolerance) continue;
-      return format("%s is %.2f kPa from %s; expected at most %g kPa",
-                    names_[static_cast<std::size_t>(i)].c_str(), 1e-3 * off,
-                    set_point_ ? "its set point" : "its mean", 1e-3 * rules_.pressure_tolerance);
+      return basics::format("%s is %.2f kPa from %s; expected at most %g kPa",
+                            names_[static_cast<std::size_t>(i)].c_str(), 1e-3 * off,
+                            set_point_ ? "its set point" : "its mean",
+                            1e-3 * rules_.pressure_tolerance);
     }
   }
   return "";
@@ -206,15 +201,16 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
 
 std::string SettleWatch::motion(double begin) const {
   if (observations_.front().time > begin) {
-    return format("the tags were watched for %.2f s; expected %g s",
-                  observations_.back().time - observations_.front().time, rules_.window);
+    return basics::format("the tags were watched for %.2f s; expected %g s",
+                          observations_.back().time - observations_.front().time, rules_.window);
   }
   for (std::size_t k = 0; k + 1 < observations_.size(); ++k) {
     const auto moved = distanceBetween(observations_[k].tags, observations_.back().tags);
     if (!moved) return "the set of visible tags changed";
     if (*moved <= rules_.corner_tolerance) continue;
-    return format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
-                  observations_.back().time - observations_[k].time, rules_.corner_tolerance);
+    return basics::format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
+                          observations_.back().time - observations_[k].time,
+                          rules_.corner_tolerance);
   }
   return "";
 }
@@ -222,32 +218,26 @@ std::string SettleWatch::motion(double begin) const {
 Settling SettleWatch::at(double now) const {
   Settling out;
   out.set_point = set_point_;
-  out.reason = pressureStaleness(now);
-  if (!out.reason.empty()) return out;
-  out.reason = pictureStaleness(now);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kUnseen;
+  const auto fails = [&out](SettleState state, std::string reason) {
+    out.state = state;
+    out.reason = std::move(reason);
+    return !out.reason.empty();
+  };
+  if (fails(SettleState::kStale, pressureStaleness(now)) ||
+      fails(SettleState::kUnseen, pictureStaleness(now))) {
     return out;
   }
+  const Observation& last = observations_.back();
+  const char* const no_tags = "no tag of the arm is in sight; check the camera's picture";
   const double begin = windowBegin();
   Eigen::VectorXd mean;
-  out.reason = pressureFault(begin, mean);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kPressure;
-    return out;
-  }
-  if (observations_.back().tags.empty()) {
-    out.state = SettleState::kNoTags;
-    out.reason = "no tag of the arm is in sight; check the camera's picture";
-    return out;
-  }
-  out.reason = motion(begin);
-  if (!out.reason.empty()) {
-    out.state = SettleState::kMoving;
+  if (fails(SettleState::kPressure, pressureFault(begin, mean)) ||
+      fails(SettleState::kNoTags, last.tags.empty() ? no_tags : "") ||
+      fails(SettleState::kMoving, motion(begin))) {
     return out;
   }
   out.state = SettleState::kSettled;
-  out.last = Sample{observations_.back().time, std::move(mean), observations_.back().tags};
+  out.last = Sample{last.time, std::move(mean), last.tags};
   return out;
 }
 

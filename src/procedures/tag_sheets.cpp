@@ -3,13 +3,13 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 #include <string>
 #include <vector>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -87,67 +87,444 @@ double angleAround(const model::Actuator& actuator) {
   return positiveAngle(outwardsAt(actuator.X_O.translation.tail<2>(), Vector2d::Zero()));
 }
 
-/// Height of text of the usual size [mm].
-inline constexpr double kTextHeight = 3.2;
-/// From one line of it to the next [mm].
-inline constexpr double kLineHeight = 3.6;
+namespace {
 
-/// What the margins leave.
-Box printableArea(const Paper& paper);
-/// What the margins and the heading leave.
-Box areaBelowHeading(const Paper& paper);
-/// What the margins, the heading and the rulers leave.
-Box areaBesideRulers(const Paper& paper);
+constexpr double kTextHeight = 3.2;  // of text of the usual size [mm]
+constexpr double kLineHeight = 3.6;  // from one line of it to the next [mm]
+constexpr double kMapHeight = 72.0;  // of the drawing of addUnrolledMap() [mm]
+constexpr double kHeading = 15.0, kFooter = 13.0;
+constexpr double kRulerColumn = 11.0;  // width of the ruler on the left
+constexpr int kRulerLength = 100;
+constexpr double kNumberHeight = 2.6;
 
-/// A page with a title and up to two lines of notes.
+void write(Page& page, const Box& box, const std::string& text, Align align = Align::kLeft,
+           bool bold = false) {
+  page.labels.push_back({box, text, align, bold});
+}
+
+double tickLength(int millimetre) {
+  if (millimetre % 10 == 0) return 4.5;
+  return millimetre % 5 == 0 ? 3.2 : 2.0;
+}
+
+// `along` is the direction of the ruler, `aside` that of its ticks.
+void addRuler(const Point& zero, const Point& along, const Point& aside, Page& page) {
+  const auto at = [&](double s, double t) {
+    return Point{zero.x + s * along.x + t * aside.x, zero.y + s * along.y + t * aside.y};
+  };
+  for (int i = 0; i <= kRulerLength; ++i) {
+    page.strokes.push_back({at(i, 0), at(i, tickLength(i)), 0.1});
+  }
+  page.strokes.push_back({at(0, 0), at(kRulerLength, 0), 0.1});
+}
+
+void addAcrossRuler(const Point& zero, Page& page) {
+  addRuler(zero, {1, 0}, {0, 1}, page);
+  const double y = zero.y + tickLength(0) + 0.3;
+  for (int i = 0; i <= kRulerLength; i += 10) {
+    const bool last = i == kRulerLength;
+    const double half = last ? 4.9 : 3.0;
+    write(page, {zero.x + i - half, y, 2 * half, kNumberHeight},
+          std::to_string(i) + (last ? " mm" : ""), Align::kCentre);
+  }
+}
+
+void addUprightRuler(const Point& zero, Page& page) {
+  addRuler(zero, {0, -1}, {-1, 0}, page);
+  const double width = zero.x - tickLength(0) - 0.3 - kPageMargin;
+  for (int i = 0; i <= kRulerLength; i += 10) {
+    write(page, {kPageMargin, zero.y - i - 0.5 * kNumberHeight, width, kNumberHeight},
+          std::to_string(i), Align::kRight);
+  }
+}
+
+// A horizontal run of adjacent black cells.
+struct Run {
+  int begin, end;
+  bool operator==(const Run& other) const { return begin == other.begin && end == other.end; }
+};
+
+std::vector<Run> blackRuns(const cv::Mat& cells, int row) {
+  std::vector<Run> runs;
+  for (int column = 0; column < cells.cols; ++column) {
+    if (cells.at<unsigned char>(row, column) != 0) continue;
+    if (!runs.empty() && runs.back().end == column) {
+      ++runs.back().end;
+    } else {
+      runs.push_back({column, column + 1});
+    }
+  }
+  return runs;
+}
+
+// What the margins leave.
+Box printableArea(const Paper& paper) {
+  return {kPageMargin, kPageMargin, paper.width - 2 * kPageMargin, paper.height - 2 * kPageMargin};
+}
+
+// What the margins and the heading leave.
+Box areaBelowHeading(const Paper& paper) {
+  const Box whole = printableArea(paper);
+  return {whole.x, whole.y + kHeading, whole.width, whole.height - kHeading};
+}
+
+// What the margins, the heading and the rulers leave.
+Box areaBesideRulers(const Paper& paper) {
+  const Box whole = areaBelowHeading(paper);
+  return {whole.x + kRulerColumn, whole.y, whole.width - kRulerColumn, whole.height - kFooter};
+}
+
+// Adds lines of text from the top of an area down. Returns where the next line would be [mm].
+double addLines(const std::vector<std::string>& lines, const Box& area, Page& page) {
+  double y = area.y;
+  for (const std::string& line : lines) {
+    write(page, {area.x, y, area.width, kTextHeight}, line);
+    y += kLineHeight;
+  }
+  return y;
+}
+
+// A page with a title and up to two lines of notes.
 Page headedPage(const Paper& paper, const std::string& title,
-                const std::vector<std::string>& notes);
+                const std::vector<std::string>& notes) {
+  constexpr double kNumberWidth = 30.0, kTitleHeight = 5.5;
+  const Box area = printableArea(paper);
+  Page page;
+  write(page, {area.x, area.y, area.width - kNumberWidth, kTitleHeight}, title, Align::kLeft, true);
+  addLines(notes, {area.x, area.y + kTitleHeight + 0.6, area.width, 0}, page);
+  return page;
+}
 
-/// Adds a ruler of 100 mm across and one upright, and notes beside them.
-void addRulers(const Paper& paper, const std::vector<std::string>& notes, Page& page);
+// Adds a ruler of 100 mm across and one upright, and notes beside them.
+void addRulers(const Paper& paper, const std::vector<std::string>& notes, Page& page) {
+  const Box area = areaBesideRulers(paper);
+  const Point zero{area.x, area.bottom() + 4.0};
+  addAcrossRuler(zero, page);
+  addUprightRuler({area.x - 1.5, area.bottom()}, page);
+  const double x = zero.x + kRulerLength + 8.0;
+  addLines(notes, {x, area.bottom() + 2.0, area.right() - x, 0}, page);
+}
 
-/// Adds lines of text from the top of an area down. @return where the next line would be [mm].
-double addLines(const std::vector<std::string>& lines, const Box& area, Page& page);
+std::vector<Point> cornersOf(const Box& box) {
+  return {{box.x, box.y}, {box.right(), box.y}, {box.right(), box.bottom()}, {box.x, box.bottom()}};
+}
 
-/// The outline of a box.
-void addOutline(const Box& box, Page& page);
+void addOutline(const Box& box, Page& page) {
+  const std::vector<Point> corners = cornersOf(box);
+  for (int i = 0; i < 4; ++i) page.strokes.push_back({corners[i], corners[(i + 1) % 4], 0.15, 0.4});
+}
 
-/// A black triangle that points in a direction, about the middle of its height.
-/// @param angle  counter-clockwise from upwards [rad].
-Area upMark(const Point& middle, double size, double angle = 0.0);
+// A black triangle that points in a direction, about the middle of its height.
+// @param angle  counter-clockwise from upwards [rad].
+Area upMark(const Point& middle, double size, double angle = 0.0) {
+  const auto at = [&](double right, double up) {
+    return Point{middle.x + size * (right * std::cos(angle) - up * std::sin(angle)),
+                 middle.y - size * (right * std::sin(angle) + up * std::cos(angle))};
+  };
+  return {{at(0, 0.5), at(0.6, -0.5), at(-0.6, -0.5)}, 0.0};
+}
 
-/// The black cells of a grid as few boxes.
-/// @param cells   (CV_8UC1) 0 or 255.
-/// @param corner  top left of the grid.
-/// @param cell    side of a cell [mm].
-std::vector<Box> blackBoxes(const cv::Mat& cells, const Point& corner, double cell);
+// The black cells of a grid (CV_8UC1, 0 or 255) as few boxes.
+// @param corner  top left of the grid.
+// @param cell    side of a cell [mm].
+std::vector<Box> blackBoxes(const cv::Mat& cells, const Point& corner, double cell) {
+  std::vector<Box> black;
+  std::vector<Run> above;
+  std::vector<std::size_t> boxes_above;
+  for (int row = 0; row < cells.rows; ++row) {
+    const std::vector<Run> runs = blackRuns(cells, row);
+    std::vector<std::size_t> boxes;
+    for (const Run& run : runs) {
+      std::size_t same = 0;
+      while (same < above.size() && !(above[same] == run)) ++same;
+      if (same < above.size()) {
+        boxes.push_back(boxes_above[same]);
+        black[boxes.back()].height += cell;
+      } else {
+        boxes.push_back(black.size());
+        black.push_back({corner.x + run.begin * cell, corner.y + row * cell,
+                         (run.end - run.begin) * cell, cell});
+      }
+    }
+    above = runs;
+    boxes_above = boxes;
+  }
+  return black;
+}
 
-/// A tag of which the detected square has its top left corner and side here. Its card is the tag
-/// with its white border.
-PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side);
+// A tag of which the detected square has its top left corner and side here. Its card is the tag
+// with its white border.
+PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side) {
+  const double cell = side / family.borderCells();
+  const double quiet = family.quietCells() * cell;
+  const cv::Mat cells = family.cells(id);
+  PrintedTag tag{id, {corner.x, corner.y, side, side}, {}, {}};
+  tag.card = {corner.x - quiet, corner.y - quiet, cells.cols * cell, cells.rows * cell};
+  tag.black = blackBoxes(cells, {tag.card.x, tag.card.y}, cell);
+  return tag;
+}
 
-/// "31 mm" and the like: a length with up to `digits` decimals, without zeros at its end.
-/// @param length  [mm].
-std::string millimetres(double length, int digits = 2);
-/// The number alone.
-std::string rounded(double value, int digits);
+// With up to so many decimals, without zeros at its end.
+std::string rounded(double value, int digits) {
+  std::string out = basics::format("%.*f", digits, value);
+  if (digits > 0) {
+    out.erase(out.find_last_not_of('0') + 1);
+    if (out.back() == '.') out.pop_back();
+  }
+  return out == "-0" ? "0" : out;
+}
 
-/// Lays out the drawings and tables of placementSheets() from the top down, over as many pages as
-/// they need.
+std::string millimetres(double length, int digits = 2) { return rounded(length, digits) + " mm"; }
+
+constexpr double kWholeTurn = 2 * basics::kPi;
+constexpr double kNames = 32.0;  // on the left, for the names of the actuators
+constexpr double kScale = 6.0;   // below, for s
+constexpr double kEdge = 7.0;    // beside the first and last s
+constexpr double kMostSquare = 9.0, kLeastSquare = 2.5;
+
+// The angle at which the skin is cut open: in the middle of the widest strip without tags or
+// actuators, preferably the one before the angle 0.
+double cutOf(std::vector<double> angles) {
+  constexpr double kClearlyWider = 1e-3;
+  std::sort(angles.begin(), angles.end());
+  double widest = angles.front() + kWholeTurn - angles.back();
+  double cut = angles.front() - 0.5 * widest;
+  for (std::size_t i = 1; i < angles.size(); ++i) {
+    const double gap = angles[i] - angles[i - 1];
+    if (gap <= widest + kClearlyWider) continue;
+    widest = gap;
+    cut = angles[i] - 0.5 * gap;
+  }
+  return cut;
+}
+
+// Layout of one section on the page.
+struct Skin {
+  Box field;
+  double cut;  // angle at the upper edge [rad]
+
+  Point at(double s, double angle) const {
+    double down = std::fmod(angle - cut, kWholeTurn);
+    if (down < 0) down += kWholeTurn;
+    return {field.x + kEdge + s * (field.width - 2 * kEdge),
+            field.y + down / kWholeTurn * field.height};
+  }
+};
+
+Skin skinOf(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const Box& box) {
+  std::vector<double> angles;
+  angles.reserve(tags.size());
+  for (const UnrolledTag& tag : tags) angles.push_back(tag.angle);
+  const int section = tags.front().section;
+  for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
+    angles.push_back(angleAround(arm.actuator(i)));
+  }
+  return {{box.x + kNames, box.y, box.width - kNames, box.height - kScale}, cutOf(angles)};
+}
+
+// Side of the squares: as large as the distances between tags allow.
+double squareSide(const std::vector<Point>& centres) {
+  constexpr double kShare = 0.9;
+  double least = kMostSquare / kShare;
+  for (std::size_t i = 0; i < centres.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      least = std::min(least, std::max(std::abs(centres[i].x - centres[j].x),
+                                       std::abs(centres[i].y - centres[j].y)));
+    }
+  }
+  return std::max(kShare * least, kLeastSquare);
+}
+
+void addActuators(const model::Arm& arm, int section, const Skin& skin, Page& page) {
+  const int first = arm.firstActuator(section), end = arm.firstActuator(section + 1);
+  const double height = std::min(kTextHeight, 0.9 * skin.field.height / (end - first));
+  for (int i = first; i < end; ++i) {
+    const double angle = angleAround(arm.actuator(i));
+    const double y = skin.at(0, angle).y;
+    page.strokes.push_back({{skin.field.x, y}, {skin.field.right(), y}, 0.2, 0.6});
+    write(page, {skin.field.x - kNames, y - 0.5 * height, kNames - 2.0, height},
+          arm.actuator(i).name + ", " + rounded(angle * 180 / basics::kPi, 1) + " deg",
+          Align::kRight);
+  }
+}
+
+void addScale(double rest_length, const Skin& skin, Page& page) {
+  constexpr int kSteps = 4;
+  constexpr double kWidth = 25.5;
+  const double y = skin.field.bottom() + 1.2;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double s = static_cast<double>(i) / kSteps, x = skin.at(s, skin.cut).x;
+    page.strokes.push_back(
+        {{x, skin.field.y}, {x, skin.field.bottom() + 1.0}, 0.1, 0.7, i > 0 && i < kSteps});
+    const std::string end = i == 0 ? "base, " : i == kSteps ? "end, " : "";
+    const double left = std::min(x - 0.5 * kWidth, skin.field.right() - kWidth);
+    write(page, {left, y, kWidth, kTextHeight},
+          end + "s " + rounded(s, 2) + ": " + millimetres(1e3 * s * rest_length, 0),
+          i == kSteps ? Align::kRight : Align::kCentre);
+  }
+}
+
+// The white square hides the lines behind it.
+void addTag(const UnrolledTag& tag, const Point& centre, double side, Page& page) {
+  constexpr double kText = 0.42;  // height of the id, as a share of the side
+  constexpr double kEdgeWidth = 0.2;
+  const double c = std::cos(tag.turn), s = std::sin(tag.turn);
+  const auto at = [&](double right, double up) {
+    return Point{centre.x + right * c - up * s, centre.y - right * s - up * c};
+  };
+  const auto square = [&at](double half) {
+    return std::vector<Point>{at(-half, -half), at(half, -half), at(half, half), at(-half, half)};
+  };
+  page.areas.push_back({square(0.5 * side), 0.0});
+  page.areas.push_back({square(0.5 * side - kEdgeWidth), 1.0});
+  page.areas.push_back(upMark(at(0, 0.36 * side), 0.16 * side, tag.turn));
+  write(page, {centre.x - 0.3 * side, centre.y - 0.5 * kText * side, 0.6 * side, kText * side},
+        std::to_string(tag.id), Align::kCentre, true);
+}
+
+// Draws a section as if its skin were unrolled and seen from outside: its base on the left, angles
+// growing downwards, a line per actuator, a square per tag with its id and up mark.
+// @param tags  of this section, at least one.
+// @param box   kMapHeight high.
+void addUnrolledMap(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const Box& box,
+                    Page& page) {
+  const Skin skin = skinOf(arm, tags, box);
+  const int section = tags.front().section;
+  addOutline(skin.field, page);
+  addActuators(arm, section, skin, page);
+  addScale(arm.restLength(section), skin, page);
+  std::vector<Point> centres;
+  centres.reserve(tags.size());
+  for (const UnrolledTag& tag : tags) centres.push_back(skin.at(tag.s, tag.angle));
+  const double side = squareSide(centres);
+  for (std::size_t i = 0; i < tags.size(); ++i) addTag(tags[i], centres[i], side, page);
+}
+
+struct Column {
+  const char* title;
+  double share;  // of the page's width
+  const char* meaning;
+};
+constexpr Column kColumns[] = {
+    {"id", 0.06, "the number on the tag's strip"},
+    {"s", 0.08,
+     "place along the section, 0 at its base, 1 at its end: of its centre line and of each muscle"},
+    {"from base", 0.12, "the same along the centre line [mm]"},
+    {"muscle", 0.2, "the nearest one"},
+    {"angle", 0.1,
+     "around the centre line, from its y axis (first muscle of a ring) towards z [deg]"},
+    {"radius", 0.1, "from the centre line to the middle of the tag [mm]"},
+    {"stand-off", 0.11, "from the middle of the muscle to the middle of the tag, outwards [mm]"},
+    {"aside", 0.09, "the same towards larger angles [mm]"},
+    {"turn", 0.07, "of the up mark from upwards as drawn here, counter-clockwise [deg]"},
+    {"tilt", 0.07, "between where the tag faces and outwards [deg]"}};
+constexpr double kRowHeight = 4.2;
+constexpr double kTitleHeight = 4.6, kSectionGap = 6.0;
+constexpr double kMillimetres = 1e3;  // per m
+
+// Without 360, which is 0.
+std::string degrees(double angle) {
+  const double deg = std::round(angle * 1800 / basics::kPi) / 10;
+  return rounded(deg >= 360 ? deg - 360 : deg, 1);
+}
+
+std::vector<std::string> rowOf(const model::Arm& arm, const UnrolledTag& tag) {
+  return {std::to_string(tag.id),
+          rounded(tag.s, 4),
+          rounded(kMillimetres * tag.from_base, 1),
+          arm.actuator(tag.actuator).name,
+          degrees(tag.angle),
+          rounded(kMillimetres * tag.radius, 1),
+          rounded(kMillimetres * tag.standoff, 1),
+          rounded(kMillimetres * tag.aside, 1),
+          degrees(tag.turn),
+          degrees(tag.tilt)};
+}
+
+// Lays out the drawings and tables of placementSheets() from the top down, over as many pages as
+// they need.
 class PlacementSheet {
  public:
-  /// @param scene  kept by reference.
-  PlacementSheet(const io::Scene& scene, const std::vector<UnrolledTag>& tags, const Paper& paper);
+  // @param scene  kept by reference.
+  PlacementSheet(const io::Scene& scene, const std::vector<UnrolledTag>& tags, const Paper& paper)
+      : scene_(scene), tags_(tags), paper_(paper) {
+    beginPage();
+    addLegend();
+    for (int section = 0; section < scene.arm.sectionCount(); ++section) addSection(section);
+  }
 
   const std::vector<Page>& pages() const { return pages_; }
 
  private:
-  void addSection(int section);
-  void addTable(const std::vector<UnrolledTag>& tags);
-  void addRow(const std::vector<std::string>& cells, bool bold);
-  void addLegend();
-  void beginPage();
-  double roomLeft() const;  // below what is there already [mm]
+  void beginPage() {
+    pages_.push_back(headedPage(
+        paper_, scene_.name + ": where the tags are mounted",
+        {"The arm at rest as if its skin were unrolled, seen from outside. Not to scale."}));
+    y_ = areaBelowHeading(paper_).y;
+  }
+
+  void addLegend() {
+    constexpr double kTerms = 20.0;
+    const Box area = printableArea(paper_);
+    double y = y_;
+    for (const Column& column : kColumns) {
+      Page& page = pages_.back();
+      write(page, {area.x, y, kTerms, kTextHeight}, column.title, Align::kLeft, true);
+      y = addLines({column.meaning}, {area.x + kTerms, y, area.width - kTerms, 0}, page);
+    }
+    y_ = y + kTextHeight;
+  }
+
+  void addSection(int section) {
+    std::vector<UnrolledTag> tags;
+    std::copy_if(tags_.begin(), tags_.end(), std::back_inserter(tags),
+                 [section](const UnrolledTag& tag) { return tag.section == section; });
+    if (tags.empty()) return;
+    if (roomLeft() < kTitleHeight + kMapHeight + 3 * kRowHeight) beginPage();
+    const Box area = printableArea(paper_);
+    Page& page = pages_.back();
+    write(page, {area.x, y_, area.width, kTitleHeight},
+          "Section " + scene_.looks[static_cast<std::size_t>(section)].name + ", " +
+              millimetres(kMillimetres * scene_.arm.restLength(section), 1) + " long at rest",
+          Align::kLeft, true);
+    y_ += kTitleHeight + 1.0;
+    addUnrolledMap(scene_.arm, tags, {area.x, y_, area.width, kMapHeight}, page);
+    y_ += kMapHeight + 1.0;
+    addTable(tags);
+    y_ += kSectionGap;
+  }
+
+  void addTable(const std::vector<UnrolledTag>& tags) {
+    std::vector<std::string> titles;
+    for (const Column& column : kColumns) titles.emplace_back(column.title);
+    bool begun = false;
+    for (const UnrolledTag& tag : tags) {
+      if (roomLeft() < 2 * kRowHeight) {
+        beginPage();
+        begun = false;
+      }
+      if (!begun) addRow(titles, true);
+      begun = true;
+      addRow(rowOf(scene_.arm, tag), false);
+    }
+  }
+
+  void addRow(const std::vector<std::string>& cells, bool bold) {
+    constexpr double kPad = 1.0;
+    const Box area = printableArea(paper_);
+    double x = area.x;
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const double width = kColumns[i].share * area.width;
+      write(pages_.back(), {x, y_, width - kPad, kTextHeight}, cells[i], Align::kRight, bold);
+      x += width;
+    }
+    y_ += kRowHeight;
+    pages_.back().strokes.push_back(
+        {{area.x, y_ - 0.5}, {area.right(), y_ - 0.5}, 0.1, bold ? 0.0 : 0.8});
+  }
+
+  // Below what is there already [mm].
+  double roomLeft() const { return printableArea(paper_).bottom() - y_; }
 
   const io::Scene& scene_;
   std::vector<UnrolledTag> tags_;
@@ -155,8 +532,6 @@ class PlacementSheet {
   std::vector<Page> pages_;
   double y_ = 0.0;  // where the next part begins [mm]
 };
-
-namespace {
 
 constexpr double kGap = 3.0;          // between cards
 constexpr double kRim = 1.5;          // around its tag: room for marks, and for inaccurate cuts
@@ -209,11 +584,9 @@ void addStrip(const Box& card, const std::string& id, const std::string& place, 
   page.strokes.push_back({{card.x, card.bottom()}, {card.right(), card.bottom()}, 0.15, 0.4, true});
   const double width = card.width - 3 * kPad, height = kStrip - 2 * kPad;
   const Box id_box{card.x + kPad, card.bottom() + kPad, kIdShare * width, height};
-  page.labels.push_back({id_box, id, Align::kLeft, true});
-  page.labels.push_back(
-      {{id_box.right() + kPad, id_box.y + 0.3, (1 - kIdShare) * width, height - 0.6},
-       place,
-       Align::kRight});
+  write(page, id_box, id, Align::kLeft, true);
+  write(page, {id_box.right() + kPad, id_box.y + 0.3, (1 - kIdShare) * width, height - 0.6}, place,
+        Align::kRight);
 }
 
 void addCard(const vision::TagFamily& family, const CardGrid& grid, const Point& corner, int id,
@@ -337,11 +710,7 @@ Page boardSheet(const vision::CharucoBoard& board, const Paper& paper) {
     for (int column = 0; column < board.columns; ++column) {
       const Box box{place.x + column * square, place.y + row * square, square, square};
       if (!board.isWhite(column, row)) {
-        page.areas.push_back({{{box.x, box.y},
-                               {box.right(), box.y},
-                               {box.right(), box.bottom()},
-                               {box.x, box.bottom()}},
-                              0.0});
+        page.areas.push_back({cornersOf(box), 0.0});
         continue;
       }
       const int id = board.markerIn(column, row);
@@ -360,446 +729,9 @@ void numberPages(const Paper& paper, std::vector<Page>& pages) {
   constexpr double kWidth = 28.0;
   const Box area = printableArea(paper);
   for (std::size_t i = 0; i < pages.size(); ++i) {
-    pages[i].labels.push_back(
-        {{area.right() - kWidth, area.y + 0.6, kWidth, kTextHeight},
-         "page " + std::to_string(i + 1) + " of " + std::to_string(pages.size()),
-         Align::kRight});
+    write(pages[i], {area.right() - kWidth, area.y + 0.6, kWidth, kTextHeight},
+          "page " + std::to_string(i + 1) + " of " + std::to_string(pages.size()), Align::kRight);
   }
-}
-
-namespace {
-
-constexpr double kHeading = 15.0, kFooter = 13.0;
-constexpr double kRulerColumn = 11.0;  // width of the ruler on the left
-constexpr int kRulerLength = 100;
-constexpr double kNumberHeight = 2.6;
-
-double tickLength(int millimetre) {
-  if (millimetre % 10 == 0) return 4.5;
-  return millimetre % 5 == 0 ? 3.2 : 2.0;
-}
-
-// `along` is the direction of the ruler, `aside` that of its ticks.
-void addRuler(const Point& zero, const Point& along, const Point& aside, Page& page) {
-  const auto at = [&](double s, double t) {
-    return Point{zero.x + s * along.x + t * aside.x, zero.y + s * along.y + t * aside.y};
-  };
-  for (int i = 0; i <= kRulerLength; ++i) {
-    page.strokes.push_back({at(i, 0), at(i, tickLength(i)), 0.1});
-  }
-  page.strokes.push_back({at(0, 0), at(kRulerLength, 0), 0.1});
-}
-
-void addAcrossRuler(const Point& zero, Page& page) {
-  addRuler(zero, {1, 0}, {0, 1}, page);
-  const double y = zero.y + tickLength(0) + 0.3;
-  for (int i = 0; i <= kRulerLength; i += 10) {
-    const bool last = i == kRulerLength;
-    const double half = last ? 4.9 : 3.0;
-    page.labels.push_back({{zero.x + i - half, y, 2 * half, kNumberHeight},
-                           std::to_string(i) + (last ? " mm" : ""),
-                           Align::kCentre});
-  }
-}
-
-void addUprightRuler(const Point& zero, Page& page) {
-  addRuler(zero, {0, -1}, {-1, 0}, page);
-  const double width = zero.x - tickLength(0) - 0.3 - kPageMargin;
-  for (int i = 0; i <= kRulerLength; i += 10) {
-    page.labels.push_back({{kPageMargin, zero.y - i - 0.5 * kNumberHeight, width, kNumberHeight},
-                           std::to_string(i),
-                           Align::kRight});
-  }
-}
-
-// A horizontal run of adjacent black cells.
-struct Run {
-  int begin, end;
-  bool operator==(const Run& other) const { return begin == other.begin && end == other.end; }
-};
-
-std::vector<Run> blackRuns(const cv::Mat& cells, int row) {
-  std::vector<Run> runs;
-  for (int column = 0; column < cells.cols; ++column) {
-    if (cells.at<unsigned char>(row, column) != 0) continue;
-    if (!runs.empty() && runs.back().end == column) {
-      ++runs.back().end;
-    } else {
-      runs.push_back({column, column + 1});
-    }
-  }
-  return runs;
-}
-
-}  // namespace
-
-Box printableArea(const Paper& paper) {
-  return {kPageMargin, kPageMargin, paper.width - 2 * kPageMargin, paper.height - 2 * kPageMargin};
-}
-
-Box areaBelowHeading(const Paper& paper) {
-  const Box whole = printableArea(paper);
-  return {whole.x, whole.y + kHeading, whole.width, whole.height - kHeading};
-}
-
-Box areaBesideRulers(const Paper& paper) {
-  const Box whole = areaBelowHeading(paper);
-  return {whole.x + kRulerColumn, whole.y, whole.width - kRulerColumn, whole.height - kFooter};
-}
-
-Page headedPage(const Paper& paper, const std::string& title,
-                const std::vector<std::string>& notes) {
-  constexpr double kNumberWidth = 30.0, kTitleHeight = 5.5;
-  const Box area = printableArea(paper);
-  Page page;
-  page.labels.push_back(
-      {{area.x, area.y, area.width - kNumberWidth, kTitleHeight}, title, Align::kLeft, true});
-  addLines(notes, {area.x, area.y + kTitleHeight + 0.6, area.width, 0}, page);
-  return page;
-}
-
-double addLines(const std::vector<std::string>& lines, const Box& area, Page& page) {
-  double y = area.y;
-  for (const std::string& line : lines) {
-    page.labels.push_back({{area.x, y, area.width, kTextHeight}, line});
-    y += kLineHeight;
-  }
-  return y;
-}
-
-void addRulers(const Paper& paper, const std::vector<std::string>& notes, Page& page) {
-  const Box area = areaBesideRulers(paper);
-  const Point zero{area.x, area.bottom() + 4.0};
-  addAcrossRuler(zero, page);
-  addUprightRuler({area.x - 1.5, area.bottom()}, page);
-  const double x = zero.x + kRulerLength + 8.0;
-  addLines(notes, {x, area.bottom() + 2.0, area.right() - x, 0}, page);
-}
-
-void addOutline(const Box& box, Page& page) {
-  const Point corners[] = {
-      {box.x, box.y}, {box.right(), box.y}, {box.right(), box.bottom()}, {box.x, box.bottom()}};
-  for (int i = 0; i < 4; ++i) page.strokes.push_back({corners[i], corners[(i + 1) % 4], 0.15, 0.4});
-}
-
-Area upMark(const Point& middle, double size, double angle) {
-  const auto at = [&](double right, double up) {
-    return Point{middle.x + size * (right * std::cos(angle) - up * std::sin(angle)),
-                 middle.y - size * (right * std::sin(angle) + up * std::cos(angle))};
-  };
-  return {{at(0, 0.5), at(0.6, -0.5), at(-0.6, -0.5)}, 0.0};
-}
-
-std::vector<Box> blackBoxes(const cv::Mat& cells, const Point& corner, double cell) {
-  std::vector<Box> black;
-  std::vector<Run> above;
-  std::vector<std::size_t> boxes_above;
-  for (int row = 0; row < cells.rows; ++row) {
-    const std::vector<Run> runs = blackRuns(cells, row);
-    std::vector<std::size_t> boxes;
-    for (const Run& run : runs) {
-      std::size_t same = 0;
-      while (same < above.size() && !(above[same] == run)) ++same;
-      if (same < above.size()) {
-        boxes.push_back(boxes_above[same]);
-        black[boxes.back()].height += cell;
-      } else {
-        boxes.push_back(black.size());
-        black.push_back({corner.x + run.begin * cell, corner.y + row * cell,
-                         (run.end - run.begin) * cell, cell});
-      }
-    }
-    above = runs;
-    boxes_above = boxes;
-  }
-  return black;
-}
-
-PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side) {
-  const double cell = side / family.borderCells();
-  const double quiet = family.quietCells() * cell;
-  const cv::Mat cells = family.cells(id);
-  PrintedTag tag{id, {corner.x, corner.y, side, side}, {}, {}};
-  tag.card = {corner.x - quiet, corner.y - quiet, cells.cols * cell, cells.rows * cell};
-  tag.black = blackBoxes(cells, {tag.card.x, tag.card.y}, cell);
-  return tag;
-}
-
-std::string rounded(double value, int digits) {
-  char text[32];
-  const int size = std::snprintf(text, sizeof text, "%.*f", digits, value);
-  std::string out(text, static_cast<std::size_t>(size));
-  if (digits > 0) {
-    out.erase(out.find_last_not_of('0') + 1);
-    if (out.back() == '.') out.pop_back();
-  }
-  return out == "-0" ? "0" : out;
-}
-
-std::string millimetres(double length, int digits) { return rounded(length, digits) + " mm"; }
-
-/// Height of the drawing of addUnrolledMap() [mm].
-inline constexpr double kMapHeight = 72.0;
-
-/// Draws a section as if its skin were unrolled and seen from outside: its base on the left, angles
-/// growing downwards, a line per actuator, a square per tag with its id and up mark.
-/// @param tags  of this section, at least one.
-/// @param box   kMapHeight high.
-void addUnrolledMap(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const Box& box,
-                    Page& page);
-
-namespace {
-
-constexpr double kWholeTurn = 2 * basics::kPi;
-constexpr double kNames = 32.0;  // on the left, for the names of the actuators
-constexpr double kScale = 6.0;   // below, for s
-constexpr double kEdge = 7.0;    // beside the first and last s
-constexpr double kMostSquare = 9.0, kLeastSquare = 2.5;
-
-// The angle at which the skin is cut open: in the middle of the widest strip without tags or
-// actuators, preferably the one before the angle 0.
-double cutOf(std::vector<double> angles) {
-  constexpr double kClearlyWider = 1e-3;
-  std::sort(angles.begin(), angles.end());
-  double widest = angles.front() + kWholeTurn - angles.back();
-  double cut = angles.front() - 0.5 * widest;
-  for (std::size_t i = 1; i < angles.size(); ++i) {
-    const double gap = angles[i] - angles[i - 1];
-    if (gap <= widest + kClearlyWider) continue;
-    widest = gap;
-    cut = angles[i] - 0.5 * gap;
-  }
-  return cut;
-}
-
-// Layout of one section on the page.
-struct Skin {
-  Box field;
-  double cut;  // angle at the upper edge [rad]
-
-  Point at(double s, double angle) const {
-    double down = std::fmod(angle - cut, kWholeTurn);
-    if (down < 0) down += kWholeTurn;
-    return {field.x + kEdge + s * (field.width - 2 * kEdge),
-            field.y + down / kWholeTurn * field.height};
-  }
-};
-
-Skin skinOf(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const Box& box) {
-  std::vector<double> angles;
-  angles.reserve(tags.size());
-  for (const UnrolledTag& tag : tags) angles.push_back(tag.angle);
-  const int section = tags.front().section;
-  for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
-    angles.push_back(angleAround(arm.actuator(i)));
-  }
-  return {{box.x + kNames, box.y, box.width - kNames, box.height - kScale}, cutOf(angles)};
-}
-
-// Side of the squares: as large as the distances between tags allow.
-double squareSide(const std::vector<Point>& centres) {
-  constexpr double kShare = 0.9;
-  double least = kMostSquare / kShare;
-  for (std::size_t i = 0; i < centres.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      least = std::min(least, std::max(std::abs(centres[i].x - centres[j].x),
-                                       std::abs(centres[i].y - centres[j].y)));
-    }
-  }
-  return std::max(kShare * least, kLeastSquare);
-}
-
-void addActuators(const model::Arm& arm, int section, const Skin& skin, Page& page) {
-  const int first = arm.firstActuator(section), end = arm.firstActuator(section + 1);
-  const double height = std::min(kTextHeight, 0.9 * skin.field.height / (end - first));
-  for (int i = first; i < end; ++i) {
-    const double angle = angleAround(arm.actuator(i));
-    const double y = skin.at(0, angle).y;
-    page.strokes.push_back({{skin.field.x, y}, {skin.field.right(), y}, 0.2, 0.6});
-    page.labels.push_back(
-        {{skin.field.x - kNames, y - 0.5 * height, kNames - 2.0, height},
-         arm.actuator(i).name + ", " + rounded(angle * 180 / basics::kPi, 1) + " deg",
-         Align::kRight});
-  }
-}
-
-void addScale(double rest_length, const Skin& skin, Page& page) {
-  constexpr int kSteps = 4;
-  constexpr double kWidth = 25.5;
-  const double y = skin.field.bottom() + 1.2;
-  for (int i = 0; i <= kSteps; ++i) {
-    const double s = static_cast<double>(i) / kSteps, x = skin.at(s, skin.cut).x;
-    page.strokes.push_back(
-        {{x, skin.field.y}, {x, skin.field.bottom() + 1.0}, 0.1, 0.7, i > 0 && i < kSteps});
-    const std::string end = i == 0 ? "base, " : i == kSteps ? "end, " : "";
-    const double left = std::min(x - 0.5 * kWidth, skin.field.right() - kWidth);
-    page.labels.push_back(
-        {{left, y, kWidth, kTextHeight},
-         end + "s " + rounded(s, 2) + ": " + millimetres(1e3 * s * rest_length, 0),
-         i == kSteps ? Align::kRight : Align::kCentre});
-  }
-}
-
-// The white square hides the lines behind it.
-void addTag(const UnrolledTag& tag, const Point& centre, double side, Page& page) {
-  constexpr double kText = 0.42;  // height of the id, as a share of the side
-  constexpr double kEdgeWidth = 0.2;
-  const double c = std::cos(tag.turn), s = std::sin(tag.turn);
-  const auto at = [&](double right, double up) {
-    return Point{centre.x + right * c - up * s, centre.y - right * s - up * c};
-  };
-  const auto square = [&at](double half) {
-    return std::vector<Point>{at(-half, -half), at(half, -half), at(half, half), at(-half, half)};
-  };
-  page.areas.push_back({square(0.5 * side), 0.0});
-  page.areas.push_back({square(0.5 * side - kEdgeWidth), 1.0});
-  page.areas.push_back(upMark(at(0, 0.36 * side), 0.16 * side, tag.turn));
-  page.labels.push_back(
-      {{centre.x - 0.3 * side, centre.y - 0.5 * kText * side, 0.6 * side, kText * side},
-       std::to_string(tag.id),
-       Align::kCentre,
-       true});
-}
-
-}  // namespace
-
-void addUnrolledMap(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const Box& box,
-                    Page& page) {
-  const Skin skin = skinOf(arm, tags, box);
-  const int section = tags.front().section;
-  addOutline(skin.field, page);
-  addActuators(arm, section, skin, page);
-  addScale(arm.restLength(section), skin, page);
-  std::vector<Point> centres;
-  centres.reserve(tags.size());
-  for (const UnrolledTag& tag : tags) centres.push_back(skin.at(tag.s, tag.angle));
-  const double side = squareSide(centres);
-  for (std::size_t i = 0; i < tags.size(); ++i) addTag(tags[i], centres[i], side, page);
-}
-
-namespace {
-
-struct Column {
-  const char* title;
-  double share;  // of the page's width
-  const char* meaning;
-};
-constexpr Column kColumns[] = {
-    {"id", 0.06, "the number on the tag's strip"},
-    {"s", 0.08,
-     "place along the section, 0 at its base, 1 at its end: of its centre line and of each muscle"},
-    {"from base", 0.12, "the same along the centre line [mm]"},
-    {"muscle", 0.2, "the nearest one"},
-    {"angle", 0.1,
-     "around the centre line, from its y axis (first muscle of a ring) towards z [deg]"},
-    {"radius", 0.1, "from the centre line to the middle of the tag [mm]"},
-    {"stand-off", 0.11, "from the middle of the muscle to the middle of the tag, outwards [mm]"},
-    {"aside", 0.09, "the same towards larger angles [mm]"},
-    {"turn", 0.07, "of the up mark from upwards as drawn here, counter-clockwise [deg]"},
-    {"tilt", 0.07, "between where the tag faces and outwards [deg]"}};
-constexpr double kRowHeight = 4.2;
-constexpr double kTitleHeight = 4.6, kSectionGap = 6.0;
-constexpr double kMillimetres = 1e3;  // per m
-
-// Without 360, which is 0.
-std::string degrees(double angle) {
-  const double deg = std::round(angle * 1800 / basics::kPi) / 10;
-  return rounded(deg >= 360 ? deg - 360 : deg, 1);
-}
-
-std::vector<std::string> rowOf(const model::Arm& arm, const UnrolledTag& tag) {
-  return {std::to_string(tag.id),
-          rounded(tag.s, 4),
-          rounded(kMillimetres * tag.from_base, 1),
-          arm.actuator(tag.actuator).name,
-          degrees(tag.angle),
-          rounded(kMillimetres * tag.radius, 1),
-          rounded(kMillimetres * tag.standoff, 1),
-          rounded(kMillimetres * tag.aside, 1),
-          degrees(tag.turn),
-          degrees(tag.tilt)};
-}
-
-}  // namespace
-
-PlacementSheet::PlacementSheet(const io::Scene& scene, const std::vector<UnrolledTag>& tags,
-                               const Paper& paper)
-    : scene_(scene), tags_(tags), paper_(paper) {
-  beginPage();
-  addLegend();
-  for (int section = 0; section < scene.arm.sectionCount(); ++section) addSection(section);
-}
-
-void PlacementSheet::beginPage() {
-  pages_.push_back(headedPage(
-      paper_, scene_.name + ": where the tags are mounted",
-      {"The arm at rest as if its skin were unrolled, seen from outside. Not to scale."}));
-  y_ = areaBelowHeading(paper_).y;
-}
-
-double PlacementSheet::roomLeft() const { return printableArea(paper_).bottom() - y_; }
-
-void PlacementSheet::addLegend() {
-  constexpr double kTerms = 20.0;
-  const Box area = printableArea(paper_);
-  double y = y_;
-  for (const Column& column : kColumns) {
-    Page& page = pages_.back();
-    page.labels.push_back({{area.x, y, kTerms, kTextHeight}, column.title, Align::kLeft, true});
-    y = addLines({column.meaning}, {area.x + kTerms, y, area.width - kTerms, 0}, page);
-  }
-  y_ = y + kTextHeight;
-}
-
-void PlacementSheet::addSection(int section) {
-  std::vector<UnrolledTag> tags;
-  std::copy_if(tags_.begin(), tags_.end(), std::back_inserter(tags),
-               [section](const UnrolledTag& tag) { return tag.section == section; });
-  if (tags.empty()) return;
-  if (roomLeft() < kTitleHeight + kMapHeight + 3 * kRowHeight) beginPage();
-  const Box area = printableArea(paper_);
-  Page& page = pages_.back();
-  page.labels.push_back({{area.x, y_, area.width, kTitleHeight},
-                         "Section " + scene_.looks[static_cast<std::size_t>(section)].name + ", " +
-                             millimetres(kMillimetres * scene_.arm.restLength(section), 1) +
-                             " long at rest",
-                         Align::kLeft,
-                         true});
-  y_ += kTitleHeight + 1.0;
-  addUnrolledMap(scene_.arm, tags, {area.x, y_, area.width, kMapHeight}, page);
-  y_ += kMapHeight + 1.0;
-  addTable(tags);
-  y_ += kSectionGap;
-}
-
-void PlacementSheet::addTable(const std::vector<UnrolledTag>& tags) {
-  std::vector<std::string> titles;
-  for (const Column& column : kColumns) titles.emplace_back(column.title);
-  bool begun = false;
-  for (const UnrolledTag& tag : tags) {
-    if (roomLeft() < 2 * kRowHeight) {
-      beginPage();
-      begun = false;
-    }
-    if (!begun) addRow(titles, true);
-    begun = true;
-    addRow(rowOf(scene_.arm, tag), false);
-  }
-}
-
-void PlacementSheet::addRow(const std::vector<std::string>& cells, bool bold) {
-  constexpr double kPad = 1.0;
-  const Box area = printableArea(paper_);
-  double x = area.x;
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    const double width = kColumns[i].share * area.width;
-    pages_.back().labels.push_back(
-        {{x, y_, width - kPad, kTextHeight}, cells[i], Align::kRight, bold});
-    x += width;
-  }
-  y_ += kRowHeight;
-  pages_.back().strokes.push_back(
-      {{area.x, y_ - 0.5}, {area.right(), y_ - 0.5}, 0.1, bold ? 0.0 : 0.8});
 }
 
 }  // namespace helix_arm::procedures

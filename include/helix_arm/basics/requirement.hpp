@@ -21,20 +21,42 @@ void writePart(std::ostream& out, const Part& part) {
   out << part;
 }
 
+/// The concatenated parts of a message.
+template <class... Parts>
+std::string messageOf(const Parts&... parts) {
+  std::ostringstream text;
+  (writePart(text, parts), ...);
+  return text.str();
+}
+
 /// @throws std::invalid_argument with the concatenated message parts unless `holds`.
 template <class... Parts>
 void require(bool holds, const Parts&... message) {
-  if (holds) return;
-  std::ostringstream text;
-  (writePart(text, message), ...);
-  throw std::invalid_argument(text.str());
+  if (!holds) throw std::invalid_argument(messageOf(message...));
 }
 
-/// @throws std::invalid_argument "<culprit>: <what> is <value>; expected <rule>" unless `holds`.
+/// A broken rule of a key; what() is "key: rule".
+struct Requirement : std::invalid_argument {
+  Requirement(const std::string& broken_key, const std::string& broken_rule)
+      : std::invalid_argument(broken_key + ": " + broken_rule),
+        key(broken_key),
+        rule(broken_rule) {}
+
+  std::string key;   ///< dotted, of a scene or of what else is checked: load.points
+  std::string rule;  ///< what is wrong, and the remedy
+};
+
+/// @throws Requirement with the concatenated parts of the rule unless `holds`.
+template <class... Parts>
+void requireKey(bool holds, const char* key, const Parts&... rule) {
+  if (!holds) throw Requirement(key, messageOf(rule...));
+}
+
+/// @throws Requirement "<culprit>: <what> is <value>; expected <rule>" unless `holds`.
 template <class Value, class Rule>
 void requireValue(bool holds, const char* culprit, const char* what, const Value& value,
                   const Rule& rule) {
-  require(holds, culprit, ": ", what, " is ", value, "; expected ", rule);
+  requireKey(holds, culprit, what, " is ", value, "; expected ", rule);
 }
 
 /// @throws std::invalid_argument as requireValue() unless the value is finite and > 0.

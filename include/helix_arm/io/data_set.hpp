@@ -21,6 +21,10 @@ struct DataSet {
   int find(const std::string& column) const;
 };
 
+/// @throws DocumentError naming the columns that are missing, and what was expected.
+void requireColumns(const DataSet& data, const std::vector<std::string>& columns,
+                    const std::string& expected);
+
 /// Reads a regular file once. Its size is limited before memory is allocated: 64 MiB, 200,000 rows,
 /// 1000 columns, 4 million cells.
 /// @param skipped  names of columns that may hold anything; they are not part of the result.

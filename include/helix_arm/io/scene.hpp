@@ -3,6 +3,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
@@ -47,6 +48,9 @@ struct SafetyConfig {
 
 /// The content of one scene file: an arm and its rig. What the file omits is absent here.
 struct Scene {
+  Scene(std::string scene_name, model::Arm in_space, statics::ArmModel of_arm)
+      : name(std::move(scene_name)), arm(std::move(in_space)), model(std::move(of_arm)) {}
+
   std::string name;
   /// Names of its curves, with the responses before them.
   std::map<std::string, model::Response> contractions;

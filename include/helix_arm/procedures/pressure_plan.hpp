@@ -13,15 +13,9 @@ namespace helix_arm::procedures {
 /// lower limits.
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm);
 
-/// The same pressures actuator by actuator, ascending in each.
-Eigen::MatrixXd risingPressurePlan(const model::Arm& arm);
-
-/// The steps of a plan and then the same in reverse; the last one is not repeated.
-Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan);
-
 /// The plan (steps x actuators) [Pa] from a row-by-row list; the default plan if it is empty. With
-/// `loop` there and back, by default that of risingPressurePlan(), so that each pressure is reached
-/// from below and from above.
+/// `loop` there and back, by default actuator by actuator, so that each pressure is reached from
+/// below and from above.
 ///
 /// A list is refused if its size is not a multiple of the number of actuators, a pressure is
 /// outside the limits, or no two pressures differ.

@@ -10,17 +10,13 @@
 #include <utility>
 #include <vector>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "io/document/document.hpp"
 
 namespace helix_arm::io {
-
-/// Name of a table's column in messages: its own if it is a known one (curvature_rad,
-/// pressure_1_kpa, ..), otherwise its number from 1 ("column 3"), so that messages do not repeat
-/// the content of files that are not data sets.
-std::string columnText(const std::vector<std::string>& columns, std::size_t index);
 
 namespace {
 
@@ -36,16 +32,15 @@ bool isPressure(const std::string& name) {
   return std::regex_match(name, form);
 }
 
-}  // namespace
-
+// Name of a table's column in messages: its own if it is a known one (curvature_rad,
+// pressure_1_kpa, ..), otherwise its number from 1 ("column 3"), so that messages do not repeat
+// the content of files that are not data sets.
 std::string columnText(const std::vector<std::string>& columns, std::size_t index) {
   const std::string& name = columns[index];
   const bool ours =
       isPressure(name) || std::find(std::begin(kNames), std::end(kNames), name) != std::end(kNames);
   return ours ? name : "column " + std::to_string(index + 1);
 }
-
-namespace {
 
 constexpr double kLargest = 1e300;         // stays finite in any unit
 constexpr std::size_t kManyFaults = 1000;  // the file is of another kind; more faults help nobody
@@ -225,6 +220,17 @@ DataSet parsed(const std::string& name, const std::string& content, FaultList& f
 int DataSet::find(const std::string& column) const {
   const auto found = std::find(columns.begin(), columns.end(), column);
   return found == columns.end() ? -1 : static_cast<int>(found - columns.begin());
+}
+
+void requireColumns(const DataSet& data, const std::vector<std::string>& columns,
+                    const std::string& expected) {
+  std::vector<std::string> missing;
+  std::copy_if(columns.begin(), columns.end(), std::back_inserter(missing),
+               [&data](const std::string& column) { return data.find(column) < 0; });
+  if (missing.empty()) return;
+  FaultList faults(data.path);
+  faults.add(0, "has no column " + basics::joined(missing) + "; expected " + expected);
+  faults.throwIfAny();
 }
 
 DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {

@@ -3,45 +3,78 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <sstream>
+#include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
+#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 
 namespace helix_arm::io {
 namespace {
 
-constexpr double kMostNumber = 1e9;
+// A row of a table with one row per tag of each capture.
+struct TagRow {
+  const DataSet& data;
+  int row;
+  FaultList& faults;
 
-}  // namespace
-
-int TagRow::number(const std::string& column) const {
-  const double value = (*this)[column];
-  if (value >= 0 && value <= kMostNumber && value == std::floor(value)) {
-    return static_cast<int>(value);
+  int line() const { return data.lines[row]; }
+  double operator[](const std::string& column) const { return data.values(row, data.find(column)); }
+  // A whole number >= 0; otherwise -1 and a fault.
+  int number(const std::string& column) const {
+    constexpr double kMostNumber = 1e9;
+    const double value = (*this)[column];
+    if (value >= 0 && value <= kMostNumber && value == std::floor(value)) {
+      return static_cast<int>(value);
+    }
+    faults.add(line(), column + " is not a whole number from 0 to " + formatNumber(kMostNumber));
+    return -1;
   }
-  faults.add(line(), column + " is not a whole number from 0 to " + formatNumber(kMostNumber));
-  return -1;
-}
+};
 
+// Columns besides those that all tables of tags have.
 void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns) {
-  std::string missing, expected = "capture, pressure_1_kpa .., tag";
-  const auto look = [&data, &missing](const std::string& column) {
-    if (data.find(column) < 0) missing += (missing.empty() ? "" : ", ") + column;
-  };
-  look("capture");
-  look("tag");
-  for (const std::string& column : columns) {
-    look(column);
-    expected += ", " + column;
-  }
-  if (missing.empty()) return;
-  FaultList faults(data.path);
-  faults.add(0, "has no column " + missing + "; expected " + expected);
-  faults.throwIfAny();
+  std::vector<std::string> all{"capture", "tag"};
+  all.insert(all.end(), columns.begin(), columns.end());
+  requireColumns(data, all, "capture, pressure_1_kpa .., tag, " + basics::joined(columns));
 }
 
-namespace {
+// The captures of a table in the order in which each appears first.
+// @param readTag  makes a tag, which has an id and a line, from its id and row.
+// @throws DocumentError with all faults.
+template <class Capture, class ReadTag>
+std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag readTag) {
+  const Eigen::MatrixXd pressures = pressuresOf(data, actuators);
+  FaultList faults(data.path);
+  std::vector<Capture> captures;
+  std::map<int, std::size_t> index;
+  std::map<std::pair<int, int>, int> lines;  // of each capture and tag
+  for (int i = 0; i < data.values.rows(); ++i) {
+    const TagRow row{data, i, faults};
+    const int number = row.number("capture"), id = row.number("tag");
+    if (number < 0 || id < 0) continue;
+    const Eigen::VectorXd pressure = pressures.row(i);
+    const auto [found, is_new] = index.emplace(number, captures.size());
+    if (is_new) captures.push_back({number, pressure, {}});
+    Capture& capture = captures[found->second];
+    if (capture.pressure != pressure) {
+      faults.add(row.line(), "has other pressures than its capture; expected those of line " +
+                                 std::to_string(capture.tags.front().line));
+    }
+    const auto [same, is_first] = lines.emplace(std::make_pair(number, id), row.line());
+    if (is_first) {
+      capture.tags.push_back(readTag(id, row));
+    } else {
+      faults.add(row.line(), "measures the tag of line " + std::to_string(same->second) +
+                                 " again in the same capture; expected it once");
+    }
+  }
+  faults.throwIfAny();
+  return captures;
+}
 
 constexpr double kNormTolerance = 1e-2;  // rounding to two digits
 
@@ -55,17 +88,6 @@ lie::SE3 readPoseCells(const TagRow& at) {
   return {q.normalized().toRotationMatrix(), p};
 }
 
-}  // namespace
-
-std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
-  requireTagColumns(data, {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"});
-  return readTagTable<TagPoseCapture>(data, actuators, [&X_BF](int id, const TagRow& row) {
-    return TagPose{id, X_BF * readPoseCells(row), row.line()};
-  });
-}
-
-namespace {
-
 std::vector<std::string> cornerColumns() {
   std::vector<std::string> columns;
   for (int i = 1; i <= estimation::Corners::ColsAtCompileTime; ++i) {
@@ -75,6 +97,13 @@ std::vector<std::string> cornerColumns() {
 }
 
 }  // namespace
+
+std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
+  requireTagColumns(data, {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"});
+  return readTagTable<TagPoseCapture>(data, actuators, [&X_BF](int id, const TagRow& row) {
+    return TagPose{id, X_BF * readPoseCells(row), row.line()};
+  });
+}
 
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators) {
   const std::vector<std::string> columns = cornerColumns();

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -12,18 +13,6 @@ namespace {
 
 const char* const kTimeColumn = "time_s";
 const char* const kAxes[] = {"x_m", "y_m", "z_m"};
-
-void requireColumns(const DataSet& data) {
-  std::string missing, expected;
-  for (const char* column : {kTimeColumn, kAxes[0], kAxes[1], kAxes[2]}) {
-    expected += (expected.empty() ? "" : ", ") + std::string(column);
-    if (data.find(column) < 0) missing += (missing.empty() ? "" : ", ") + std::string(column);
-  }
-  if (missing.empty()) return;
-  FaultList faults(data.path);
-  faults.add(0, "has no column " + missing + "; expected " + expected);
-  faults.throwIfAny();
-}
 
 void requireRows(const DataSet& data) {
   const auto rows = static_cast<std::size_t>(data.values.rows());
@@ -53,7 +42,8 @@ void checkTime(const DataSet& data, const std::vector<control::TipWayPoint>& poi
 }  // namespace
 
 std::vector<control::TipWayPoint> loadTipPath(const DataSet& data) {
-  requireColumns(data);
+  const std::vector<std::string> columns{kTimeColumn, kAxes[0], kAxes[1], kAxes[2]};
+  requireColumns(data, columns, basics::joined(columns));
   requireRows(data);
   FaultList faults(data.path);
   std::vector<control::TipWayPoint> points(static_cast<std::size_t>(data.values.rows()));

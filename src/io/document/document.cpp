@@ -11,6 +11,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/yaml_text.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
@@ -25,32 +26,6 @@ std::optional<std::string> plainText(std::string text, FaultList& faults) {
   faults.add(static_cast<int>(line), "holds a control character; expected a text file");
   return std::nullopt;
 }
-
-}  // namespace
-
-std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
-                                        FaultList& faults) {
-  basics::RegularFile file(path);
-  std::optional<std::string> text = file.readAll(most);
-  if (!text) {
-    faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));
-    return std::nullopt;
-  }
-  return plainText(std::move(*text), faults);
-}
-
-std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults) {
-  std::string text(most + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > most) {
-    faults.add(0, "has more than " + std::to_string(most) + " bytes; expected at most that");
-    return std::nullopt;
-  }
-  return plainText(std::move(text), faults);
-}
-
-namespace {
 
 // With aliases, a short file may expand to an endless tree, or to many copies of a long text.
 constexpr std::size_t kMostBytes = kMostSceneBytes;
@@ -289,9 +264,7 @@ Value* entryOf(Value& list, const std::string& part) {
 }
 
 Value* childOf(Value& map, const std::string& key, const Place& place) {
-  for (Value::Entry& entry : map.entries) {
-    if (entry.key == key) return &entry.value;
-  }
+  if (Value* const present = findValue(map, key)) return present;
   Value child;
   child.kind = Value::Kind::kMap;
   child.place = place;
@@ -332,6 +305,28 @@ void emit(const Value& value, YAML::Emitter& out) {
 }
 
 }  // namespace
+
+std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
+                                        FaultList& faults) {
+  basics::RegularFile file(path);
+  std::optional<std::string> text = file.readAll(most);
+  if (!text) {
+    faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));
+    return std::nullopt;
+  }
+  return plainText(std::move(*text), faults);
+}
+
+std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults) {
+  std::string text(most + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > most) {
+    faults.add(0, "has more than " + std::to_string(most) + " bytes; expected at most that");
+    return std::nullopt;
+  }
+  return plainText(std::move(text), faults);
+}
 
 const Value* Value::find(const std::string& key) const {
   const auto found = std::find_if(entries.begin(), entries.end(),
@@ -433,6 +428,12 @@ Value plainValue(const std::string& text) {
   return value;
 }
 
+std::string yamlText(const std::string& text) {
+  std::string out = writeDocument(plainValue(text));
+  out.pop_back();  // the end of the line
+  return out;
+}
+
 Value numberValue(double number) { return plainValue(formatNumber(number)); }
 
 Value numbersValue(const Eigen::VectorXd& numbers) {
@@ -449,11 +450,7 @@ Value listValue(const std::vector<Value>& values) {
   return list;
 }
 
-Value* findValue(Value& map, const std::string& key) {
-  const auto found = std::find_if(map.entries.begin(), map.entries.end(),
-                                  [&key](const Value::Entry& entry) { return entry.key == key; });
-  return found == map.entries.end() ? nullptr : &found->value;
-}
+Value* findValue(Value& map, const std::string& key) { return const_cast<Value*>(map.find(key)); }
 
 void setValue(Value& map, const std::string& key, Value value) {
   if (Value* present = findValue(map, key)) {
@@ -467,12 +464,6 @@ void eraseValue(Value& map, const std::string& key) {
   map.entries.erase(std::remove_if(map.entries.begin(), map.entries.end(),
                                    [&key](const Value::Entry& entry) { return entry.key == key; }),
                     map.entries.end());
-}
-
-void MapWriter::text(const std::string& key, const std::string& text) {
-  Value value = plainValue(text);
-  value.quoted = true;
-  set(key, std::move(value));
 }
 
 }  // namespace helix_arm::io

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/number.hpp"
 
@@ -17,30 +16,6 @@ bool isPlain(const std::string& text) {
   std::replace(without_tabs.begin(), without_tabs.end(), '\t', ' ');
   return basics::printable(without_tabs) == without_tabs;
 }
-
-bool any(double) { return true; }
-bool positive(double x) { return x > 0; }
-bool notNegative(double x) { return x >= 0; }
-
-}  // namespace
-
-constexpr NumberRule kFinite{"a finite value", any};
-constexpr NumberRule kPositive{"a finite value > 0", positive};
-constexpr NumberRule kNotNegative{"a finite value >= 0", notNegative};
-constexpr NumberRule kLength{"a finite value > 0", positive, 1e-6, 10, " m"};
-constexpr NumberRule kCoordinate{"a finite value", any, -10, 10, " m"};
-constexpr NumberRule kPressure{"a finite value", any, -101.325, 1e5, " kPa (gauge)"};
-constexpr NumberRule kPositivePressure{"a finite value > 0", positive, 1e-3, 1e5, " kPa (gauge)"};
-constexpr NumberRule kStiffness{"a finite value >= 0", notNegative, 0, 1e15};
-
-NumberRule within(NumberRule rule, double lowest, double highest, const char* unit) {
-  rule.lowest = lowest;
-  rule.highest = highest;
-  rule.unit = unit;
-  return rule;
-}
-
-namespace {
 
 std::optional<double> finiteNumber(const Value& value) {
   if (value.kind != Value::Kind::kText || value.quoted) return std::nullopt;
@@ -69,13 +44,129 @@ std::size_t editDistance(const std::string& a, const std::string& b) {
   return row.back();
 }
 
+Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
+  return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
+}
+
 }  // namespace
 
-MapReader::MapReader(const Value& map, std::string path, std::vector<std::string> known,
+template <class Number>
+Key::Key(const char* name, const NumberRule& rule, Number& into, double unit)
+    : Key(
+          name,
+          [rule, &into, unit](const MapReader& keys, const std::string& key) {
+            if (const auto number = keys.number(key, rule)) into = *number * unit;
+          },
+          [&into, unit](Value& map, const std::string& key) {
+            const std::optional<double> number(into);
+            if (number) setValue(map, key, numberValue(*number / unit));
+          }) {}
+template Key::Key(const char*, const NumberRule&, double&, double);
+template Key::Key(const char*, const NumberRule&, std::optional<double>&, double);
+
+template <class Integer>
+Key::Key(const char* name, Whole rule, Integer& into)
+    : Key(
+          name,
+          [rule, &into](const MapReader& keys, const std::string& key) {
+            using Plain = typename decltype(std::optional(into))::value_type;
+            if (const auto number = keys.integer(key, rule)) into = static_cast<Plain>(*number);
+          },
+          [&into](Value& map, const std::string& key) {
+            const std::optional<double> number(into);
+            if (number) setValue(map, key, numberValue(*number));
+          }) {}
+template Key::Key(const char*, Whole, int&);
+template Key::Key(const char*, Whole, std::optional<int>&);
+template Key::Key(const char*, Whole, std::uint32_t&);
+
+Key::Key(const char* name, const NumberRule& rule, std::vector<double*> into)
+    : Key(
+          name,
+          [rule, into](const MapReader& keys, const std::string& key) {
+            const auto numbers = keys.numbers(key, into.size(), rule);
+            for (std::size_t i = 0; numbers && i < into.size(); ++i) *into[i] = (*numbers)[i];
+          },
+          [into](Value& map, const std::string& key) {
+            Eigen::VectorXd numbers(static_cast<Eigen::Index>(into.size()));
+            std::transform(into.begin(), into.end(), numbers.begin(), [](double* x) { return *x; });
+            setValue(map, key, numbersValue(numbers));
+          }) {}
+Key::Key(const char* name, bool& into)
+    : Key(
+          name,
+          [&into](const MapReader& keys, const std::string& key) {
+            if (const auto word = keys.choice(key, {"true", "false"})) into = *word == "true";
+          },
+          [&into](Value& map, const std::string& key) {
+            setValue(map, key, plainValue(into ? "true" : "false"));
+          }) {}
+Key::Key(const char* name, Text rule, std::string& into)
+    : Key(
+          name,
+          [rule, &into](const MapReader& keys, const std::string& key) {
+            if (const auto text = keys.text(key, rule.expected)) into = *text;
+          },
+          [&into](Value& map, const std::string& key) {
+            Value value = plainValue(basics::printable(into));
+            value.quoted = true;  // it is read back as text
+            if (!into.empty()) setValue(map, key, std::move(value));
+          }) {}
+Key::Key(const char* name, OneOf rule, std::string& into)
+    : Key(
+          name,
+          [rule, &into](const MapReader& keys, const std::string& key) {
+            if (const auto word = keys.choice(key, rule.words)) into = *word;
+          },
+          [&into](Value& map, const std::string& key) { setValue(map, key, plainValue(into)); }) {}
+Key::Key(const char* name, std::vector<Key> keys)
+    : Key(name,
+          [keys](const MapReader& reader, const std::string& key) { reader.map(key, keys); }) {}
+
+Key Key::required() && {
+  required_ = true;
+  return std::move(*this);
+}
+
+void Key::read(const MapReader& keys) const {
+  if (read_ && (required_ || keys.has(name_))) read_(keys, name_);
+}
+
+std::vector<Key> keysOf(const std::vector<std::string>& words) {
+  return {words.begin(), words.end()};
+}
+
+std::vector<Key> poseKeys(lie::SE3& X, const NumberRule& coordinate) {
+  return {{"position_m", coordinate, X.translation},
+          {"rpy_deg",
+           [&X](const MapReader& keys, const std::string& key) {
+             Eigen::Vector3d rpy_deg = rpyDegOf(X.rotation);
+             Key(key.c_str(), kFinite, rpy_deg).read(keys);
+             X.rotation = rotationOfRpyDeg(rpy_deg);
+           },
+           [&X](Value& map, const std::string& key) {
+             setValue(map, key, numbersValue(rpyDegOf(X.rotation)));
+           }}};
+}
+
+void writeKeys(const std::vector<Key>& keys, Value& map) {
+  for (const Key& key : keys) key.write(map);
+}
+
+Value mapOf(const std::vector<Key>& keys) {
+  Value map;
+  map.kind = Value::Kind::kMap;
+  writeKeys(keys, map);
+  return map;
+}
+
+MapReader::MapReader(const Value& map, std::string path, const std::vector<Key>& keys,
                      FaultList& faults)
     : map_(map), path_(std::move(path)), faults_(faults) {
-  if (map_.kind != Value::Kind::kMap) {
-    report(faults_, map_.place,
+  std::vector<std::string> known;
+  for (const Key& key : keys) known.push_back(key.name());
+  if (!isMap()) {
+    report("",
            nameOf(path_) + " is " + map_.describe() + "; expected a map of " + alternatives(known));
     return;
   }
@@ -84,22 +175,24 @@ MapReader::MapReader(const Value& map, std::string path, std::vector<std::string
     const std::string nearest = nearestWord(key, known);
     const std::string expected =
         nearest.empty() ? "expected " + alternatives(known) : "did you mean " + nearest + "?";
-    report(faults_, value.place, this->path(key) + " is not a known key; " + expected);
+    complain(key, "is not a known key; " + expected);
   }
+  for (const Key& key : keys) key.read(*this);
+}
+
+std::optional<MapReader> MapReader::map(const std::string& key,
+                                        const std::vector<Key>& keys) const {
+  if (!has(key)) return std::nullopt;
+  return MapReader(*find(key), path(key), keys, faults_);
 }
 
 const Value* MapReader::required(const std::string& key, const std::string& expected) const {
   const Value* value = map_.find(key);
   // A value that is not a map was reported as a whole.
   if (value == nullptr && map_.kind == Value::Kind::kMap) {
-    report(faults_, map_.place, path(key) + " is missing; expected " + expected);
+    report("", path(key) + " is missing; expected " + expected);
   }
   return value;
-}
-
-void MapReader::complain(const std::string& key, const std::string& fault) const {
-  const Value* value = map_.find(key);
-  report(faults_, value == nullptr ? map_.place : value->place, path(key) + " " + fault);
 }
 
 void MapReader::fault(const std::string& key, const std::string& rule) const {
@@ -117,40 +210,23 @@ std::optional<double> MapReader::number(const std::string& key, const NumberRule
   return broken ? std::nullopt : number;
 }
 
-double MapReader::number(const std::string& key, const NumberRule& rule, double fallback) const {
-  return has(key) ? number(key, rule).value_or(fallback) : fallback;
-}
-
 std::optional<double> MapReader::optionalNumber(const std::string& key,
                                                 const NumberRule& rule) const {
   return has(key) ? number(key, rule) : std::nullopt;
 }
 
-std::optional<long long> MapReader::integer(const std::string& key, long long lowest,
-                                            long long highest) const {
-  const std::string rule =
-      "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest);
-  const Value* value = required(key, rule);
+std::optional<long long> MapReader::integer(const std::string& key, Whole rule) const {
+  const std::string expected =
+      "a whole number from " + std::to_string(rule.lowest) + " to " + std::to_string(rule.highest);
+  const Value* value = required(key, expected);
   if (value == nullptr) return std::nullopt;
   const std::optional<double> number = finiteNumber(*value);
-  const auto in_double = [](long long x) { return static_cast<double>(x); };
-  if (!number || *number != std::floor(*number) || *number < in_double(lowest) ||
-      *number > in_double(highest)) {
-    fault(key, rule);
+  if (!number || *number != std::floor(*number) || *number < static_cast<double>(rule.lowest) ||
+      *number > static_cast<double>(rule.highest)) {
+    fault(key, expected);
     return std::nullopt;
   }
   return static_cast<long long>(*number);
-}
-
-long long MapReader::integer(const std::string& key, long long lowest, long long highest,
-                             long long fallback) const {
-  return has(key) ? integer(key, lowest, highest).value_or(fallback) : fallback;
-}
-
-bool MapReader::truth(const std::string& key, bool fallback) const {
-  if (!has(key)) return fallback;
-  const std::optional<std::string> word = choice(key, {"true", "false"});
-  return word ? *word == "true" : fallback;
 }
 
 std::optional<std::string> MapReader::text(const std::string& key,
@@ -182,8 +258,7 @@ std::optional<std::vector<double>> MapReader::numbers(const std::string& key, st
     return std::nullopt;
   }
   if (size != 0 && value->entries.size() != size) {
-    complain(key,
-             "has " + std::to_string(value->entries.size()) + " entries; expected " + expected);
+    complainOfSize(key, value->entries.size(), expected);
     return std::nullopt;
   }
   std::vector<double> result;
@@ -191,14 +266,21 @@ std::optional<std::vector<double>> MapReader::numbers(const std::string& key, st
     const Value& entry = value->entries[i].value;
     const std::optional<double> number = finiteNumber(entry);
     if (const std::optional<std::string> broken = brokenPart(rule, number)) {
-      report(faults_, entry.place,
-             indexPath(path(key), i) + " is " + entry.describe() + "; expected " + *broken);
+      io::report(faults_, entry.place,
+                 indexPath(path(key), i) + " is " + entry.describe() + "; expected " + *broken);
     } else {
       result.push_back(*number);
     }
   }
   if (result.size() != value->entries.size()) return std::nullopt;
   return result;
+}
+
+std::optional<Eigen::Vector3d> MapReader::vector3(const std::string& key,
+                                                  const NumberRule& rule) const {
+  const auto given = numbers(key, 3, rule);
+  if (!given) return std::nullopt;
+  return Eigen::Vector3d((*given)[0], (*given)[1], (*given)[2]);
 }
 
 std::optional<std::string> MapReader::word(const std::string& key) const {
@@ -230,16 +312,37 @@ std::optional<std::string> MapReader::choice(const std::string& key,
   return value->text;
 }
 
-const std::vector<Value::Entry>* MapReader::list(const std::string& key) const {
+std::optional<int> MapReader::indexOf(const std::string& key,
+                                      const std::vector<std::string>& choices) const {
+  const std::optional<std::string> word = choice(key, choices);
+  if (!word) return std::nullopt;
+  return static_cast<int>(std::find(choices.begin(), choices.end(), *word) - choices.begin());
+}
+
+bool MapReader::eachOf(
+    const std::string& key,
+    const std::function<void(const Value& value, const std::string& path)>& read) const {
   const std::string expected = "a list of at least one entry";
   const Value* value = required(key, expected);
-  if (value == nullptr) return nullptr;
+  if (value == nullptr) return false;
   if (value->kind != Value::Kind::kList || value->entries.empty()) {
     const bool hollow = value->kind != Value::Kind::kText && value->entries.empty();
     complain(key, "is " + (hollow ? "empty" : value->describe()) + "; expected " + expected);
-    return nullptr;
+    return false;
   }
-  return &value->entries;
+  for (std::size_t i = 0; i < value->entries.size(); ++i) {
+    read(value->entries[i].value, indexPath(path(key), i));
+  }
+  return true;
+}
+
+const std::vector<Value::Entry>* MapReader::entries(const std::string& key, std::size_t least,
+                                                    const std::string& expected) const {
+  const Value* value = required(key, expected);
+  if (value == nullptr) return nullptr;
+  if (value->kind == Value::Kind::kMap && value->entries.size() >= least) return &value->entries;
+  fault(key, expected);
+  return nullptr;
 }
 
 std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>& keys) const {
@@ -249,8 +352,7 @@ std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>&
                [this](const auto& key) { return has(key); });
   if (given.size() == 1) return given.front();
   const std::string found = given.empty() ? "none" : given[0] + " and " + given[1];
-  report(faults_, map_.place,
-         nameOf(path_) + " has " + found + "; expected exactly one of " + alternatives(keys));
+  report("", nameOf(path_) + " has " + found + "; expected exactly one of " + alternatives(keys));
   return std::nullopt;
 }
 
@@ -278,16 +380,6 @@ std::string alternatives(const std::vector<std::string>& words) {
   return text;
 }
 
-namespace {
-
-Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
-  return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
-}
-
-}  // namespace
-
-double radians(double degrees) { return degrees * (basics::kPi / 180); }
-
 Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
   return turn(rpy_deg[2], Eigen::Vector3d::UnitZ()) * turn(rpy_deg[1], Eigen::Vector3d::UnitY()) *
          turn(rpy_deg[0], Eigen::Vector3d::UnitX());
@@ -301,24 +393,6 @@ Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R) {
   const double pitch = std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0));
   const double roll = std::atan2(s * R(0, 2) - c * R(1, 2), c * R(1, 1) - s * R(0, 1));
   return Eigen::Vector3d(roll, pitch, yaw) * (180 / basics::kPi);
-}
-
-std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers) {
-  if (!numbers) return std::nullopt;
-  return Eigen::Vector3d((*numbers)[0], (*numbers)[1], (*numbers)[2]);
-}
-
-lie::SE3 readPose(const MapReader& keys, const NumberRule& coordinate) {
-  lie::SE3 X;
-  if (keys.has("position_m")) {
-    const auto p = vector3(keys.numbers("position_m", 3, coordinate));
-    if (p) X.translation = *p;
-  }
-  if (keys.has("rpy_deg")) {
-    const auto rpy_deg = vector3(keys.numbers("rpy_deg", 3, kFinite));
-    if (rpy_deg) X.rotation = rotationOfRpyDeg(*rpy_deg);
-  }
-  return X;
 }
 
 }  // namespace helix_arm::io

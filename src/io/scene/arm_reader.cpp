@@ -7,34 +7,24 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/load_arm.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
-#include "section_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
 
-lie::SE3 readBase(const MapReader& arm, const Value& value, FaultList& faults) {
-  const Value* given = value.find("base");
-  if (given == nullptr) return {};
-  return readPose(MapReader(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults), kFinite);
-}
-
 // Pose of the tip, seen from the end of the last section's plate.
-lie::SE3 readTool(const MapReader& arm, const Value& value, bool planar, FaultList& faults) {
-  const Value* given = value.find("tool");
-  if (given == nullptr) return {};
-  const MapReader keys(*given, arm.path("tool"), {"position_m", "rpy_deg"}, faults);
-  const lie::SE3 X = readPose(keys, kCoordinate);
+void readTool(const MapReader& arm, const std::string& key, bool planar, lie::SE3& X) {
+  const MapReader keys = *arm.map(key, poseKeys(X, kCoordinate));
   if (planar && X.translation.z() != 0) {
     keys.complain("position_m", "leaves the plane; expected z = 0 in a planar arm");
   }
   if (planar && std::abs(X.rotation(2, 2) - 1.0) > 0) {
     keys.complain("rpy_deg", "leaves the plane; expected roll and pitch 0 in a planar arm");
   }
-  return X;
 }
 
 lie::SE2 inPlane(const lie::SE3& X) {
@@ -57,18 +47,18 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections, const li
 }
 
 // Of each section [N]; missing values are faults under load.
-std::vector<double> extensionalStiffness(const MapReader& scene, const Value& arm,
-                                         const std::vector<SectionParts>& sections,
-                                         FaultList& faults) {
+std::vector<double> extensionalStiffness(const MapReader& scene,
+                                         const std::vector<SectionParts>& sections) {
   std::vector<double> values;
   std::string lacking;
-  for (const SectionParts& parts : sections) {
-    if (parts.K_eps) values.push_back(*parts.K_eps);
-    if (!parts.K_eps_given) lacking += (lacking.empty() ? "" : ", ") + parts.look.name;
+  for (const auto& [section, look, stiffness] : sections) {
+    if (stiffness.K_eps) values.push_back(*stiffness.K_eps);
+    if (!stiffness.K_eps_given) lacking += (lacking.empty() ? "" : ", ") + look.name;
   }
   if (!lacking.empty() && scene.has("load")) {
+    const Value& arm = *scene.find("arm");
     const Value* stiffness = arm.find("stiffness");
-    report(faults, (stiffness == nullptr ? arm : *stiffness).place,
+    report(scene.faults(), (stiffness == nullptr ? arm : *stiffness).place,
            joinPath(scene.path("arm"), "stiffness.K_eps_n") +
                " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
                "actuator, which the key load needs; missing there and in their own stiffness: "
@@ -79,37 +69,37 @@ std::vector<double> extensionalStiffness(const MapReader& scene, const Value& ar
   return values;
 }
 
-}  // namespace
-
-std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
-                                FaultList& faults) {
-  const Value* value = scene.required("arm", "a map");
-  if (value == nullptr) return std::nullopt;
-  const MapReader arm(*value, scene.path("arm"),
-                      {"geometry", "base", "stiffness", "sections", "tool"}, faults);
+// Reads `arm`; nothing if faults leave no arm.
+std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions) {
+  FaultList& faults = scene.faults();
   const std::size_t faults_before = faults.count();
-  const auto geometry = arm.choice("geometry", {"planar", "spatial"});
-  const lie::SE3 X_WB = readBase(arm, *value, faults);
-  ArmContext context{
-      geometry == "planar", readStiffness(arm, *value, {}, faults), contractions, faults, {}, {}};
-
-  const lie::SE3 tool = readTool(arm, *value, context.planar, faults);
+  std::string geometry;
+  lie::SE3 X_WB, tool;
+  scene.required("arm", "a map");
+  const auto arm =
+      scene.map("arm", {Key("geometry", OneOf{{"planar", "spatial"}}, geometry).required(),
+                        {"base", poseKeys(X_WB, kFinite)},
+                        "stiffness",
+                        "sections",
+                        {"tool", [&](const MapReader& map, const std::string& key) {
+                           readTool(map, key, geometry == "planar", tool);
+                         }}});
+  if (!arm) return std::nullopt;
+  ArmContext context{geometry == "planar", readStiffness(*arm, {}), contractions};
   std::vector<SectionParts> parts;
-  const std::vector<Value::Entry>* entries = arm.list("sections");
-  if (entries == nullptr) return std::nullopt;
-  for (std::size_t k = 0; k < entries->size(); ++k) {
-    parts.push_back(readSection((*entries)[k].value, indexPath(arm.path("sections"), k), context));
-  }
+  const bool listed = arm->eachOf("sections", [&](const Value& value, const std::string& path) {
+    parts.push_back(readSection(value, path, faults, context));
+  });
+  if (!listed) return std::nullopt;
   if (parts.size() > model::kMaxSections) {
-    arm.complain("sections", "has " + std::to_string(parts.size()) + " entries; expected at most " +
-                                 std::to_string(model::kMaxSections));
+    arm->complainOfSize("sections", parts.size(), "at most " + std::to_string(model::kMaxSections));
   }
   std::vector<statics::StiffnessTable> tables;
-  for (const SectionParts& one : parts) tables.push_back(one.table);
+  for (const SectionParts& one : parts) tables.push_back(one.stiffness.table);
   if (std::all_of(tables.begin(), tables.end(), [](const auto& one) { return one.empty(); })) {
     tables.clear();
   }
-  std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
+  std::vector<double> K_eps = extensionalStiffness(scene, parts);
   // An unknown contraction omits its actuators, which is not a fault of their own.
   if (faults.count() != faults_before) return std::nullopt;
   std::vector<model::Section> sections;
@@ -130,39 +120,26 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
                     std::move(K_eps),
                     std::move(tables)};
   } catch (const std::invalid_argument& error) {
-    arm.complain("sections", std::string("do not form an arm: ") + error.what());
+    arm->complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;
   }
 }
 
-namespace {
-
-const NumberRule kMass = within(kNotNegative, 0, 1e3, " kg");
-const NumberRule kAcceleration = within(kFinite, -1e3, 1e3, " m/s^2");
-const NumberRule kForce = within(kFinite, -1e5, 1e5, " N");
-const NumberRule kMoment = within(kFinite, -1e5, 1e5, " N m");
-const NumberRule kAlongSection{"a number from 0 to 1", [](double s) { return s >= 0 && s <= 1; }};
-
+constexpr NumberRule kMass = within(kNotNegative, 0, 1e3, " kg");
 constexpr double kStandardGravity = 9.81;  // [m/s^2]
 
-Eigen::Vector3d readVector(const MapReader& keys, const std::string& key, const NumberRule& rule,
-                           const Eigen::Vector3d& fallback = Eigen::Vector3d::Zero()) {
-  return keys.has(key) ? vector3(keys.numbers(key, 3, rule)).value_or(fallback) : fallback;
-}
-
-std::vector<double> readMasses(const MapReader& load, const Value& value, const ArmParts* arm) {
-  const Value* given = value.find("mass_kg");
-  if (given == nullptr) {
+std::vector<double> readMasses(const MapReader& load, const ArmParts* arm) {
+  if (!load.has("mass_kg")) {
     load.fault("mass_kg",
                "the mass of the whole arm [kg], or a list of one number per section; 0 "
                "if it is negligible");
     return {};
   }
   const std::size_t sections = arm == nullptr ? 0 : arm->looks.size();
-  if (given->kind == Value::Kind::kList) {
+  if (load.isList("mass_kg")) {
     return load.numbers("mass_kg", sections, kMass).value_or(std::vector<double>(sections, 0.0));
   }
-  const double whole = load.number("mass_kg", kMass, 0.0);
+  const double whole = load.number("mass_kg", kMass).value_or(0.0);
   std::vector<double> masses(sections);
   for (std::size_t k = 0; k < sections; ++k) {
     masses[k] = arm->arm.restLength(static_cast<int>(k));
@@ -172,29 +149,32 @@ std::vector<double> readMasses(const MapReader& load, const Value& value, const 
   return masses;
 }
 
-// Invalid values were reported; the point then has default values.
-statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
-  statics::PointLoad point;
-  point.mass = keys.number("mass_kg", kMass, point.mass);
-  point.offset = readVector(keys, "position_m", kCoordinate);
-  point.force = R_BW * readVector(keys, "force_n", kForce);
-  point.moment = R_BW * readVector(keys, "moment_nm", kMoment);
+std::vector<Key> pullKeys(statics::PointLoad& point) {
+  return {{"mass_kg", kMass, point.mass},
+          {"position_m", kCoordinate, point.offset},
+          {"force_n", within(kFinite, -1e5, 1e5, " N"), point.force},
+          {"moment_nm", within(kFinite, -1e5, 1e5, " N m"), point.moment}};
+}
+
+// Turns a pull as the file gives it into the base.
+void turnPull(const MapReader& keys, const Eigen::Matrix3d& R_BW, statics::PointLoad& point) {
+  point.force = R_BW * point.force;
+  point.moment = R_BW * point.moment;
   if (!keys.has("mass_kg") && !keys.has("force_n") && !keys.has("moment_nm")) {
     keys.complain("", "has no effect; expected at least one of mass_kg, force_n and moment_nm");
   }
-  return point;
 }
 
-statics::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
-                             const Eigen::Matrix3d& R_BW) {
-  statics::PointLoad point = readPull(keys, R_BW);
-  point.s = keys.number("s", kAlongSection).value_or(point.s);
-  if (arm == nullptr || !keys.has("section")) return point;
-  std::vector<std::string> sections;
-  for (const SectionLook& look : arm->looks) sections.push_back(look.name);
-  if (const auto name = keys.choice("section", sections)) {
-    const auto found = std::find(sections.begin(), sections.end(), *name);
-    point.section = static_cast<int>(found - sections.begin());
+// Invalid values were reported; the point then has default values.
+statics::PointLoad readPoint(const Value& value, const std::string& path, const ArmParts* arm,
+                             const Eigen::Matrix3d& R_BW, FaultList& faults) {
+  statics::PointLoad point;
+  std::vector<Key> rows = pullKeys(point);
+  rows.insert(rows.begin(), {"section", Key("s", kFraction, point.s).required()});
+  const MapReader keys(value, path, rows, faults);
+  turnPull(keys, R_BW, point);
+  if (arm != nullptr && keys.has("section")) {
+    point.section = keys.indexOf("section", sectionNames(*arm)).value_or(point.section);
   }
   return point;
 }
@@ -216,44 +196,42 @@ bool isWeightless(const statics::Load& load) {
          });
 }
 
-}  // namespace
-
-std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
-                                      const ArmParts* arm, FaultList& faults) {
-  const Value* value = document.find("load");
-  if (value == nullptr) return onlyStiffness(arm);
-  const std::size_t faults_before = faults.count();
-  const MapReader keys(*value, scene.path("load"), {"gravity_m_s2", "mass_kg", "tip", "points"},
-                       faults);
-  if (value->kind != Value::Kind::kMap) return std::nullopt;
+// Reads `load`; values given in the world frame are rotated into the arm's base. If the scene has
+// none but the arm has K_eps, a load that is empty except for K_eps. Nothing if it has neither, or
+// faults leave none.
+// @param arm  null if faults leave no arm; the faults of `load` itself are still found.
+std::optional<statics::Load> readLoad(const MapReader& scene, const ArmParts* arm) {
+  const std::size_t faults_before = scene.faults().count();
   const Eigen::Matrix3d R_BW = (arm == nullptr ? lie::SE3() : arm->X_WB).rotation.transpose();
   statics::Load load;
-  load.gravity = R_BW * readVector(keys, "gravity_m_s2", kAcceleration,
-                                   -kStandardGravity * Eigen::Vector3d::UnitZ());
-  load.mass = readMasses(keys, *value, arm);
-  if (const Value* tip = value->find("tip")) {
-    load.points.push_back(
-        readPull(MapReader(*tip, keys.path("tip"),
-                           {"mass_kg", "position_m", "force_n", "moment_nm"}, faults),
-                 R_BW));
-    if (arm != nullptr) {
-      statics::PointLoad& point = load.points.back();
-      point.section = arm->arm.sectionCount() - 1;
-      point.offset = arm->arm.link(point.section) * point.offset;
-    }
+  statics::PointLoad tip;
+  load.gravity = -kStandardGravity * Eigen::Vector3d::UnitZ();
+  const auto keys = scene.map(
+      "load",
+      {{"gravity_m_s2", within(kFinite, -1e3, 1e3, " m/s^2"), load.gravity},
+       "mass_kg",
+       {"tip", [&](const MapReader& map,
+                   const std::string& key) { turnPull(*map.map(key, pullKeys(tip)), R_BW, tip); }},
+       "points"});
+  if (!keys) return onlyStiffness(arm);
+  if (!keys->isMap()) return std::nullopt;
+  load.gravity = R_BW * load.gravity;
+  load.mass = readMasses(*keys, arm);
+  if (keys->has("tip") && arm != nullptr) {
+    tip.section = arm->arm.sectionCount() - 1;
+    tip.offset = arm->arm.link(tip.section) * tip.offset;
+    load.points.push_back(tip);
   }
-  const std::vector<Value::Entry>* points = keys.has("points") ? keys.list("points") : nullptr;
-  for (std::size_t i = 0; points != nullptr && i < points->size(); ++i) {
-    load.points.push_back(readPoint(
-        MapReader((*points)[i].value, indexPath(keys.path("points"), i),
-                  {"section", "s", "mass_kg", "position_m", "force_n", "moment_nm"}, faults),
-        arm, R_BW));
+  if (keys->has("points")) {
+    keys->eachOf("points", [&](const Value& value, const std::string& path) {
+      load.points.push_back(readPoint(value, path, arm, R_BW, scene.faults()));
+    });
   }
-  if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
+  if (arm == nullptr || scene.faults().count() != faults_before) return std::nullopt;
   if (isWeightless(load)) {
-    keys.fault("mass_kg",
-               "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
-               "is zero; leave out the key load if that is intended");
+    keys->fault("mass_kg",
+                "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
+                "is zero; leave out the key load if that is intended");
     return std::nullopt;
   }
   load.K_eps = arm->K_eps;
@@ -261,21 +239,10 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
   return load;
 }
 
-namespace {
-
 // statics::kLeastTipError in percent.
 constexpr double kLeastPercent = 2e-7;
-const NumberRule kTipError = within(kPositive, kLeastPercent, 100, " % of the arm's length");
-const NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
-
-// The number in a map with a single key.
-std::optional<double> readOnly(const MapReader& scene, const Value& document,
-                               const std::string& key, const std::string& number,
-                               const NumberRule& rule, FaultList& faults) {
-  const Value* value = document.find(key);
-  if (value == nullptr) return std::nullopt;
-  return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
-}
+constexpr NumberRule kTipError = within(kPositive, kLeastPercent, 100, " % of the arm's length");
+constexpr NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
 
 // The words for tiers that a scene allows.
 std::string allowed(bool planar, bool loaded) {
@@ -297,10 +264,9 @@ void checkSceneAllows(const MapReader& scene, statics::Tier tier, const ArmParts
   }
 }
 
-}  // namespace
-
-statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
-                                     const ArmParts* arm, FaultList& faults) {
+// Reads `tier`, `order`, `accuracy` and `budget`, which choose how shapes are computed.
+// @param arm  null if faults leave no arm; then the request is not checked against it.
+statics::TierRequest readTierRequest(const MapReader& scene, const ArmParts* arm) {
   statics::TierRequest request;
   std::string tier = statics::kAutoTier;
   bool known = true;
@@ -311,20 +277,15 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
     request.tier = statics::tierNamed(tier);
   }
   if (request.tier && arm) checkSceneAllows(scene, *request.tier, *arm);
-  if (scene.has("order")) {
-    if (const auto order = scene.integer("order", statics::kLeastOrder, statics::kMostOrder)) {
-      request.order = static_cast<int>(*order);
-    }
-    if (known && tier != "loaded") {
-      scene.complain("order", "applies to tier: loaded, but tier is " + tier +
-                                  "; expected tier: loaded, or no order");
-    }
+  Key("order", Whole{statics::kLeastOrder, statics::kMostOrder}, request.order).read(scene);
+  if (scene.has("order") && known && tier != "loaded") {
+    scene.complain("order", "applies to tier: loaded, but tier is " + tier +
+                                "; expected tier: loaded, or no order");
   }
-  const auto percent =
-      readOnly(scene, document, "accuracy", "tip_error_percent", kTipError, faults);
+  std::optional<double> percent;
+  scene.map("accuracy", {Key("tip_error_percent", kTipError, percent).required()});
   if (percent) request.relative_tip_error = *percent / 100;
-  const auto us = readOnly(scene, document, "budget", "time_us", kTime, faults);
-  if (us) request.time = *us * 1e-6;
+  scene.map("budget", {Key("time_us", kTime, request.time, 1e-6).required()});
   if (scene.has("accuracy") && scene.has("budget")) {
     scene.complain("budget", "is given together with accuracy; expected only one");
   }
@@ -338,24 +299,20 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
   return request;
 }
 
-namespace {
-
 // Absent if the parts that it needs have faults.
-std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& document,
-                                           const ArmParts* arm, FaultList& faults) {
-  const std::size_t faults_before = faults.count();
-  std::optional<statics::Load> load = readLoad(scene, document, arm, faults);
-  const statics::TierRequest request = readTierRequest(scene, document, arm, faults);
-  if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
+std::optional<statics::ArmModel> readModel(const MapReader& scene, const ArmParts* arm) {
+  const std::size_t faults_before = scene.faults().count();
+  std::optional<statics::Load> load = readLoad(scene, arm);
+  const statics::TierRequest request = readTierRequest(scene, arm);
+  if (arm == nullptr || scene.faults().count() != faults_before) return std::nullopt;
   try {
     return statics::ArmModel(arm->arm, arm->planar, std::move(load), request);
+  } catch (const basics::Requirement& error) {
+    scene.report(error.key.substr(0, error.key.find('.')), error.what());
   } catch (const std::invalid_argument& error) {
-    // The message begins with the key.
-    const std::string fault = error.what();
-    const Value* key = document.find(fault.substr(0, fault.find_first_of(".:")));
-    report(faults, (key == nullptr ? document : *key).place, fault);
-    return std::nullopt;
+    scene.report("", error.what());
   }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -387,20 +344,25 @@ Value parseScene(const std::string& text, const std::vector<Override>& overrides
   return std::move(*document);
 }
 
-SceneArmParts readSceneArm(const MapReader& scene, const Value& document, FaultList& faults) {
+std::vector<std::string> sectionNames(const ArmParts& arm) {
+  std::vector<std::string> names;
+  for (const SectionLook& look : arm.looks) names.push_back(look.name);
+  return names;
+}
+
+SceneArmParts readSceneArm(const MapReader& scene) {
   SceneArmParts parts;
   parts.name = scene.word("name");
-  parts.contractions = readContractions(scene, faults);
-  parts.arm = readArm(scene, parts.contractions, faults);
-  parts.model = readModel(scene, document, parts.arm ? &*parts.arm : nullptr, faults);
+  parts.contractions = readContractions(scene);
+  parts.arm = readArm(scene, parts.contractions);
+  parts.model = readModel(scene, parts.arm ? &*parts.arm : nullptr);
   return parts;
 }
 
 SceneArm loadArm(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
   const Value document = parseScene(readSceneText(path, faults), overrides, faults);
-  SceneArmParts parts =
-      readSceneArm(MapReader(document, "", sceneKind().keys, faults), document, faults);
+  SceneArmParts parts = readSceneArm(MapReader(document, "", keysOf(sceneKind().keys), faults));
   faults.throwIfAny();
   return {std::move(*parts.name), parts.arm->X_WB, std::move(*parts.model),
           std::move(parts.arm->looks)};

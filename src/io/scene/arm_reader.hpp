@@ -1,20 +1,77 @@
 #pragma once
 
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/response.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
-#include "section_reader.hpp"
 
 namespace helix_arm::io {
+
+/// Of a contraction.
+inline constexpr char kResponseKey[] = "response";
+
+/// Reads a `response`: how an actuator follows its pressure. None without the key, or if it is an
+/// empty map. Values with faults are reported and read as none.
+model::Response readResponse(const MapReader& owner, const std::string& key);
+
+/// A curve that actuators refer to by name.
+struct NamedContraction {
+  model::Contraction curve;
+  model::Drive drive;
+  model::Response response{};  ///< between the pressure and the curve
+};
+
+/// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,
+/// not at every use.
+using Contractions = std::map<std::string, std::optional<NamedContraction>>;
+
+/// Reads `contractions`.
+Contractions readContractions(const MapReader& scene);
+
+/// A stiffness that actuators inherit: none given, given but invalid (reported once), or a value.
+struct InheritedStiffness {
+  bool given = false;
+  std::optional<model::Stiffness> value;
+  bool K_eps_given = false;     ///< possibly invalid, which is reported
+  std::optional<double> K_eps;  ///< [N]; of a table, the least
+  statics::StiffnessTable table;
+};
+
+/// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
+InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited);
+
+/// State shared by all sections of an arm.
+struct ArmContext {
+  bool planar = false;
+  InheritedStiffness stiffness;
+  const Contractions& contractions;
+  std::set<std::string> section_names = {};
+  std::set<std::string> actuator_names = {};
+  int actuator_count = 0;  ///< numbers the default names, muscle_1 from the base on
+};
+
+struct SectionParts {
+  model::Section section;
+  SectionLook look;
+  InheritedStiffness stiffness;
+};
+
+/// Reads one entry of `arm.sections`. If it has faults, its parts are incomplete. The actuators of
+/// a planar arm have poses in the x-y plane.
+SectionParts readSection(const Value& value, const std::string& path, FaultList& faults,
+                         ArmContext& arm);
 
 /// Content of `arm`.
 struct ArmParts {
@@ -26,21 +83,8 @@ struct ArmParts {
   std::vector<statics::StiffnessTable> tables;  ///< per section; empty if all are constant
 };
 
-/// Reads `arm`; nothing if faults leave no arm.
-std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
-                                FaultList& faults);
-
-/// Reads `load`; values given in the world frame are rotated into the arm's base. If the scene has
-/// none but the arm has K_eps, a load that is empty except for K_eps. Nothing if it has neither, or
-/// faults leave none.
-/// @param arm  null if faults leave no arm; the faults of `load` itself are still found.
-std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
-                                      const ArmParts* arm, FaultList& faults);
-
-/// Reads `tier`, `order`, `accuracy` and `budget`, which choose how shapes are computed.
-/// @param arm  null if faults leave no arm; then the request is not checked against it.
-statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
-                                     const ArmParts* arm, FaultList& faults);
+/// Names of the sections, from the base on.
+std::vector<std::string> sectionNames(const ArmParts& arm);
 
 /// How scenes are recognised.
 const DocumentKind& sceneKind();
@@ -66,6 +110,6 @@ struct SceneArmParts {
 };
 
 /// Reads the keys that loadArm() names. Each part is absent if faults concern it.
-SceneArmParts readSceneArm(const MapReader& scene, const Value& document, FaultList& faults);
+SceneArmParts readSceneArm(const MapReader& scene);
 
 }  // namespace helix_arm::io

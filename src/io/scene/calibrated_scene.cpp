@@ -9,36 +9,26 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "io/document/document.hpp"
-#include "io/document/map_reader.hpp"
-#include "provenance_section.hpp"
-#include "scene_document.hpp"
-#include "section_reader.hpp"
-#include "vision_reader.hpp"
+#include "scene_readers.hpp"
 
 namespace helix_arm::io {
+namespace {
 
-/// A map in the document of a scene that describes actuators: a ring or a single one.
+// A map in the document of a scene that describes actuators: a ring or a single one.
 struct ActuatorEntry {
   Value* keys;
   std::string path;
-  int first;  ///< index of its first actuator in the arm
+  int first;  // index of its first actuator in the arm
   int count;
 };
 
-/// The sections of the document of a valid scene.
-std::vector<Value::Entry>& sectionsOf(Value& document);
-
-/// All actuators of the document of a valid scene, in the order of the arm.
-std::vector<ActuatorEntry> actuatorEntries(Value& document);
-
+// Of the document of a valid scene.
 std::vector<Value::Entry>& sectionsOf(Value& document) {
   return findValue(*findValue(document, "arm"), "sections")->entries;
 }
 
+// All actuators of the document of a valid scene, in the order of the arm.
 std::vector<ActuatorEntry> actuatorEntries(Value& document) {
   std::vector<ActuatorEntry> entries;
   int first = 0;
@@ -60,20 +50,6 @@ std::vector<ActuatorEntry> actuatorEntries(Value& document) {
   return entries;
 }
 
-/// Replaces a curve of a scene's document and resets the length scales of its actuators; its
-/// response stays. Limits beyond the new curve are faults.
-/// @throws std::invalid_argument if the fit has no curve, or the name is not that of a curve of
-/// pressures.
-void putContraction(const Scene& scene, const std::string& name,
-                    const estimation::ContractionFit& fit, Value& document, FaultList& faults);
-
-/// Replaces the response of a curve; one with neither lag nor play is removed.
-/// @throws std::invalid_argument if the name is not that of a curve of pressures.
-void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
-                 Value& document);
-
-namespace {
-
 // Given limits that exceed the range of a new curve.
 void findLimitsBeyond(const std::string& name, const model::Range& range,
                       const std::vector<ActuatorEntry>& entries, FaultList& faults) {
@@ -92,31 +68,31 @@ void findLimitsBeyond(const std::string& name, const model::Range& range,
   }
 }
 
+Eigen::VectorXd vectorOf(const double* numbers, std::size_t count) {
+  return Eigen::Map<const Eigen::VectorXd>(numbers, static_cast<Eigen::Index>(count));
+}
+
 Value curveValue(const estimation::ContractionFit& fit) {
-  const auto inKilopascals = [](const std::vector<double>& pressures) {
-    Eigen::VectorXd kpa(static_cast<int>(pressures.size()));
-    std::transform(pressures.begin(), pressures.end(), kpa.begin(), &kilopascals);
-    return kpa;
-  };
-  MapWriter curve, value;
+  Value curve = mapOf({}), value = mapOf({});
   switch (fit.kind) {
     case estimation::CurveKind::kQuintic:
-      curve.numbers("coefficients_m",
-                    Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
-                                                      static_cast<int>(fit.coefficients.size())));
-      curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
-      curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
-      value.set("quintic", curve.value());
+      setValue(curve, "coefficients_m",
+               numbersValue(vectorOf(fit.coefficients.data(), fit.coefficients.size())));
+      for (const char* key : {"reference_pressure_kpa", "max_pressure_kpa"}) {
+        setValue(curve, key, numberValue(kilopascals(fit.reference_pressure)));
+      }
+      setValue(value, "quintic", std::move(curve));
       break;
     case estimation::CurveKind::kTable:
     case estimation::CurveKind::kSpline:
-      curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
-      curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
-                                    fit.lengths.data(), static_cast<int>(fit.lengths.size())));
-      value.set("table", curve.value());
+      setValue(curve, "pressure_kpa",
+               numbersValue(
+                   vectorOf(fit.pressures.data(), fit.pressures.size()).unaryExpr(&kilopascals)));
+      setValue(curve, "length_m", numbersValue(vectorOf(fit.lengths.data(), fit.lengths.size())));
+      setValue(value, "table", std::move(curve));
       break;
   }
-  return value.value();
+  return value;
 }
 
 // The map of a contraction by name.
@@ -132,8 +108,8 @@ Value& contractionOf(const Scene& scene, const std::string& name, Value& documen
   return *present;
 }
 
-}  // namespace
-
+// Replaces a curve of a scene's document and resets the length scales of its actuators; its
+// response stays. Limits beyond the new curve are faults.
 void putContraction(const Scene& scene, const std::string& name,
                     const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
   basics::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
@@ -154,6 +130,7 @@ void putContraction(const Scene& scene, const std::string& name,
   }
 }
 
+// Replaces the response of a curve; one with neither lag nor play is removed.
 void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
@@ -161,9 +138,9 @@ void putResponse(const Scene& scene, const std::string& name, const model::Respo
     eraseValue(contraction, kResponseKey);
     return;
   }
-  MapWriter keys;
-  keys.number("rise_time_constant_s", response.rise_time);
-  keys.number("fall_time_constant_s", response.fall_time);
+  Value keys = mapOf({});
+  setValue(keys, "rise_time_constant_s", numberValue(response.rise_time));
+  setValue(keys, "fall_time_constant_s", numberValue(response.fall_time));
   if (response.play_count > 0) {
     Eigen::VectorXd reach(response.play_count), weight(response.play_count);
     for (int j = 0; j < response.play_count; ++j) {
@@ -171,13 +148,11 @@ void putResponse(const Scene& scene, const std::string& name, const model::Respo
       reach[j] = kilopascals(play.reach);
       weight[j] = play.weight;
     }
-    keys.numbers("play_kpa", reach);
-    keys.numbers("play_weight", weight);
+    setValue(keys, "play_kpa", numbersValue(reach));
+    setValue(keys, "play_weight", numbersValue(weight));
   }
-  setValue(contraction, kResponseKey, keys.value());
+  setValue(contraction, kResponseKey, std::move(keys));
 }
-
-namespace {
 
 const char* const kTitle =
     "# A calibrated scene. Its key calibration names the scene and the measurements that it was "
@@ -227,10 +202,7 @@ void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& d
   }
 }
 
-void putPose(const lie::SE3& X, Value& map) {
-  setValue(map, "position_m", numbersValue(X.translation));
-  setValue(map, "rpy_deg", numbersValue(rpyDegOf(X.rotation)));
-}
+void putPose(lie::SE3 X, Value& map) { writeKeys(poseKeys(X, kFinite), map); }
 
 void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
   basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
@@ -257,15 +229,14 @@ bool isSame(const estimation::TagPlacement& a, const estimation::TagPlacement& b
 
 // A group of one tag with the mount of another group.
 Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPlacement& tag) {
-  MapWriter group;
+  Value group = mapOf({});
   for (const char* key : {"section", "actuator"}) {
-    if (const Value* value = mounted.find(key)) group.set(key, *value);
+    if (const Value* value = mounted.find(key)) setValue(group, key, *value);
   }
-  group.set("ids", listValue({plainValue(std::to_string(tag.id))}));
-  group.set("s", listValue({numberValue(tag.s)}));
-  Value value = group.value();
-  putPose(mountOf(scene, mounted, tag.section, tag.s).inverse() * tag.X_ST, value);
-  return value;
+  setValue(group, "ids", listValue({plainValue(std::to_string(tag.id))}));
+  setValue(group, "s", listValue({numberValue(tag.s)}));
+  putPose(mountOf(scene, mounted, tag.section, tag.s).inverse() * tag.X_ST, group);
+  return group;
 }
 
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
@@ -301,58 +272,33 @@ Value& tagsOf(const Scene& scene, Value& document) {
   return *findValue(document, "tags");
 }
 
-// Input of the writers of parameters.
-struct Target {
-  const Scene& scene;
-  const SceneCalibration& calibration;
-  Value& document;
-  FaultList& faults;
-};
-using Writer = void (*)(const Target& to);
-
-void writeContractions(const Target& to) {
-  for (const auto& [name, fit] : to.calibration.contractions) {
-    putContraction(to.scene, name, fit, to.document, to.faults);
+// Applies the changes to the document of a scene. Length scales apply to the new curves, so they
+// are written after these.
+void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
+                    FaultList& faults) {
+  for (const auto& [name, fit] : changes.contractions) {
+    putContraction(scene, name, fit, document, faults);
   }
-}
-
-void writeResponses(const Target& to) {
-  for (const auto& [name, response] : to.calibration.responses) {
-    putResponse(to.scene, name, response, to.document);
+  if (changes.stiffness) putStiffness(*changes.stiffness, document);
+  if (changes.K_eps) putK_eps(scene, *changes.K_eps, document);
+  if (changes.length_scale) putLengthScale(scene, *changes.length_scale, document);
+  for (const auto& [name, response] : changes.responses) {
+    putResponse(scene, name, response, document);
   }
-}
-
-void writeStiffness(const Target& to) {
-  if (to.calibration.stiffness) putStiffness(*to.calibration.stiffness, to.document);
-}
-
-void writeK_eps(const Target& to) {
-  if (to.calibration.K_eps) putK_eps(to.scene, *to.calibration.K_eps, to.document);
-}
-
-void writeLengthScale(const Target& to) {
-  if (!to.calibration.length_scale) return;
-  putLengthScale(to.scene, *to.calibration.length_scale, to.document);
-}
-
-void writeBase(const Target& to) {
-  if (to.calibration.X_CB) putCamera(to.scene, *to.calibration.X_CB, to.document);
-  if (!to.calibration.X_BF) return;
-  Value frame = MapWriter().value();
-  putPose(*to.calibration.X_BF, frame);
-  setValue(tagsOf(to.scene, to.document), "frame", std::move(frame));
-}
-
-void writeTags(const Target& to) {
-  if (!to.calibration.tags) return;
-  tagsOf(to.scene, to.document);
-  putTags(to.scene, *to.calibration.tags, to.document);
-}
-
-void writeBleed(const Target& to) {
-  if (to.calibration.bleed == 0) return;
-  Value& tags = tagsOf(to.scene, to.document);
-  setValue(tags, "size_m", numberValue(to.scene.tags->size - 2 * to.calibration.bleed));
+  if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
+  if (changes.X_BF) {
+    Value frame = mapOf({});
+    putPose(*changes.X_BF, frame);
+    setValue(tagsOf(scene, document), "frame", std::move(frame));
+  }
+  if (changes.tags) {
+    tagsOf(scene, document);
+    putTags(scene, *changes.tags, document);
+  }
+  if (changes.bleed != 0) {
+    setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * changes.bleed));
+  }
+  setValue(document, "calibration", writeProvenance(changes.provenance));
 }
 
 // Adds the changes of the scene for a fitted parameter.
@@ -388,77 +334,12 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
   }
 }
 
-// The writer of a parameter; parameters with common keys share one.
-Writer writerOf(estimation::FitParameter parameter) {
-  using estimation::FitParameter;
-  switch (parameter) {
-    case FitParameter::kKappa:
-    case FitParameter::kGamma:
-    case FitParameter::kTau:
-      return &writeStiffness;
-    case FitParameter::kEps:
-      return &writeK_eps;
-    case FitParameter::kLengthScale:
-    case FitParameter::kLengthScaleEach:
-      return &writeLengthScale;
-    case FitParameter::kContraction:
-      return &writeContractions;
-    case FitParameter::kResponse:
-      return &writeResponses;
-    case FitParameter::kBase:
-      return &writeBase;
-    case FitParameter::kTags:
-      return &writeTags;
-    case FitParameter::kBleed:
-      break;
-  }
-  return &writeBleed;
-}
-
-void putCalibration(const Target& to) {
-  // Length scales apply to the new curves, so they are written last.
-  std::vector<Writer> writers{writerOf(estimation::FitParameter::kContraction)};
-  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
-    const Writer writer = writerOf(info.parameter);
-    if (std::find(writers.begin(), writers.end(), writer) == writers.end()) {
-      writers.push_back(writer);
-    }
-  }
-  for (const Writer write : writers) write(to);
-  setValue(to.document, "calibration", writeProvenance(to.calibration.provenance));
-}
-
-}  // namespace
-
-SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
-                           const std::set<estimation::FitParameter>& fitted, bool corners) {
-  SceneCalibration changes;
-  for (const estimation::FitParameter one : fitted) {
-    addChange(one, scene, calibration, corners, changes);
-  }
-  return changes;
-}
-
-std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
-                                const SceneCalibration& calibration, const std::string& sha256) {
-  FaultList faults(path);
-  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
-  if (!sha256.empty() && read_sha256 != sha256) {
-    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
-  }
-  const Scene scene = makeScene(document, faults);
-  putCalibration({scene, calibration, document, faults});
-  faults.throwIfAny();
-  std::string text = kTitle + writeDocument(document);
-
-  FaultList faults_after(path + ", once calibrated,");
-  const std::optional<Value> written = parseScene(text, faults_after);
-  faults_after.throwIfAny();
-  makeScene(*written, faults_after);
+// The document as a text below a title, which is checked as the text of a scene.
+std::string checkedText(const std::string& title, const Value& document, const std::string& name) {
+  std::string text = title + writeDocument(document);
+  sceneOfText(text, name);
   return text;
 }
-
-namespace {
 
 constexpr std::size_t kPlumbBob = 5;  // coefficients
 
@@ -471,8 +352,7 @@ std::size_t coefficientsOf(const estimation::Camera& camera) {
 }
 
 Eigen::VectorXd distortionOf(const estimation::Camera& camera) {
-  return Eigen::Map<const Eigen::VectorXd>(camera.distortion.data(),
-                                           static_cast<Eigen::Index>(coefficientsOf(camera)));
+  return vectorOf(camera.distortion.data(), coefficientsOf(camera));
 }
 
 void putIntrinsics(const estimation::Camera& camera, Value& map) {
@@ -496,6 +376,28 @@ void addMatrix(const char* name, int rows, const Eigen::VectorXd& entries, std::
 
 }  // namespace
 
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners) {
+  SceneCalibration changes;
+  for (const estimation::FitParameter one : fitted) {
+    addChange(one, scene, calibration, corners, changes);
+  }
+  return changes;
+}
+
+std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
+                                const SceneCalibration& calibration, const std::string& sha256) {
+  FaultList faults(path);
+  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
+  if (!sha256.empty() && read_sha256 != sha256) {
+    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
+  }
+  const Scene scene = makeScene(document, faults);
+  putCalibration(scene, calibration, document, faults);
+  faults.throwIfAny();
+  return checkedText(kTitle, document, path + ", once calibrated,");
+}
+
 CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
 }
@@ -510,17 +412,12 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
   Value& camera = *findValue(document, "camera");
   if (change.intrinsics) putIntrinsics(*change.intrinsics, camera);
   if (change.X_WC) {
-    const CameraPlace place = cameraPlaceOf(*change.X_WC);
-    setValue(camera, "position_m", numbersValue(place.position));
-    setValue(camera, "rpy_deg", numbersValue(place.rpy_deg));
+    lie::SE3 X_WC = *change.X_WC;
+    X_WC.rotation *= kOpticalInBody.transpose();
+    putPose(X_WC, camera);
   }
-  std::string text = "# The camera of this scene was calibrated or placed by helix_arm camera.\n" +
-                     writeDocument(document);
-  FaultList faults_after(path + ", with the new camera,");
-  const std::optional<Value> written = parseScene(text, faults_after);
-  faults_after.throwIfAny();
-  makeScene(*written, faults_after);
-  return text;
+  return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
+                     document, path + ", with the new camera,");
 }
 
 std::string cameraInfoText(const estimation::Camera& camera, const std::string& name) {

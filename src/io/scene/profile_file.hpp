@@ -22,11 +22,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                                           const std::string& name,
                                                           FaultList& faults);
 
-/// Reads the profile of a device that speaks Modbus TCP: the map below `modbus_tcp`.
-///
-/// @param path  path of that map, for messages.
-/// @param name  the profile's.
-/// @return nothing, and at least one fault, if a rule is broken.
+/// The same of a device that speaks Modbus TCP: the map below `modbus_tcp`.
 std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
                                                           const std::string& path,
                                                           const std::string& name,
@@ -38,11 +34,7 @@ Value* relativeProfile(Value& scene);
 
 /// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
 /// it are reported with its own file and lines.
-/// @return nothing, and at least one fault, if there is no such profile.
-std::optional<regulator::SerialProfile> readSerialProfileFile(const MapReader& keys,
-                                                              FaultList& faults);
-/// The same of "modbus_tcp".
-std::optional<regulator::ModbusProfile> readModbusProfileFile(const MapReader& keys,
-                                                              FaultList& faults);
+/// @return nothing, and at least one fault, if there is no such profile of this kind.
+std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std::string& kind);
 
 }  // namespace helix_arm::io

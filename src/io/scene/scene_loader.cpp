@@ -4,13 +4,8 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "io/document/document.hpp"
-#include "io/document/map_reader.hpp"
 #include "profile_file.hpp"
-#include "provenance_section.hpp"
-#include "regulator_reader.hpp"
-#include "scene_document.hpp"
-#include "vision_reader.hpp"
+#include "scene_readers.hpp"
 
 namespace helix_arm::io {
 
@@ -63,43 +58,40 @@ Scene sceneOfText(const std::string& text, const std::string& name) {
 }
 
 Scene makeScene(const Value& document, FaultList& faults) {
-  const MapReader scene(document, "", sceneKind().keys, faults);
-  auto [name, contractions, arm, model] = readSceneArm(scene, document, faults);
+  const MapReader keys(document, "", keysOf(sceneKind().keys), faults);
+  auto [name, contractions, arm, model] = readSceneArm(keys);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
-  std::optional<TagParts> tags = readTags(scene, document, known_arm, faults);
-  const auto camera = readCamera(scene, document, faults);
-  vision::LocalizerConfig vision =
-      readVision(scene, document, tags ? tags->family : std::string(), faults);
-  const bool pulled_out = model && model->load() && !statics::inPlane(*model->load());
-  vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
-  const SimulationConfig simulation = readSimulation(scene, document, known_arm, faults);
-  const auto regulator = readRegulator(scene, document, known_arm, faults);
-  const SafetyConfig safety = readSafety(scene, document, known_arm, regulator, faults);
-  const follow::VisualServoConfig follow = readFollow(scene, document, safety, regulator, faults);
-  std::optional<Provenance> calibration = readProvenance(scene, document, faults);
+  std::optional<TagParts> tags = readTags(keys, known_arm);
+  auto camera = readCamera(keys);
+  vision::LocalizerConfig vision = readVision(keys, tags ? tags->family : std::string());
+  SimulationConfig simulation = readSimulation(keys, known_arm);
+  auto regulator = readRegulator(keys, known_arm);
+  SafetyConfig safety = readSafety(keys, known_arm, regulator);
+  const follow::VisualServoConfig follow = readFollow(keys, safety, regulator);
+  std::optional<Provenance> calibration = readProvenance(keys);
   faults.throwIfAny();
-  const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();
-  const estimation::TagPrior tag_prior = tags ? tags->prior : estimation::TagPrior();
-  std::map<std::string, model::Response> curves;
-  for (const auto& [curve, contraction] : contractions) curves[curve] = contraction->response;
-  return {*name,
-          std::move(curves),
-          arm->X_WB,
-          std::move(arm->arm),
-          std::move(arm->planar),
-          std::move(*model),
-          std::move(arm->looks),
-          regulator,
-          tags ? std::optional(std::move(tags->layout)) : std::nullopt,
-          tag_prior,
-          X_BF,
-          camera,
-          vision,
-          simulation,
-          safety,
-          follow,
-          std::move(calibration),
-          {}};
+  Scene scene(std::move(*name), std::move(arm->arm), std::move(*model));
+  for (const auto& [curve, contraction] : contractions) {
+    scene.contractions[curve] = contraction->response;
+  }
+  scene.X_WB = arm->X_WB;
+  scene.planar = std::move(arm->planar);
+  scene.looks = std::move(arm->looks);
+  scene.regulator = std::move(regulator);
+  if (tags) {
+    scene.tags = std::move(tags->layout);
+    scene.tag_prior = tags->prior;
+    scene.X_BF = tags->X_BF;
+  }
+  scene.camera = std::move(camera);
+  scene.vision = std::move(vision);
+  const bool pulled_out = scene.model.load() && !statics::inPlane(*scene.model.load());
+  scene.vision.fit.planar = scene.planar.has_value() && !pulled_out;
+  scene.simulation = std::move(simulation);
+  scene.safety = std::move(safety);
+  scene.follow = follow;
+  scene.calibration = std::move(calibration);
+  return scene;
 }
 
 }  // namespace helix_arm::io

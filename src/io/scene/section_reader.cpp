@@ -1,5 +1,3 @@
-#include "section_reader.hpp"
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -8,16 +6,28 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/basics/pi.hpp"
+#include "arm_reader.hpp"
 #include "helix_arm/io/number.hpp"
 #include "io/document/map_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
 
-const NumberRule kResponseTime = within(kNotNegative, 0, 60, " s");
-const NumberRule kPlayReach = within(kPositive, 1e-3, 1e4, " kPa");
-const NumberRule kPlayWeight = within(kNotNegative, 0, model::Response::kMostWeight);
+constexpr NumberRule kResponseTime = within(kNotNegative, 0, 60, " s");
+constexpr NumberRule kPlayReach = within(kPositive, 1e-3, 1e4, " kPa");
+constexpr NumberRule kPlayWeight = within(kNotNegative, 0, model::Response::kMostWeight);
+
+// Whether each value exceeds the one before; the first that does not is a fault.
+bool areAscending(const MapReader& keys, const std::string& key, const std::vector<double>& values,
+                  const char* what) {
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    if (values[i] > values[i - 1]) continue;
+    keys.complain(key, "has " + formatNumber(values[i]) + " after " + formatNumber(values[i - 1]) +
+                           "; expected ascending " + what);
+    return false;
+  }
+  return true;
+}
 
 // Adds the plays of two lists; none if one of them has faults.
 void readPlays(const MapReader& keys, model::Response& response) {
@@ -30,16 +40,10 @@ void readPlays(const MapReader& keys, model::Response& response) {
     return;
   }
   if (reach->size() > model::kMaxPlays) {
-    keys.complain("play_kpa", "has " + std::to_string(reach->size()) +
-                                  " entries; expected at most " + std::to_string(model::kMaxPlays));
+    keys.complainOfSize("play_kpa", reach->size(), "at most " + std::to_string(model::kMaxPlays));
     return;
   }
-  for (std::size_t j = 1; j < reach->size(); ++j) {
-    if ((*reach)[j] > (*reach)[j - 1]) continue;
-    keys.complain("play_kpa", "has " + formatNumber((*reach)[j]) + " after " +
-                                  formatNumber((*reach)[j - 1]) + "; expected ascending values");
-    return;
-  }
+  if (!areAscending(keys, "play_kpa", *reach, "values")) return;
   const auto weight = keys.numbers("play_weight", reach->size(), kPlayWeight);
   if (!weight) return;
   double sum = 0.0;
@@ -58,38 +62,23 @@ void readPlays(const MapReader& keys, model::Response& response) {
   }
 }
 
-}  // namespace
-
-model::Response readResponse(const Value& value, const std::string& path, FaultList& faults) {
-  const MapReader keys(value, path,
-                       {"rise_time_constant_s", "fall_time_constant_s", "play_kpa", "play_weight"},
-                       faults);
-  model::Response response;
-  response.rise_time = keys.number("rise_time_constant_s", kResponseTime, 0.0);
-  response.fall_time = keys.number("fall_time_constant_s", kResponseTime, response.rise_time);
-  if (keys.has("play_kpa")) {
-    readPlays(keys, response);
-  } else if (keys.has("play_weight")) {
-    keys.complain("play_weight", "is given without play_kpa; expected both or none");
-  }
-  return response;
-}
-
-namespace {
-
 using OptionalCurve = std::optional<model::Contraction>;
 
-OptionalCurve readQuintic(const MapReader& quintic) {
+OptionalCurve readQuintic(const MapReader& contraction, const std::string& key) {
+  std::optional<double> reference, most;
+  const MapReader quintic = *contraction.map(
+      key, {"coefficients_m",
+            Key("reference_pressure_kpa", kPositivePressure, reference, kKilo).required(),
+            Key("max_pressure_kpa", kPositivePressure, most, kKilo).required()});
   const auto coefficients = quintic.numbers("coefficients_m", 6, kFinite);
-  const auto reference = quintic.number("reference_pressure_kpa", kPositivePressure);
-  const auto max = quintic.number("max_pressure_kpa", kPositivePressure);
-  if (!coefficients || !reference || !max) return std::nullopt;
+  if (!coefficients || !reference || !most) return std::nullopt;
   std::array<double, 6> c{};
   std::copy(coefficients->begin(), coefficients->end(), c.begin());
-  return model::Contraction::quintic(c, pascals(*reference), pascals(*max));
+  return model::Contraction::quintic(c, *reference, *most);
 }
 
-OptionalCurve readTable(const MapReader& table) {
+OptionalCurve readTable(const MapReader& contraction, const std::string& key) {
+  const MapReader table = *contraction.map(key, {"pressure_kpa", "length_m"});
   auto pressure = table.numbers("pressure_kpa", 0, kPressure);
   const auto length = table.numbers("length_m", 0, kLength);
   if (!pressure || !length) return std::nullopt;
@@ -97,90 +86,51 @@ OptionalCurve readTable(const MapReader& table) {
   return model::Contraction::table(*pressure, *length);
 }
 
-OptionalCurve readTendon(const MapReader& tendon) {
-  const auto length = tendon.number("length_m", kLength);
-  const auto radius = tendon.number("spool_radius_m", kLength);
-  const auto max_angle = tendon.number("max_angle_rad", kPositive);
+OptionalCurve readTendon(const MapReader& contraction, const std::string& key) {
+  std::optional<double> length, radius, max_angle;
+  contraction.map(key, {Key("length_m", kLength, length).required(),
+                        Key("spool_radius_m", kLength, radius).required(),
+                        Key("max_angle_rad", kPositive, max_angle).required()});
   if (!length || !radius || !max_angle) return std::nullopt;
   return model::Contraction::tendon(*length, *radius, *max_angle);
 }
 
 struct CurveKind {
-  std::string key;
-  std::vector<std::string> known;
-  OptionalCurve (*read)(const MapReader&);
+  const char* key;
+  OptionalCurve (*read)(const MapReader& contraction, const std::string& key);
   model::Drive drive;
 };
+constexpr CurveKind kCurveKinds[] = {{"quintic", readQuintic, model::Drive::kPressure},
+                                     {"table", readTable, model::Drive::kPressure},
+                                     {"tendon", readTendon, model::Drive::kTendon}};
 
-const std::vector<CurveKind>& curveKinds() {
-  using model::Drive;
-  static const std::vector<CurveKind> kinds{
-      {"quintic",
-       {"coefficients_m", "reference_pressure_kpa", "max_pressure_kpa"},
-       readQuintic,
-       Drive::kPressure},
-      {"table", {"pressure_kpa", "length_m"}, readTable, Drive::kPressure},
-      {"tendon", {"length_m", "spool_radius_m", "max_angle_rad"}, readTendon, Drive::kTendon},
-  };
-  return kinds;
-}
-
-// None without the key.
-model::Response responseOf(const MapReader& contraction, const Value& value, model::Drive drive,
-                           FaultList& faults) {
-  const Value* given = value.find(kResponseKey);
-  if (given == nullptr) return {};
-  if (!model::isPressure(drive)) {
+std::optional<NamedContraction> readContraction(const Value& value, const std::string& path,
+                                                FaultList& faults) {
+  std::vector<std::string> kinds;
+  for (const CurveKind& kind : kCurveKinds) kinds.emplace_back(kind.key);
+  std::vector<Key> known = keysOf(kinds);
+  known.emplace_back(kResponseKey);
+  const MapReader contraction(value, path, known, faults);
+  const std::optional<std::string> given = contraction.exactlyOne(kinds);
+  if (!given) return std::nullopt;
+  const CurveKind& kind = *std::find_if(std::begin(kCurveKinds), std::end(kCurveKinds),
+                                        [&](const auto& one) { return *given == one.key; });
+  if (contraction.has(kResponseKey) && !model::isPressure(kind.drive)) {
     contraction.complain(kResponseKey,
                          "is given for a tendon, which follows its spool; expected it "
                          "only where the input is a pressure");
   }
-  return readResponse(*given, contraction.path(kResponseKey), faults);
-}
-
-std::optional<NamedContraction> readContraction(const Value& value, const std::string& path,
-                                                FaultList& faults) {
-  std::vector<std::string> keys;
-  for (const CurveKind& kind : curveKinds()) keys.push_back(kind.key);
-  std::vector<std::string> known = keys;
-  known.emplace_back(kResponseKey);
-  const MapReader contraction(value, path, known, faults);
-  const std::optional<std::string> given = contraction.exactlyOne(keys);
-  if (!given) return std::nullopt;
-  for (const CurveKind& kind : curveKinds()) {
-    if (kind.key != *given) continue;
-    const model::Response response = responseOf(contraction, value, kind.drive, faults);
-    const MapReader curve(*value.find(*given), joinPath(path, *given), kind.known, faults);
-    try {
-      OptionalCurve read = kind.read(curve);
-      if (read) return NamedContraction{std::move(*read), kind.drive, response};
-    } catch (const std::invalid_argument& error) {
-      contraction.complain(
-          *given,
-          std::string("is not a valid contraction (values in Pa, m and rad): ") + error.what());
-    }
+  const model::Response response = readResponse(contraction, kResponseKey);
+  try {
+    OptionalCurve curve = kind.read(contraction, *given);
+    if (curve) return NamedContraction{std::move(*curve), kind.drive, response};
+  } catch (const std::invalid_argument& error) {
+    contraction.complain(
+        *given,
+        std::string("is not a valid contraction (values in Pa, m and rad): ") + error.what());
   }
   return std::nullopt;
 }
-
-}  // namespace
-
-Contractions readContractions(const MapReader& scene, FaultList& faults) {
-  Contractions contractions;
-  const std::string key = "contractions";
-  const Value* curves = scene.required(key, "a map of named contraction curves");
-  if (curves == nullptr) return contractions;
-  if (curves->kind != Value::Kind::kMap) {
-    scene.fault(key, "a map of named contraction curves");
-    return contractions;
-  }
-  for (const auto& [name, value] : curves->entries) {
-    contractions[name] = readContraction(value, scene.path(joinPath(key, name)), faults);
-  }
-  return contractions;
-}
-
-namespace {
 
 Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
@@ -192,14 +142,10 @@ Eigen::Matrix3d muscleRotation(double th, double tilt) {
          rotation(-tilt, Eigen::Vector3d::UnitZ());
 }
 
-const NumberRule kLengthScale = within(kPositive, 0.5, 2);
-const NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
-
-const NumberRule kTilt{"an angle above -90 and below 90",
-                       [](double x) { return std::abs(x) < 90; }};
-
-const NumberRule kPhase = within(kFinite, -360, 360, " degrees");
-const NumberRule kPlate = within(kNotNegative, 0, 10, " m");
+constexpr NumberRule kLengthScale = within(kPositive, 0.5, 2);
+constexpr NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
+constexpr NumberRule kTilt{"an angle above -90 and below 90",
+                           [](double x) { return x > -90 && x < 90; }};
 
 // Keys of an actuator except its pose.
 struct Fitting {
@@ -255,11 +201,10 @@ Fitting readFitting(const MapReader& keys, const ArmContext& arm) {
 
 // Length scales of a ring: one factor, or one per actuator. Invalid ones are reported and read as
 // 1.
-std::vector<double> readLengthScales(const MapReader& ring, const Value& value, std::size_t count) {
+std::vector<double> readLengthScales(const MapReader& ring, std::size_t count) {
   const std::string key = "length_scale";
-  const Value* given = value.find(key);
-  if (given == nullptr || given->kind != Value::Kind::kList) {
-    return std::vector<double>(count, ring.number(key, kLengthScale, 1.0));
+  if (!ring.isList(key)) {
+    return std::vector<double>(count, ring.optionalNumber(key, kLengthScale).value_or(1.0));
   }
   return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
 }
@@ -286,22 +231,20 @@ void claimName(const MapReader& keys, const std::optional<std::string>& name, Ar
 }
 
 // A number, or a list of 2 or more from the section's beginning to its end.
-std::optional<std::vector<double>> readAlong(const MapReader& ring, const Value& value,
-                                             const std::string& key, const NumberRule& rule,
+std::optional<std::vector<double>> readAlong(const MapReader& ring, const std::string& key,
+                                             const NumberRule& rule,
                                              const std::optional<double>& fallback) {
-  const Value* given = value.find(key);
-  if (given != nullptr && given->kind == Value::Kind::kList) {
+  if (ring.isList(key)) {
     auto numbers = ring.numbers(key, 0, rule);
-    if (numbers && (numbers->size() < 2 || numbers->size() > model::kMostCells + 1)) {
-      ring.complain(key, "has " + std::to_string(numbers->size()) +
-                             " entries; expected one number, or a list of 2 to " +
-                             std::to_string(model::kMostCells + 1));
-      return std::nullopt;
+    if (!numbers || (numbers->size() >= 2 && numbers->size() <= model::kMostCells + 1)) {
+      return numbers;
     }
-    return numbers;
+    ring.complainOfSize(key, numbers->size(),
+                        "one number, or a list of 2 to " + std::to_string(model::kMostCells + 1));
+    return std::nullopt;
   }
-  if (given == nullptr && fallback) return std::vector<double>{*fallback};
-  const std::optional<double> number = ring.number(key, rule);
+  const std::optional<double> number =
+      fallback && !ring.has(key) ? fallback : ring.number(key, rule);
   return number ? std::optional(std::vector<double>{*number}) : std::nullopt;
 }
 
@@ -309,16 +252,21 @@ bool isZero(const std::vector<double>& values) {
   return std::all_of(values.begin(), values.end(), [](double value) { return value == 0; });
 }
 
-void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
-              ArmContext& arm, model::Section& section) {
-  const MapReader ring(value, path,
-                       {"count", "radius_m", "phase_deg", "tilt_deg", "contraction", "length_scale",
-                        "min_pressure_kpa", "max_pressure_kpa"},
-                       arm.faults);
-  const auto count = ring.integer("count", 1, model::kMaxActuators);
-  const auto radius = readAlong(ring, value, "radius_m", kLength, std::nullopt);
-  const auto tilt_deg = readAlong(ring, value, "tilt_deg", kTilt, 0.0);
-  const double phase_deg = ring.number("phase_deg", kPhase, 0.0);
+void readRing(const MapReader& section, const InheritedStiffness& stiffness, ArmContext& arm,
+              model::Section& out) {
+  std::optional<int> count;
+  double phase_deg = 0.0;
+  const MapReader ring =
+      *section.map("ring", {Key("count", Whole{1, model::kMaxActuators}, count).required(),
+                            "radius_m",
+                            {"phase_deg", within(kFinite, -360, 360, " degrees"), phase_deg},
+                            "tilt_deg",
+                            "contraction",
+                            "length_scale",
+                            "min_pressure_kpa",
+                            "max_pressure_kpa"});
+  const auto radius = readAlong(ring, "radius_m", kLength, std::nullopt);
+  const auto tilt_deg = readAlong(ring, "tilt_deg", kTilt, 0.0);
   const Fitting fitting = readFitting(ring, arm);
   if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
     ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
@@ -337,8 +285,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
                                   ", as many as radius_m, or one number");
     return;
   }
-  const std::vector<double> scales =
-      readLengthScales(ring, value, static_cast<std::size_t>(*count));
+  const std::vector<double> scales = readLengthScales(ring, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
     const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
     std::vector<lie::SE3> along;
@@ -354,16 +301,16 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
     }
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(name, along, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
+    addActuator(name, along, stiffness, fitting, scales[static_cast<std::size_t>(i)], out);
   }
 }
 
 std::optional<lie::SE3> readActuatorPose(const MapReader& keys, bool planar) {
   const bool tilted = keys.has("tilt_deg"), turned = keys.has("rpy_deg");
-  const auto p = vector3(keys.numbers("position_m", 3, kCoordinate));
-  const auto rpy_deg = turned ? vector3(keys.numbers("rpy_deg", 3, kFinite))
-                              : std::optional<Eigen::Vector3d>(Eigen::Vector3d::Zero());
-  const double tilt_deg = keys.number("tilt_deg", kTilt, 0.0);
+  const auto p = keys.vector3("position_m", kCoordinate);
+  const auto rpy_deg =
+      turned ? keys.vector3("rpy_deg", kFinite) : std::optional(Eigen::Vector3d(0, 0, 0));
+  const double tilt_deg = keys.optionalNumber("tilt_deg", kTilt).value_or(0.0);
   if (tilted && turned) keys.fault("tilt_deg", "either tilt_deg or rpy_deg");
   if (p && p->x() != 0) {
     keys.complain("position_m",
@@ -385,28 +332,23 @@ std::optional<lie::SE3> readActuatorPose(const MapReader& keys, bool planar) {
   return lie::SE3{muscleRotation(std::atan2(p->z(), p->y()), radians(tilt_deg)), *p};
 }
 
-void readActuator(const Value& value, const std::string& path, const InheritedStiffness& inherited,
-                  ArmContext& arm, model::Section& section) {
-  const MapReader keys(value, path,
-                       {"name", "position_m", "rpy_deg", "tilt_deg", "contraction", "length_scale",
-                        "stiffness", "min_pressure_kpa", "max_pressure_kpa"},
-                       arm.faults);
+void readActuator(const MapReader& keys, const InheritedStiffness& inherited, ArmContext& arm,
+                  model::Section& section) {
   const std::string numbered = nextName(arm);
   const auto name = keys.has("name") ? keys.word("name") : std::optional(numbered);
   claimName(keys, name, arm);
   const auto X_O = readActuatorPose(keys, arm.planar);
-  const InheritedStiffness stiffness = readStiffness(keys, value, inherited, arm.faults);
-  const Value* own = value.find("stiffness");
+  const InheritedStiffness stiffness = readStiffness(keys, inherited);
+  const Value* own = keys.find("stiffness");
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
-    report(arm.faults, K_eps->place,
+    report(keys.faults(), K_eps->place,
            keys.path("stiffness.K_eps_n") +
                " is that of one actuator; expected it in the stiffness of the section or of arm: K "
-               "of a "
-               "section is relative to one K_eps");
+               "of a section is relative to one K_eps");
   }
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
-  const double length_scale = keys.number("length_scale", kLengthScale, 1.0);
+  const double length_scale = keys.optionalNumber("length_scale", kLengthScale).value_or(1.0);
   if (X_O) addActuator(name, {*X_O}, stiffness, fitting, length_scale, section);
 }
 
@@ -422,13 +364,7 @@ void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
                                  " of pressure_kpa; expected 2 or more of each");
     return;
   }
-  for (std::size_t i = 1; i < pressure->size(); ++i) {
-    if ((*pressure)[i] > (*pressure)[i - 1]) continue;
-    keys.complain("pressure_kpa", "has " + formatNumber((*pressure)[i]) + " after " +
-                                      formatNumber((*pressure)[i - 1]) +
-                                      "; expected ascending pressures");
-    return;
-  }
+  if (!areAscending(keys, "pressure_kpa", *pressure, "pressures")) return;
   const double least = *std::min_element(force->begin(), force->end());
   stiffness.K_eps = least;
   // A constant table is a number.
@@ -441,15 +377,16 @@ void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
 
 // The table must cover what its actuators can be asked for.
 void checkTable(const MapReader& keys, const SectionParts& parts) {
+  const statics::StiffnessTable& table = parts.stiffness.table;
   for (const model::Actuator& actuator : parts.section.actuators) {
-    if (parts.table.empty()) return;
+    if (table.empty()) return;
     const std::string who = "gives " + actuator.name + " a K_eps_n that depends on pressure";
     if (!model::isPressure(actuator.drive)) {
       keys.complain("", who + ", but it is a tendon; expected one number");
-    } else if (actuator.limits.lower < parts.table.input.front() ||
-               actuator.limits.upper > parts.table.input.back()) {
-      keys.complain("", who + ", from " + formatNumber(parts.table.input.front() / 1e3) + " to " +
-                            formatNumber(parts.table.input.back() / 1e3) +
+    } else if (actuator.limits.lower < table.input.front() ||
+               actuator.limits.upper > table.input.back()) {
+      keys.complain("", who + ", from " + formatNumber(table.input.front() / 1e3) + " to " +
+                            formatNumber(table.input.back() / 1e3) +
                             " kPa; expected to cover its limits of " +
                             formatNumber(actuator.limits.lower / 1e3) + " to " +
                             formatNumber(actuator.limits.upper / 1e3) + " kPa");
@@ -462,68 +399,90 @@ void checkTable(const MapReader& keys, const SectionParts& parts) {
 
 }  // namespace
 
-InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
-                                 const InheritedStiffness& inherited, FaultList& faults) {
-  const Value* own = value.find("stiffness");
-  if (own == nullptr) return inherited;
-  const MapReader keys(*own, owner.path("stiffness"),
-                       {"K_gamma", "K_tau_m2", "K_kappa_m2", "K_eps_n"}, faults);
-  const auto gamma = keys.number("K_gamma", kStiffness);
-  const auto tau = keys.number("K_tau_m2", kStiffness);
-  const auto kappa = keys.number("K_kappa_m2", kStiffness);
-  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps,
-                               inherited.table};
+model::Response readResponse(const MapReader& owner, const std::string& key) {
+  model::Response response;
+  const auto keys = owner.map(key, {{"rise_time_constant_s", kResponseTime, response.rise_time},
+                                    {"fall_time_constant_s", kResponseTime, response.fall_time},
+                                    "play_kpa",
+                                    "play_weight"});
+  if (!keys) return response;
+  if (!keys->has("fall_time_constant_s")) response.fall_time = response.rise_time;
+  if (keys->has("play_kpa")) {
+    readPlays(*keys, response);
+  } else if (keys->has("play_weight")) {
+    keys->complain("play_weight", "is given without play_kpa; expected both or none");
+  }
+  return response;
+}
+
+Contractions readContractions(const MapReader& scene) {
+  Contractions contractions;
+  const std::string key = "contractions";
+  const auto* curves = scene.entries(key, 0, "a map of named contraction curves");
+  if (curves == nullptr) return contractions;
+  for (const auto& [name, value] : *curves) {
+    contractions[name] = readContraction(value, scene.path(joinPath(key, name)), scene.faults());
+  }
+  return contractions;
+}
+
+InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited) {
+  std::optional<double> gamma, tau, kappa;
+  const auto keys =
+      owner.map("stiffness", {Key("K_gamma", kStiffness, gamma).required(),
+                              Key("K_tau_m2", kStiffness, tau).required(),
+                              Key("K_kappa_m2", kStiffness, kappa).required(), "K_eps_n"});
+  if (!keys) return inherited;
+  InheritedStiffness stiffness = inherited;
+  stiffness.given = true;
+  stiffness.value.reset();
   if (gamma && tau && kappa) stiffness.value = model::Stiffness{*gamma, *tau, *kappa};
-  if (keys.has("K_eps_n")) {
-    stiffness.K_eps_given = true;
-    stiffness.table = {};
-    const Value& K_eps = *own->find("K_eps_n");
-    if (K_eps.kind == Value::Kind::kMap) {
-      readStiffnessTable(
-          MapReader(K_eps, keys.path("K_eps_n"), {"pressure_kpa", "force_n"}, faults), stiffness);
-    } else {
-      stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
-    }
+  if (!keys->has("K_eps_n")) return stiffness;
+  stiffness.K_eps_given = true;
+  stiffness.table = {};
+  if (keys->find("K_eps_n")->kind == Value::Kind::kMap) {
+    readStiffnessTable(*keys->map("K_eps_n", {"pressure_kpa", "force_n"}), stiffness);
+  } else {
+    stiffness.K_eps = keys->number("K_eps_n", kExtensionalStiffness);
   }
   return stiffness;
 }
 
-SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {
+SectionParts readSection(const Value& value, const std::string& path, FaultList& faults,
+                         ArmContext& arm) {
   SectionParts parts;
+  SectionLook& look = parts.look;
   const MapReader keys(value, path,
-                       {"name", "stiffness", "ring", "actuators", "plate_m", "separators",
-                        "separator_radius_m", "muscle_radius_m"},
-                       arm.faults);
-  const auto name = keys.word("name");
-  if (name && !arm.section_names.insert(*name).second) {
+                       {"name",
+                        "stiffness",
+                        "ring",
+                        "actuators",
+                        {"plate_m", within(kNotNegative, 0, 10, " m"), parts.section.plate},
+                        {"separators", Whole{2, 1000}, look.separators},
+                        {"separator_radius_m", kLength, look.separator_radius},
+                        {"muscle_radius_m", kLength, look.muscle_radius}},
+                       faults);
+  look.name = keys.word("name").value_or("");
+  if (!look.name.empty() && !arm.section_names.insert(look.name).second) {
     keys.fault("name", "a name that no other section has");
   }
-  SectionLook& look = parts.look;
-  look.name = name.value_or("");
-  look.separators = static_cast<int>(keys.integer("separators", 2, 1000, look.separators));
-  look.separator_radius = keys.number("separator_radius_m", kLength, look.separator_radius);
-  look.muscle_radius = keys.number("muscle_radius_m", kLength, look.muscle_radius);
-
-  parts.section.plate = keys.number("plate_m", kPlate, 0.0);
-  const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
-  parts.K_eps_given = stiffness.K_eps_given;
-  parts.K_eps = stiffness.K_eps;
-  parts.table = stiffness.table;
+  parts.stiffness = readStiffness(keys, arm.stiffness);
   const auto layout = keys.exactlyOne({"ring", "actuators"});
   if (layout == "ring") {
-    if (!stiffness.given) keys.fault("stiffness", "it here or in arm");
-    readRing(*value.find("ring"), keys.path("ring"), stiffness, arm, parts.section);
+    if (!parts.stiffness.given) keys.fault("stiffness", "it here or in arm");
+    readRing(keys, parts.stiffness, arm, parts.section);
   } else if (layout == "actuators") {
-    const std::vector<Value::Entry>* actuators = keys.list("actuators");
-    if (actuators == nullptr) return parts;
-    if (actuators->size() > model::kMaxActuators) {
-      keys.complain("actuators", "has " + std::to_string(actuators->size()) +
-                                     " entries; expected at most " +
-                                     std::to_string(model::kMaxActuators));
-    }
-    for (std::size_t i = 0; i < actuators->size(); ++i) {
-      readActuator((*actuators)[i].value, indexPath(keys.path("actuators"), i), stiffness, arm,
-                   parts.section);
+    const bool listed = keys.eachOf("actuators", [&](const Value& one, const std::string& place) {
+      readActuator(MapReader(one, place,
+                             {"name", "position_m", "rpy_deg", "tilt_deg", "contraction",
+                              "length_scale", "stiffness", "min_pressure_kpa", "max_pressure_kpa"},
+                             faults),
+                   parts.stiffness, arm, parts.section);
+    });
+    if (!listed) return parts;
+    const std::size_t count = keys.find("actuators")->entries.size();
+    if (count > model::kMaxActuators) {
+      keys.complainOfSize("actuators", count, "at most " + std::to_string(model::kMaxActuators));
     }
   }
   checkTable(keys, parts);

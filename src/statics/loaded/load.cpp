@@ -53,7 +53,7 @@ void Load::validate(int sections) const {
     basics::requireValue(holds, "load", what, value, rule);
   };
   const auto notNegative = [](double x) { return std::isfinite(x) && x >= 0; };
-  basics::require(gravity.allFinite(), "load: gravity is not finite");
+  basics::requireKey(gravity.allFinite(), "load", "gravity is not finite");
   check(static_cast<int>(mass.size()) == sections, "the number of masses",
         static_cast<double>(mass.size()), "one per section");
   check(static_cast<int>(K_eps.size()) == sections, "the number of K_eps",
@@ -79,8 +79,9 @@ void Load::validate(int sections) const {
           "one that the arm has");
     check(point.s >= 0 && point.s <= 1, "s of a point", point.s, "0 to 1");
     check(notNegative(point.mass), "the mass of a point", point.mass, "a finite value >= 0 [kg]");
-    basics::require(point.force.allFinite() && point.moment.allFinite() && point.offset.allFinite(),
-                    "load: force, moment or offset of a point is not finite");
+    basics::requireKey(
+        point.force.allFinite() && point.moment.allFinite() && point.offset.allFinite(), "load",
+        "force, moment or offset of a point is not finite");
   }
 }
 

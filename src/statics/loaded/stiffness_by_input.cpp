@@ -87,12 +87,12 @@ void requireTables(const model::ArmOf<Group>& arm, const Load& load) {
   for (int k = 0; k < arm.sectionCount() && !load.tables.empty(); ++k) {
     if (load.tables[k].empty()) continue;
     const std::string who =
-        "load: K_eps of section " + std::to_string(k + 1) + " depends on pressure, which needs ";
-    basics::require(!arm.taper(k), who, "a section without taper");
-    basics::require(arm.equilibrium(k).rank == Group::kDof, who,
-                    "stiffness against every motion; give K_tau_m2 and K_kappa_m2 values > 0");
-    basics::require(arm.equilibrium(k).condition <= kWorstCondition, who,
-                    "shear and bending of comparable stiffness; lower K_gamma");
+        "K_eps of section " + std::to_string(k + 1) + " depends on pressure, which needs ";
+    basics::requireKey(!arm.taper(k), "load", who, "a section without taper");
+    basics::requireKey(arm.equilibrium(k).rank == Group::kDof, "load", who,
+                       "stiffness against every motion; give K_tau_m2 and K_kappa_m2 values > 0");
+    basics::requireKey(arm.equilibrium(k).condition <= kWorstCondition, "load", who,
+                       "shear and bending of comparable stiffness; lower K_gamma");
   }
 }
 

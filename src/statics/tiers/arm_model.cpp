@@ -33,9 +33,10 @@ ArmModel::ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::
 }
 ArmModel::ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::optional<Load> load,
                    const TierSetting& setting) {
-  basics::require(setting.tier != Tier::kPlanar || planar, "tier: planar needs an arm in a plane");
-  basics::require(!takesLoad(setting.tier) || load, "tier: ", nameOf(setting.tier),
-                  " needs a load");
+  basics::requireKey(setting.tier != Tier::kPlanar || planar, "tier",
+                     "planar needs an arm in a plane");
+  basics::requireKey(!takesLoad(setting.tier) || load, "tier", nameOf(setting.tier),
+                     " needs a load");
   solvers_ = std::make_unique<Solvers>(std::move(arm), std::move(planar), std::move(load),
                                        TierChoice{setting, 0.0, "as set by the caller"});
 }

@@ -74,8 +74,8 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
       ++unbalanced;
     }
   }
-  basics::require(
-      !out.empty(), "load: ",
+  basics::requireKey(
+      !out.empty(), "load",
       refused == SolveStatus::kUnsupported
           ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
             "value > 0"
@@ -169,8 +169,8 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
                      microseconds(time) + " allowed";
     best = std::move(choice);
   }
-  basics::require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
-                  " on average over sampled inputs; allow twice that, since times vary");
+  basics::requireKey(best.has_value(), "budget.time_us", "the cheapest tier, ", cheapest,
+                     " on average over sampled inputs; allow twice that, since times vary");
   return *best;
 }
 
@@ -194,43 +194,44 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
     least = std::min(least, choice.relative_tip_error);
   }
   const std::string tier = request.tier ? nameOf(*request.tier) : kAutoTier;
-  basics::require(request.relative_tip_error.has_value(), "tier: ", tier, " does not meet the ",
-                  percent(allowed), " that apply without accuracy; ", nearest,
-                  "; use tier: exact, or give accuracy.tip_error_percent");
-  throw std::invalid_argument("accuracy.tip_error_percent: no requested tier meets " +
-                              percent(allowed) + ", with a factor of 2 to spare; " + nearest +
-                              "; allow a larger error, or use tier: auto");
+  basics::requireKey(request.relative_tip_error.has_value(), "tier", tier, " does not meet the ",
+                     percent(allowed), " that apply without accuracy; ", nearest,
+                     "; use tier: exact, or give accuracy.tip_error_percent");
+  throw basics::Requirement("accuracy.tip_error_percent",
+                            "no requested tier meets " + percent(allowed) +
+                                ", with a factor of 2 to spare; " + nearest +
+                                "; allow a larger error, or use tier: auto");
 }
 
 void checkRequest(const TierRequest& request) {
   const auto positive = [](const std::optional<double>& value) {
     return !value || (std::isfinite(*value) && *value > 0);
   };
-  basics::require(positive(request.relative_tip_error),
-                  "accuracy.tip_error_percent: expected a value > 0");
-  basics::require(positive(request.time), "budget.time_us: expected a value > 0");
+  basics::requireKey(positive(request.relative_tip_error), "accuracy.tip_error_percent",
+                     "expected a value > 0");
+  basics::requireKey(positive(request.time), "budget.time_us", "expected a value > 0");
   basics::require(!request.relative_tip_error || !request.time,
                   "accuracy and budget: expected only one of them");
   if (!request.order) return;
   basics::requireValue(*request.order >= kLeastOrder && *request.order <= kMostOrder, "order", "it",
                        *request.order, "2 to 8");
-  basics::require(request.tier == Tier::kLoaded, "order: it needs tier: loaded");
+  basics::requireKey(request.tier == Tier::kLoaded, "order", "it needs tier: loaded");
 }
 
 TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                           const TierRequest& request) {
   const TierSetting setting{request.tier.value_or(planar ? Tier::kPlanar : Tier::kLinear), 0};
-  basics::require(!takesLoad(setting.tier), "tier: ", nameOf(setting.tier),
-                  " needs a load; give the scene the key load, or use tier: linear");
+  basics::requireKey(!takesLoad(setting.tier), "tier", nameOf(setting.tier),
+                     " needs a load; give the scene the key load, or use tier: linear");
   if (request.time) {
     std::vector<Eigen::VectorXd> lengths;
     for (const Eigen::VectorXd& q : samplesOf(arm)) {
       lengths.push_back(arm.lengths(q));
     }
     const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
-    basics::require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
-                    ", takes ", microseconds(time),
-                    " on average over sampled inputs; allow twice that, since times vary");
+    basics::requireKey(time <= *request.time, "budget.time_us", "the cheapest tier, ",
+                       setting.name(), ", takes ", microseconds(time),
+                       " on average over sampled inputs; allow twice that, since times vary");
   }
   if (arm.tapered()) {
     return {setting, kTaperedError,
@@ -290,21 +291,21 @@ std::string TierSetting::name() const {
 TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                       const std::optional<Load>& load, const TierRequest& request) {
   checkRequest(request);
-  basics::require(request.tier != Tier::kPlanar || planar,
-                  "tier: planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
+  basics::requireKey(request.tier != Tier::kPlanar || planar, "tier",
+                     "planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
   if (load) load->validate(arm.sectionCount());
   const bool solves_load = request.tier && takesLoad(*request.tier);
   if (!load || (load->empty() && !solves_load)) return chooseUnloaded(arm, planar, request);
 
-  basics::require(
-      request.tier != Tier::kPlanar || inPlane(*load),
-      "tier: planar needs a load in the arm's x-y plane; this one has a component across it; "
+  basics::requireKey(
+      request.tier != Tier::kPlanar || inPlane(*load), "tier",
+      "planar needs a load in the arm's x-y plane; this one has a component across it; "
       "use tier: loaded, or turn arm.base");
   constexpr double kRounding = 1e-12;  // of percents converted to fractions
-  basics::require(!request.relative_tip_error ||
-                      *request.relative_tip_error >= (1.0 - kRounding) * kLeastTipError,
-                  "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
-                  " of the arm's length; allow that or more");
+  basics::requireKey(!request.relative_tip_error ||
+                         *request.relative_tip_error >= (1.0 - kRounding) * kLeastTipError,
+                     "accuracy.tip_error_percent", "no tier errs by less than ",
+                     percent(kLeastTipError), " of the arm's length; allow that or more");
   const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));
   const std::vector<TierSetting> settings = settingsOf(request, *load, in_plane);
   const Scale scale{arm, planar, load, sampleTips(arm, *load)};
