@@ -26,77 +26,75 @@
 
 namespace helix_arm::cli {
 
-/// The word in place of files that means a camera at this machine.
-inline constexpr char kWebcam[] = "webcam";
+namespace {
 
-/// What `helix_arm camera` reads pictures from.
+using nlohmann::json;
+using procedures::CameraPlacing;
+using vision::CalibratedView;
+using vision::CameraCalibration;
+using vision::CameraParameter;
+
+constexpr double kDegrees = 180 / basics::kPi;
+constexpr double kLongest = 3600;  // [s]
+constexpr int kWebcamPictures = 20;
+constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
+constexpr std::chrono::milliseconds kBetweenTries(20);
+
+// The word in place of files that means a camera at this machine.
+constexpr char kWebcam[] = "webcam";
+
+// What `helix_arm camera` reads pictures from.
 struct CameraSource {
-  std::vector<std::string> sources;  ///< files and folders, or kWebcam alone
+  std::vector<std::string> sources;  // files and folders, or kWebcam alone
   vision::WebcamConfig webcam;
-  std::optional<cv::Size> expected;  ///< size of pictures in files; absent: any
-  double seconds = 120;              ///< longest time for a webcam [s]
+  std::optional<cv::Size> expected;  // size of pictures in files; absent: any
+  double seconds = 120;              // longest time for a webcam [s]
 
   bool isWebcam() const { return sources.size() == 1 && sources[0] == kWebcam; }
 };
 
-/// Why a picture could not be used, without its name.
+// Why a picture could not be used, without its name.
 struct PictureFault {
-  explicit PictureFault(const vision::Frame& frame);
+  explicit PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
+    // Of a video, the name has the number of the frame behind #, which the fault may lack.
+    for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
+      if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
+      reason.erase(0, prefix.size() + 2);
+      return;
+    }
+  }
   std::string name;
   std::string reason;
 };
 
-/// How reading ended.
+// How reading ended.
 struct PicturesRead {
   int pictures = 0;
   std::vector<PictureFault> faults;
-  bool interrupted = false;  ///< by Ctrl-C
+  bool interrupted = false;  // by Ctrl-C
 };
-
-/// Why there is not a single picture, naming the first file or device; nothing if there is one.
-std::optional<std::string> whyNoPicture(const PicturesRead& read);
-
-/// Reads pictures until they end, until `take` wants no more, until the time is over or until
-/// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
-/// @param take  gets each picture and whether it follows the last one in time; returns false if it
-///     wants no more.
-/// @throws CallerError on kWebcam beside files, std::invalid_argument on a missing file.
-PicturesRead readPictures(const CameraSource& source,
-                          const std::function<bool(const vision::Frame&, bool)>& take);
-
-// What `helix_arm camera` can do.
 
 struct CameraArguments {
-  std::string scene;  ///< calibrate: empty for none
+  std::string scene;  // calibrate: empty for none
   std::vector<std::string> sources;
-  std::string out;           ///< empty: nothing is written
-  BoardArguments board;      ///< calibrate
-  std::string device, size;  ///< calibrate: of a webcam without scene
-  std::optional<int> focus;  ///< calibrate: likewise
-  int coefficients = 5;      ///< calibrate
-  int views = 25;            ///< calibrate: of a webcam or a video
+  std::string out;           // empty: nothing is written
+  BoardArguments board;      // calibrate
+  std::string device, size;  // calibrate: of a webcam without scene
+  std::optional<int> focus;  // calibrate: likewise
+  int coefficients = 5;      // calibrate
+  int views = 25;            // calibrate: of a webcam or a video
   std::optional<double> seconds;
-  std::string pressure_kpa, input;  ///< place
+  std::string pressure_kpa, input;  // place
 };
 
-int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
-int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
-
-/// Faults of pictures as text on stderr.
-void tellFaults(const PicturesRead& read);
-nlohmann::json faultsJson(const PicturesRead& read);
-
-namespace {
-
-constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
-constexpr std::chrono::milliseconds kBetweenTries(20);
+// Gets each picture and whether it follows the last one in time; returns false if it wants no more.
+using TakePicture = std::function<bool(const vision::Frame&, bool)>;
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-void readWebcam(const CameraSource& source,
-                const std::function<bool(const vision::Frame&, bool)>& take, PicturesRead& read) {
+void readWebcam(const CameraSource& source, const TakePicture& take, PicturesRead& read) {
   const auto camera = vision::FrameSource::webcam(source.webcam);
   const double begin = steadySeconds();
   double last = begin, retry = begin;
@@ -121,17 +119,7 @@ void readWebcam(const CameraSource& source,
   if (read.pictures == 0 && !frame.fault.empty()) read.faults.emplace_back(frame);
 }
 
-}  // namespace
-
-PictureFault::PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
-  // Of a video, the name has the number of the frame behind #, which the fault may lack.
-  for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
-    if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
-    reason.erase(0, prefix.size() + 2);
-    return;
-  }
-}
-
+// Why there is not a single picture, naming the first file or device; nothing if there is one.
 std::optional<std::string> whyNoPicture(const PicturesRead& read) {
   if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
   const PictureFault& first = read.faults.front();
@@ -140,8 +128,10 @@ std::optional<std::string> whyNoPicture(const PicturesRead& read) {
          (others > 0 ? ", and " + std::to_string(others) + " others" : "");
 }
 
-PicturesRead readPictures(const CameraSource& source,
-                          const std::function<bool(const vision::Frame&, bool)>& take) {
+// Reads pictures until they end, until `take` wants no more, until the time is over or until
+// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
+// @throws CallerError on kWebcam beside files, std::invalid_argument on a missing file.
+PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
   PicturesRead read;
   const InterruptWatch watch;
   if (source.isWebcam()) {
@@ -174,14 +164,20 @@ PicturesRead readPictures(const CameraSource& source,
   return read;
 }
 
-namespace {
+// On stderr.
+void tellFaults(const PicturesRead& read) {
+  for (const PictureFault& fault : read.faults) {
+    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
+  }
+}
 
-using nlohmann::json;
-using vision::CalibratedView;
-using vision::CameraCalibration;
-using vision::CameraParameter;
-
-constexpr double kPerDegree = 180 / basics::kPi;
+json faultsJson(const PicturesRead& read) {
+  json faults = json::array();
+  for (const PictureFault& fault : read.faults) {
+    faults.push_back({{"file", fault.name}, {"reason", fault.reason}});
+  }
+  return faults;
+}
 
 CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::Scene>& scene) {
   CameraSource source;
@@ -338,16 +334,16 @@ json reportOf(const Calibrated& result) {
                      {"tags", charuco ? json() : json(view.parts)},
                      {"corners", view.corners},
                      {"used", view.used},
-                     {"reason", view.reason.empty() ? json() : json(view.reason)},
+                     {"reason", textOrNull(view.reason)},
                      {"rms_px", fitted ? json(view.rms) : json()},
                      {"distance_m", fitted ? json(view.distance) : json()},
-                     {"tilt_deg", fitted ? json(kPerDegree * view.tilt) : json()}});
+                     {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}});
   }
   return {{"scene", result.scene ? json(result.scene->name) : json()},
           {"board", charuco ? "charuco" : "tags"},
           {"charuco", charuco ? boardJson(result.board) : json()},
           {"success", calibration.success},
-          {"reason", calibration.reason.empty() ? json() : json(calibration.reason)},
+          {"reason", textOrNull(calibration.reason)},
           {"size_px", {result.size.width, result.size.height}},
           {"pictures", result.read.pictures},
           {"faults", faultsJson(result.read)},
@@ -358,7 +354,7 @@ json reportOf(const Calibrated& result) {
           {"tilted_views", calibration.tilted_views},
           {"views", views},
           {"warnings", calibration.warnings},
-          {"out", result.out.empty() ? json() : json(result.out)}};
+          {"out", textOrNull(result.out)}};
 }
 
 void printText(const Calibrated& result) {
@@ -382,7 +378,7 @@ void printText(const Calibrated& result) {
   if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }
 
-void printCsv(const CameraCalibration& calibration) {
+CsvTable parameterTable(const CameraCalibration& calibration) {
   CsvTable table;
   for (const CameraParameter& one : calibration.parameters) {
     table.add({{"parameter", one.name},
@@ -390,7 +386,7 @@ void printCsv(const CameraCalibration& calibration) {
                {"standard_error", exact(one.standard_error)},
                {"unit", one.unit}});
   }
-  table.print(std::cout);
+  return table;
 }
 
 void write(const CameraArguments& arguments, const GlobalOptions& global,
@@ -401,8 +397,6 @@ void write(const CameraArguments& arguments, const GlobalOptions& global,
           : io::sceneTextWithCamera(arguments.scene, overridesOf(global), {camera, std::nullopt});
   io::writeFileAtomically(arguments.out, text);
 }
-
-}  // namespace
 
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   Calibrated result;
@@ -443,22 +437,14 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;
   }
-  if (global.format == Format::kJson) printJson(reportOf(result));
-  if (global.format == Format::kCsv) printCsv(result.calibration);
-  if (global.format == Format::kText) printText(result);
+  printResult(
+      global.format, reportOf(result), [&result] { return parameterTable(result.calibration); },
+      [&result] { printText(result); });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
   return result.calibration.success ? kDone : kNotPossible;
 }
-
-namespace {
-
-using nlohmann::json;
-using procedures::CameraPlacing;
-
-constexpr int kWebcamPictures = 20;
-constexpr double kDegrees = 180 / basics::kPi;
 
 struct Placed {
   const io::Scene& scene;
@@ -484,15 +470,11 @@ json reportOf(const Placed& result) {
   for (std::size_t i = 0; i < placing.fit.tags.size(); ++i) {
     tags.push_back({{"id", placing.tags[i]}, {"rms_px", placing.fit.tags[i].rms}});
   }
-  json out{{"scene", result.scene.name},
-           {"success", placing.success},
-           {"reason", placing.reason.empty() ? json() : json(placing.reason)},
-           {"pictures", result.read.pictures},
-           {"faults", faultsJson(result.read)},
-           {"tags", tags},
-           {"outlier_tags", placing.outliers},
-           {"warnings", placing.warnings},
-           {"out", result.out.empty() ? json() : json(result.out)}};
+  json out{{"scene", result.scene.name},           {"success", placing.success},
+           {"reason", textOrNull(placing.reason)}, {"pictures", result.read.pictures},
+           {"faults", faultsJson(result.read)},    {"tags", tags},
+           {"outlier_tags", placing.outliers},     {"warnings", placing.warnings},
+           {"out", textOrNull(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
                           "moved_m", "turned_rad", "bleed_m", "rms_px", "shape_deviations"}) {
     out[key] = nullptr;
@@ -500,11 +482,11 @@ json reportOf(const Placed& result) {
   if (!placing.success) return out;
   const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
   const Eigen::VectorXd errors = result.errors();
-  out["position_m"] = toJson(Eigen::VectorXd(place.position));
-  out["rpy_deg"] = toJson(Eigen::VectorXd(place.rpy_deg));
+  out["position_m"] = toJson(place.position);
+  out["rpy_deg"] = toJson(place.rpy_deg);
   out["pose"] = toJson(placing.X_WC);
-  out["standard_error"] = {{"position_m", toJson(Eigen::VectorXd(errors.head(3)))},
-                           {"rotation_rad", toJson(Eigen::VectorXd(errors.tail(3)))}};
+  out["standard_error"] = {{"position_m", toJson(errors.head(3))},
+                           {"rotation_rad", toJson(errors.tail(3))}};
   out["covariance"] = rowsJson(placing.covariance);
   out["moved_m"] = placing.moved;
   out["turned_rad"] = placing.turned;
@@ -535,30 +517,24 @@ void printText(const Placed& result) {
   if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }
 
-void printCsv(const Placed& result) {
-  CsvTable table;
+CsvTable placeTable(const Placed& result) {
   if (!result.placing.success) {
     std::cerr << result.placing.reason << "\n";
-    return;
+    return {};
   }
   const io::CameraPlace place = io::cameraPlaceOf(result.placing.X_WC);
   const Eigen::VectorXd errors = result.errors();
   CsvTable::Row row{{"scene", result.scene.name}};
-  const char* const axes[] = {"x", "y", "z"};
-  const char* const angles[] = {"roll_deg", "pitch_deg", "yaw_deg"};
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("position_") + axes[i] + "_m", exact(place.position[i]));
-  }
-  for (int i = 0; i < 3; ++i) row.emplace_back(angles[i], exact(place.rpy_deg[i]));
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("error_") + axes[i] + "_m", exact(errors[i]));
-  }
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("error_about_") + axes[i] + "_rad", exact(errors[3 + i]));
-  }
+  const auto add = [&row](const std::vector<const char*>& names, const Eigen::Vector3d& values) {
+    for (int i = 0; i < 3; ++i)
+      row.emplace_back(names[static_cast<std::size_t>(i)], exact(values[i]));
+  };
+  add({"position_x_m", "position_y_m", "position_z_m"}, place.position);
+  add({"roll_deg", "pitch_deg", "yaw_deg"}, place.rpy_deg);
+  add({"error_x_m", "error_y_m", "error_z_m"}, errors.head(3));
+  add({"error_about_x_rad", "error_about_y_rad", "error_about_z_rad"}, errors.tail(3));
   row.emplace_back("rms_px", exact(result.placing.fit.rms));
-  table.add(row);
-  table.print(std::cout);
+  return row;
 }
 
 CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) {
@@ -575,8 +551,6 @@ CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) 
   }
   return source;
 }
-
-}  // namespace
 
 int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
@@ -611,17 +585,11 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                                                     {std::nullopt, result.placing.X_WC}));
     result.out = arguments.out;
   }
-  if (global.format == Format::kJson) printJson(reportOf(result));
-  if (global.format == Format::kCsv) printCsv(result);
-  if (global.format == Format::kText) printText(result);
+  printResult(
+      global.format, reportOf(result), [&result] { return placeTable(result); },
+      [&result] { printText(result); });
   return result.placing.success ? kDone : kNotPossible;
 }
-
-namespace {
-
-using nlohmann::json;
-
-constexpr double kLongest = 3600;  // [s]
 
 void addSource(CLI::App* action, CameraArguments& arguments) {
   action
@@ -638,20 +606,6 @@ void addSource(CLI::App* action, CameraArguments& arguments) {
 }
 
 }  // namespace
-
-void tellFaults(const PicturesRead& read) {
-  for (const PictureFault& fault : read.faults) {
-    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
-  }
-}
-
-json faultsJson(const PicturesRead& read) {
-  json faults = json::array();
-  for (const PictureFault& fault : read.faults) {
-    faults.push_back({{"file", fault.name}, {"reason", fault.reason}});
-  }
-  return faults;
-}
 
 Subcommand addCamera(CLI::App& app) {
   CLI::App* command = app.add_subcommand(

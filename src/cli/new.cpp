@@ -24,6 +24,7 @@
 namespace helix_arm::cli {
 namespace {
 
+using nlohmann::json;
 using procedures::NewScene;
 
 struct NewArguments {
@@ -270,29 +271,23 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   io::writeFileAtomically(arguments.out, text);
   tellOfNoTags(arguments);
   const std::size_t tags = made.tags ? made.tags->tags.size() : 0;
-  if (global.format == Format::kJson) {
-    printJson({{"scene", made.name},
-               {"actuators", made.arm.actuatorCount()},
-               {"tags", tags},
-               {"regulator", scene.regulator},
-               {"out", arguments.out}});
-  }
-  if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add({{"scene", made.name},
-               {"actuators", std::to_string(made.arm.actuatorCount())},
-               {"tags", std::to_string(tags)},
-               {"regulator", scene.regulator},
-               {"out", arguments.out}});
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText) {
-    std::cout << "written: " << arguments.out << ", an arm with " << made.arm.actuatorCount()
-              << " muscles and " << tags << " tags\n"
-              << "Its contraction curve and stiffness are guesses: edit the file, then run "
-                 "helix_arm check "
-              << arguments.out << "\n";
-  }
+  const json report{{"scene", made.name},
+                    {"actuators", made.arm.actuatorCount()},
+                    {"tags", tags},
+                    {"regulator", scene.regulator},
+                    {"out", arguments.out}};
+  printResult(
+      global.format, report,
+      [&report] {
+        return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
+      },
+      [&] {
+        std::cout << "written: " << arguments.out << ", an arm with " << made.arm.actuatorCount()
+                  << " muscles and " << tags << " tags\n"
+                  << "Its contraction curve and stiffness are guesses: edit the file, then run "
+                     "helix_arm check "
+                  << arguments.out << "\n";
+      });
   return kDone;
 }
 

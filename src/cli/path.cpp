@@ -68,8 +68,8 @@ std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points
   return io::tipPathCsv(points, "Path of the tip, seen from the arm's base: " + describe(path));
 }
 
-json resultJson(const ShapedPath& path, const std::vector<TipWayPoint>& points,
-                const std::string& out) {
+json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
+              const std::string& out) {
   json result{{"shape", nameOf(path.shape)},
               {"centre_m", toJson(Eigen::VectorXd(path.centre))},
               {"radius_m", path.radius},
@@ -95,14 +95,6 @@ json resultJson(const ShapedPath& path, const std::vector<TipWayPoint>& points,
   return result;
 }
 
-CsvTable::Row summaryRow(const ShapedPath& path, const std::vector<TipWayPoint>& points,
-                         const std::string& out) {
-  return {{"shape", nameOf(path.shape)},
-          {"points", std::to_string(points.size())},
-          {"duration_s", exact(points.back().time)},
-          {"out", out}};
-}
-
 int run(const PathArguments& arguments, const GlobalOptions& global) {
   if (!global.overrides.empty()) {
     throw CallerError("path reads no scene that --set could change; leave out --set");
@@ -111,18 +103,20 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
   const std::vector<TipWayPoint> points = control::wayPointsOf(path);
   const std::string& out = arguments.out;
   if (!out.empty()) io::writeFileAtomically(out, csvOf(path, points));
-  if (global.format == Format::kJson) {
-    printJson(resultJson(path, points, out));
-  } else if (out.empty()) {
+  if (out.empty() && global.format != Format::kJson) {
     std::cout << csvOf(path, points);
-  } else if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add(summaryRow(path, points, out));
-    table.print(std::cout);
-  } else {
-    std::cout << describe(path) << ": " << points.size() << " points from "
-              << bracketed(points.front().position) << " m in " << out << "\n";
+    return kDone;
   }
+  const json report = reportOf(path, points, out);
+  printResult(
+      global.format, report,
+      [&] {
+        return cellsOf(report, {"shape", "points", "duration_s", "out"});
+      },
+      [&] {
+        std::cout << describe(path) << ": " << points.size() << " points from "
+                  << bracketed(points.front().position) << " m in " << out << "\n";
+      });
   return kDone;
 }
 

@@ -300,6 +300,23 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
           rig.hasCamera()};
 }
 
+void printText(const SimulatedSet& set, bool arm) {
+  const std::string pictures = pictureName(1) + " to " + pictureName(set.captures) + "\n";
+  std::cout << set.captures << (arm ? " captures in " : " pictures of the calibration board in ")
+            << set.directory.string() << ": ";
+  if (!arm) {
+    std::cout << pictures;
+    return;
+  }
+  std::cout << "scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
+  if (set.pictures) {
+    std::cout << ", tag_corners.csv, " << pictures;
+  } else {
+    std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
+              << "\n";
+  }
+}
+
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && options.rest) {
@@ -310,41 +327,22 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   const auto pathOf = [&set](const char* file, bool written) {
     return written ? json((set.directory / file).string()) : json(nullptr);
   };
-  const int pictures = set.pictures ? set.captures : 0;
-  if (global.format == Format::kJson) {
-    printJson({{"out", set.directory.string()},
-               {"seed", options.seed},
-               {"captures", set.captures},
-               {"pictures", pictures},
-               {"tags", set.tags},
-               {"scene", pathOf("scene.yaml", !options.board.given())},
-               {"truth", pathOf("truth.csv", !options.board.given())},
-               {"tag_poses", pathOf("tag_poses.csv", !options.board.given() && set.tags > 0)},
-               {"tag_corners", pathOf("tag_corners.csv", !options.board.given() && set.pictures)}});
-  }
-  if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add({{"out", set.directory.string()},
-               {"seed", std::to_string(options.seed)},
-               {"captures", std::to_string(set.captures)},
-               {"pictures", std::to_string(pictures)},
-               {"tags", std::to_string(set.tags)}});
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText && options.board.given()) {
-    std::cout << set.captures << " pictures of the calibration board in " << set.directory.string()
-              << ": " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
-  } else if (global.format == Format::kText) {
-    std::cout << set.captures << " captures in " << set.directory.string()
-              << ": scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
-    if (set.pictures) {
-      std::cout << ", tag_corners.csv, " << pictureName(1) << " to " << pictureName(set.captures)
-                << "\n";
-    } else {
-      std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
-                << "\n";
-    }
-  }
+  const bool arm = !options.board.given();
+  const json report{{"out", set.directory.string()},
+                    {"seed", options.seed},
+                    {"captures", set.captures},
+                    {"pictures", set.pictures ? set.captures : 0},
+                    {"tags", set.tags},
+                    {"scene", pathOf("scene.yaml", arm)},
+                    {"truth", pathOf("truth.csv", arm)},
+                    {"tag_poses", pathOf("tag_poses.csv", arm && set.tags > 0)},
+                    {"tag_corners", pathOf("tag_corners.csv", arm && set.pictures)}};
+  printResult(
+      global.format, report,
+      [&report] {
+        return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
+      },
+      [&] { printText(set, arm); });
   return kDone;
 }
 

@@ -18,13 +18,6 @@
 
 namespace helix_arm::cli {
 
-/// The bytes of a PDF with these pages. Everything in it is drawn by lines and areas, exact to
-/// 2 um, and its fonts are embedded.
-/// @param title  of the document, as viewers show it.
-/// @throws std::runtime_error if the PDF library fails.
-std::string pdfOf(const std::vector<procedures::Page>& pages, const procedures::Paper& paper,
-                  const std::string& title);
-
 namespace {
 
 using procedures::Align;
@@ -108,8 +101,8 @@ void draw(const Page& page, cairo_t* to) {
   cairo_show_page(to);
 }
 
-}  // namespace
-
+// The bytes of a PDF with these pages. Everything in it is drawn by lines and areas, exact to 2 um,
+// and its fonts are embedded. @throws std::runtime_error if the PDF library fails.
 std::string pdfOf(const std::vector<Page>& pages, const procedures::Paper& paper,
                   const std::string& title) {
   std::string bytes;
@@ -133,11 +126,8 @@ std::string pdfOf(const std::vector<Page>& pages, const procedures::Paper& paper
   return bytes;
 }
 
-namespace {
-
 using nlohmann::json;
 using procedures::kPapers;
-using procedures::Page;
 using procedures::Paper;
 
 struct TagsArguments {
@@ -145,7 +135,7 @@ struct TagsArguments {
   BoardArguments board;
 };
 
-/// What was printed.
+// What was printed.
 struct Print {
   std::optional<io::Scene> scene;
   std::optional<CalibrationBoard> board;
@@ -183,7 +173,7 @@ std::vector<Page> pagesOf(const Print& print) {
   return pages;
 }
 
-json toJson(const Print& print) {
+json reportOf(const Print& print) {
   json result{{"scene", nullptr},
               {"family", nullptr},
               {"size_m", nullptr},
@@ -203,17 +193,11 @@ json toJson(const Print& print) {
   return result;
 }
 
-CsvTable toCsv(const Print& print) {
-  const bool scene = print.scene.has_value();
-  CsvTable table;
-  table.add({{"scene", scene ? print.scene->name : ""},
-             {"tags", std::to_string(scene ? print.scene->tags->tags.size() : 0)},
-             {"size_m", scene ? exact(print.scene->tags->size) : ""},
-             {"board", print.board ? "1" : "0"},
-             {"paper", print.paper.name},
-             {"pages", std::to_string(print.pages)},
-             {"out", print.out}});
-  return table;
+CsvTable toCsv(const Print& print, const json& report) {
+  CsvTable::Row row = cellsOf(report, {"scene", "size_m", "paper", "pages", "out"});
+  row.insert(row.begin() + 1, {"tags", std::to_string(report["ids"].size())});
+  row.insert(row.begin() + 3, {"board", print.board ? "1" : "0"});
+  return row;
 }
 
 void printText(const Print& print) {
@@ -255,9 +239,9 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   io::writeFileAtomically(
       print.out, pdfOf(pages, print.paper,
                        print.scene ? "Tags of " + print.scene->name : "Calibration board"));
-  if (global.format == Format::kJson) printJson(toJson(print));
-  if (global.format == Format::kCsv) toCsv(print).print(std::cout);
-  if (global.format == Format::kText) printText(print);
+  const json report = reportOf(print);
+  printResult(
+      global.format, report, [&] { return toCsv(print, report); }, [&] { printText(print); });
   return kDone;
 }
 
