@@ -24,17 +24,10 @@
 
 namespace helix_arm::cli {
 
-/// "quintic", "table" or "spline"; nothing of other words.
-std::optional<estimation::CurveKind> curveKindOf(const std::string& word);
-
-/// The fitted contraction curves, with their samples and points to draw.
-nlohmann::json contractionsJson(const procedures::CalibrationOutcome& outcome);
-
-/// The fitted response; null if none was asked for.
-nlohmann::json responseJson(const std::optional<procedures::FittedResponse>& found);
-
 namespace {
 
+using estimation::ArmCaptures;
+using estimation::Calibration;
 using nlohmann::json;
 
 constexpr std::pair<estimation::CurveKind, const char*> kCurveNames[] = {
@@ -61,16 +54,14 @@ json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
 
 json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {
   static const char* const kWords[] = {"found", "none", "not_determined"};
-  return {{"verdict", kWords[static_cast<std::size_t>(verdict)]},
-          {"reason", reason.empty() ? json() : json(reason)}};
+  return {{"verdict", kWords[static_cast<std::size_t>(verdict)]}, {"reason", textOrNull(reason)}};
 }
 
 json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
   return {{"value", scale * one.value}, {"standard_error", scale * one.standard_error}};
 }
 
-}  // namespace
-
+// "quintic", "table" or "spline"; nothing of other words.
 std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
   for (const auto& [kind, name] : kCurveNames) {
     if (word == name) return kind;
@@ -78,6 +69,7 @@ std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
   return std::nullopt;
 }
 
+// The fitted contraction curves, with their samples and points to draw.
 json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
@@ -106,6 +98,7 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   return all;
 }
 
+// The fitted response; null if none was asked for.
 json responseJson(const std::optional<procedures::FittedResponse>& found) {
   if (!found) return nullptr;
   const estimation::ResponseFit& fit = found->fit;
@@ -124,13 +117,6 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
           {"static_rms_m", fit.static_rms},
           {"rms_m", fit.rms}};
 }
-
-namespace {
-
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::ContractionFit;
-using nlohmann::json;
 
 struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
@@ -246,10 +232,8 @@ json combinationsJson(const std::vector<estimation::Combination>& combinations) 
   return out;
 }
 
-json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
-
-void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
-                     const CalibrateOptions& options) {
+json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
+              const CalibrateOptions& options) {
   json result{{"scene", scene.name},
               {"success", outcome.success},
               {"reason", outcome.success ? json() : json(outcome.message)},
@@ -289,16 +273,17 @@ void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcom
     }
     result["next_pressures_pa"] = std::move(next);
   }
-  printJson(result);
+  return result;
 }
 
-void printCsvResult(const procedures::CalibrationOutcome& outcome) {
+// The table, after comments that are printed at once.
+CsvTable tableOf(const procedures::CalibrationOutcome& outcome) {
   for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
   if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
     std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration && !outcome.response) return;
+  if (!outcome.calibration && !outcome.response) return {};
   if (outcome.calibration && outcome.calibration->by_pressure) {
     std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
               << outcome.calibration->error_unit << "\n";
@@ -312,7 +297,7 @@ void printCsvResult(const procedures::CalibrationOutcome& outcome) {
                {"standard_error", exact(one.standard_error)},
                {"identifiable", one.identifiable ? "1" : "0"}});
   }
-  table.print(std::cout);
+  return table;
 }
 
 // An error in the unit and precision of the text output.
@@ -426,9 +411,9 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (outcome.success && !options.out.empty()) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
-  if (global.format == Format::kJson) printJsonResult(scene, outcome, options);
-  if (global.format == Format::kCsv) printCsvResult(outcome);
-  if (global.format == Format::kText) printTextResult(scene, outcome, options);
+  printResult(
+      global.format, reportOf(scene, outcome, options), [&outcome] { return tableOf(outcome); },
+      [&] { printTextResult(scene, outcome, options); });
   return outcome.success ? kDone : kNotPossible;
 }
 

@@ -47,7 +47,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"pressure_pa", toJson(capture.pressure)},
               {"status", estimation::nameOf(capture.status)},
               {"converged", capture.converged()},
-              {"reason", capture.reason.empty() ? json() : json(capture.reason)},
+              {"reason", textOrNull(capture.reason)},
               {"model_status", statics::nameOf(capture.model.status)},
               {"twist", nullptr},
               {"covariance", nullptr},
@@ -75,17 +75,16 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   return result;
 }
 
-void printJsonResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                     const FitSummary& summary) {
-  const std::string reason = reasonForNoFit(captures);
+json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+              const FitSummary& summary) {
   json list = json::array();
   for (const FittedCapture& capture : captures) list.push_back(captureJson(capture, *scene.tags));
-  printJson({{"scene", scene.name},
-             {"captures", list},
-             {"median_rms_m", toJson(summary.median_rms)},
-             {"flagged_captures", summary.flagged_captures},
-             {"unknown_tags", summary.unknown_tags},
-             {"reason", reason.empty() ? json() : json(reason)}});
+  return {{"scene", scene.name},
+          {"captures", list},
+          {"median_rms_m", toJson(summary.median_rms)},
+          {"flagged_captures", summary.flagged_captures},
+          {"unknown_tags", summary.unknown_tags},
+          {"reason", textOrNull(reasonForNoFit(captures))}};
 }
 
 // An absent fit gives the same columns with empty cells.
@@ -113,26 +112,23 @@ void appendFit(const FittedCapture& capture, const TagLayout& layout, int sectio
   }
 }
 
-void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                    const FitSummary& summary) {
-  CsvTable table;
-  for (const FittedCapture& capture : captures) {
-    CsvTable::Row row{{"capture", std::to_string(capture.number)},
-                      {"status", estimation::nameOf(capture.status)},
-                      {"converged", capture.converged() ? "1" : "0"}};
-    appendInputs(scene.arm, capture.pressure, row);
-    row.emplace_back("rms_m", capture.fit ? exact(capture.fit->rms) : "");
-    row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
-    row.emplace_back("usual_rms_m", exact(capture.usual_rms));
-    row.emplace_back("unknown_tags", joined(capture.unknown_tags));
-    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
-    row.emplace_back("model_status", statics::nameOf(capture.model.status));
-    table.add(row);
-  }
-  if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";
+// The table, after comments that are printed at once.
+CsvTable tableOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                 const json& report) {
+  const json& median = report["median_rms_m"];
+  if (!median.is_null()) std::cout << "# median_rms_m " << exact(median.get<double>()) << "\n";
   const std::string reason = reasonForNoFit(captures);
   if (!reason.empty()) std::cout << "# reason " << reason << "\n";
-  table.print(std::cout);
+  CsvTable table;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const json& capture = report["captures"][i];
+    CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
+                                          "outlier_tags", "usual_rms_m", "unknown_tags"});
+    appendFit(captures[i], *scene.tags, scene.arm.sectionCount(), row);
+    row.push_back(cellsOf(capture, {"model_status"}).front());
+    table.add(row);
+  }
+  return table;
 }
 
 void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
@@ -175,9 +171,10 @@ int run(const FitOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
   const FitSummary summary = summaryOf(captures);
-  if (global.format == Format::kJson) printJsonResult(scene, captures, summary);
-  if (global.format == Format::kCsv) printCsvResult(scene, captures, summary);
-  if (global.format == Format::kText) printTextResult(scene, captures, summary);
+  const json report = reportOf(scene, captures, summary);
+  printResult(
+      global.format, report, [&] { return tableOf(scene, captures, report); },
+      [&] { printTextResult(scene, captures, summary); });
   return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
 }
 

@@ -20,35 +20,29 @@
 
 namespace helix_arm::cli {
 
-/// A simulated run with what was asked for.
-struct FollowReport {
-  const io::Scene& scene;
-  std::string rig;  ///< file of the rig's scene; empty if that is `scene`
-  const procedures::FollowPlan& plan;
-  const procedures::FollowResult& result;
-  std::string out, png;  ///< files; empty where there is none
-};
-
-/// Why there are no figures; empty if there are.
-std::string failureOf(const FollowReport& report);
-nlohmann::json toJson(const FollowReport& report);
-/// One row a turn, after a comment.
-std::string csvOf(const FollowReport& report);
-void printText(const FollowReport& report);
-
-/// What plot_report draws.
-/// @param open  the same run with the loop open; null to draw the run alone.
-nlohmann::json plotOf(const FollowReport& report, const procedures::FollowResult* open);
-
 namespace {
 
 using nlohmann::json;
+using procedures::FollowPlan;
 using procedures::FollowResult;
 using procedures::FollowRow;
 
+constexpr model::Range kSeconds{0.1, 3600};
+constexpr model::Range kLatency{0, 1};
+constexpr std::size_t kMostTips = 1000;
+constexpr double kMostForce = 100.0;      // [N]
 constexpr std::size_t kMostDrawn = 5000;  // rows of a run in a picture
 
-const char* visionName(const procedures::FollowPlan& plan) {
+// A simulated run with what was asked for.
+struct FollowReport {
+  const io::Scene& scene;
+  std::string rig;  // file of the rig's scene; empty if that is `scene`
+  const FollowPlan& plan;
+  const FollowResult& result;
+  std::string out, png;  // files; empty where there is none
+};
+
+const char* visionName(const FollowPlan& plan) {
   return plan.vision == simulation::VisionKind::kRendered ? "rendered" : "corners";
 }
 
@@ -70,11 +64,10 @@ json settleJson(const procedures::FollowFigures& figures) {
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
   for (const procedures::FollowAlarm& alarm : result.alarms) {
-    alarms.push_back(
-        {{"time_s", alarm.time},
-         {"onset_s", alarm.onset},
-         {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(Eigen::VectorXd(alarm.force))},
-         {"covariance", rowsJson(alarm.covariance)}});
+    alarms.push_back({{"time_s", alarm.time},
+                      {"onset_s", alarm.onset},
+                      {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
+                      {"covariance", rowsJson(alarm.covariance)}});
   }
   return alarms;
 }
@@ -93,12 +86,9 @@ json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
   }
   parts.push_back(spreadJson("predicted", budget->predicted));
   parts.push_back(spreadJson("open_loop", budget->open_loop));
-  return {{"time_s", budget->time},
-          {"parts", parts},
-          {"error_m", toJson(Eigen::VectorXd(budget->error))},
-          {"distance2", budget->distance2},
-          {"limit", budget->limit},
-          {"state", nameOf(budget->state)}};
+  return {{"time_s", budget->time},           {"parts", parts},
+          {"error_m", toJson(budget->error)}, {"distance2", budget->distance2},
+          {"limit", budget->limit},           {"state", nameOf(budget->state)}};
 }
 
 void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
@@ -109,7 +99,7 @@ void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector
   }
 }
 
-CsvTable::Row cellsOf(const FollowRow& row, const model::Arm& arm) {
+CsvTable::Row rowOf(const FollowRow& row, const model::Arm& arm) {
   CsvTable::Row cells{{"time_s", exact(row.time)}};
   appendPosition("wanted_", row.wanted, cells);
   appendPosition("true_", row.true_tip, cells);
@@ -159,8 +149,7 @@ void printTips(const procedures::FollowFigures& figures) {
 }
 
 // Rows that count for the figures: all, or those of the path.
-std::vector<const FollowRow*> drawnRows(const procedures::FollowPlan& plan,
-                                        const FollowResult& result) {
+std::vector<const FollowRow*> drawnRows(const FollowPlan& plan, const FollowResult& result) {
   std::vector<const FollowRow*> rows;
   for (const FollowRow& row : result.rows) {
     if (!row.wanted) continue;
@@ -174,11 +163,11 @@ std::vector<const FollowRow*> drawnRows(const procedures::FollowPlan& plan,
   return drawn;
 }
 
-json runJson(const char* name, const procedures::FollowPlan& plan, const FollowResult& result) {
+json runJson(const char* name, const FollowPlan& plan, const FollowResult& result) {
   json times = json::array(), tips = json::array(), errors = json::array();
   for (const FollowRow* row : drawnRows(plan, result)) {
     times.push_back(row->time);
-    tips.push_back(toJson(Eigen::VectorXd(row->true_tip)));
+    tips.push_back(toJson(row->true_tip));
     errors.push_back((row->true_tip - *row->wanted).norm());
   }
   const std::string figure = summary(result.figures);
@@ -188,8 +177,7 @@ json runJson(const char* name, const procedures::FollowPlan& plan, const FollowR
           {"error_m", errors}};
 }
 
-}  // namespace
-
+// Why there are no figures; empty if there are.
 std::string failureOf(const FollowReport& report) {
   if (!report.result.vented.empty()) return "the arm was vented: " + report.result.vented;
   if (report.plan.path && !report.result.figures.path_rms) {
@@ -199,18 +187,16 @@ std::string failureOf(const FollowReport& report) {
   return {};
 }
 
-json toJson(const FollowReport& report) {
+json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
-  const std::string failure = failureOf(report);
-  const auto nullable = [](const std::string& text) { return text.empty() ? json() : json(text); };
   return {{"scene", report.scene.name},
-          {"rig", nullable(report.rig)},
+          {"rig", textOrNull(report.rig)},
           {"seed", report.plan.seed},
           {"sight", visionName(report.plan)},
           {"open", report.plan.open},
           {"seconds", report.plan.seconds},
           {"pictures", report.result.pictures},
-          {"reason", nullable(failure)},
+          {"reason", textOrNull(failureOf(report))},
           {"path_rms_m", toJson(figures.path_rms)},
           {"path_max_m", toJson(figures.path_max)},
           {"steady_rms_m", figures.steady_rms},
@@ -219,10 +205,11 @@ json toJson(const FollowReport& report) {
           {"states", statesJson(report.result)},
           {"alarms", alarmsJson(report.result)},
           {"budget", budgetJson(report.result.budget)},
-          {"out", nullable(report.out)},
-          {"png", nullable(report.png)}};
+          {"out", textOrNull(report.out)},
+          {"png", textOrNull(report.png)}};
 }
 
+// One row a turn, after a comment.
 std::string csvOf(const FollowReport& report) {
   std::ostringstream out;
   out << "# Simulated run of scene " << report.scene.name << ", loop "
@@ -230,13 +217,9 @@ std::string csvOf(const FollowReport& report) {
       << ", seed " << report.plan.seed
       << ". Tips seen from the arm's base. A measured tip is in the\n# row in which it became "
          "known; measured_time_s is the time of its picture.\n";
-  bool named = false;
-  for (const FollowRow& row : report.result.rows) {
-    const CsvTable::Row cells = cellsOf(row, report.scene.arm);
-    if (!named) CsvTable::printNames(cells, out);
-    named = true;
-    CsvTable::printValues(cells, out);
-  }
+  CsvTable table;
+  for (const FollowRow& row : report.result.rows) table.add(rowOf(row, report.scene.arm));
+  table.print(out);
   return out.str();
 }
 
@@ -264,10 +247,12 @@ void printText(const FollowReport& report) {
   if (!failure.empty()) std::cout << failure << "\n";
 }
 
+// What plot_report draws.
+// @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
   json wanted = json::array();
   for (const FollowRow* row : drawnRows(report.plan, report.result)) {
-    wanted.push_back(toJson(Eigen::VectorXd(*row->wanted)));
+    wanted.push_back(toJson(*row->wanted));
   }
   json runs = json::array();
   if (open != nullptr) runs.push_back(runJson("open loop", report.plan, *open));
@@ -281,16 +266,6 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
             {"blind_s", blind ? json({blind->lower, blind->upper}) : json()},
             {"runs", runs}}}};
 }
-
-namespace {
-
-using procedures::FollowPlan;
-using procedures::FollowResult;
-
-constexpr model::Range kSeconds{0.1, 3600};
-constexpr model::Range kLatency{0, 1};
-constexpr std::size_t kMostTips = 1000;
-constexpr double kMostForce = 100.0;  // [N]
 
 struct FollowArguments {
   std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
@@ -406,9 +381,11 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (!arguments.png.empty()) {
     drawJsonReport(plotOf(report, open ? &*open : nullptr), arguments.png, "leave out --png");
   }
-  if (global.format == Format::kJson) printJson(toJson(report));
-  if (global.format == Format::kCsv) std::cout << csvOf(report);
-  if (global.format == Format::kText) printText(report);
+  if (global.format == Format::kCsv) {
+    std::cout << csvOf(report);
+  } else {
+    printResult(global.format, reportOf(report), {}, [&report] { printText(report); });
+  }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
