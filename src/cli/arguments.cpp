@@ -98,7 +98,7 @@ void requireYaml(const std::string& out) {
 
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
                       const std::string& what) {
-  CLI::Option* const out = command.add_option(option, scene, what + ", or name of a shipped scene");
+  CLI::Option* const out = addOption(command, option, scene, what + ", or name of a shipped scene");
   // A name that is not known is refused when the scene is loaded, so that --help still works.
   const auto resolve = [](std::string& given) -> std::string {
     given = io::findScene(given).value_or(given);
@@ -181,25 +181,19 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 }
 
 void addTierOptions(CLI::App& command, TierArguments& arguments) {
-  command
-      .add_option("--tier", arguments.tier,
-                  "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no "
-                  "load), linear "
-                  "(SE(3), no load), loaded, exact; default: the scene's")
-      ->check(CLI::IsMember(statics::tierWords()));
-  command.add_option("--order", arguments.order, "with --tier loaded: order of its polynomials")
-      ->check(CLI::Range(statics::kLeastOrder, statics::kMostOrder));
-  command
-      .add_option("--accuracy", arguments.accuracy_percent,
-                  "choose the cheapest tier with at most this tip error [% of the arm's length]")
-      ->type_name("PERCENT")
-      ->check(within(kTipErrorPercent));
-  command
-      .add_option(
-          "--budget", arguments.budget_us,
-          "choose the most accurate tier with at most this mean time over sampled inputs [us]")
-      ->type_name("US")
-      ->check(within(kTimeUs));
+  addOption(command, "--tier", arguments.tier,
+            "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no "
+            "load), linear "
+            "(SE(3), no load), loaded, exact; default: the scene's",
+            CLI::IsMember(statics::tierWords()));
+  addOption(command, "--order", arguments.order, "with --tier loaded: order of its polynomials",
+            CLI::Range(statics::kLeastOrder, statics::kMostOrder));
+  addOption(command, "--accuracy", arguments.accuracy_percent,
+            "choose the cheapest tier with at most this tip error [% of the arm's length]",
+            TypeName{"PERCENT"}, within(kTipErrorPercent));
+  addOption(command, "--budget", arguments.budget_us,
+            "choose the most accurate tier with at most this mean time over sampled inputs [us]",
+            TypeName{"US"}, within(kTimeUs));
 }
 
 statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
@@ -241,28 +235,23 @@ const char* const kCharuco = "charuco";
 constexpr double kUsualMarker = 0.75;  // of the side of a square
 
 void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
-  command
-      .add_option("--squares", arguments.squares,
-                  "of a ChArUco board: number of squares across and down, default 7,9")
-      ->type_name("ACROSS,DOWN");
-  command
-      .add_option("--square-size-m", arguments.square_size,
-                  "of a ChArUco board: side of a square [m], default 0.024")
-      ->type_name("S");
-  command
-      .add_option("--marker-size-m", arguments.marker_size,
-                  "of a ChArUco board: side of a marker's black border [m], default three quarters "
-                  "of a square")
-      ->type_name("S");
+  addOption(command, "--squares", arguments.squares,
+            "of a ChArUco board: number of squares across and down, default 7,9",
+            TypeName{"ACROSS,DOWN"});
+  addOption(command, "--square-size-m", arguments.square_size,
+            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
+  addOption(command, "--marker-size-m", arguments.marker_size,
+            "of a ChArUco board: side of a marker's black border [m], default three quarters "
+            "of a square",
+            TypeName{"S"});
   std::vector<std::string> dictionaries;
   for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
     dictionaries.emplace_back(known.name);
   }
-  offerWords(command
-                 .add_option("--dictionary", arguments.dictionary,
-                             "of a ChArUco board: its markers, by OpenCV's name, default "
-                             "DICT_4X4_50")
-                 ->type_name("NAME"),
+  offerWords(addOption(command, "--dictionary", arguments.dictionary,
+                       "of a ChArUco board: its markers, by OpenCV's name, default "
+                       "DICT_4X4_50",
+                       TypeName{"NAME"}),
              dictionaries);
   command.add_flag("--legacy-pattern", arguments.legacy_pattern,
                    "of a ChArUco board with an even number of squares down: its top left square is "
@@ -299,9 +288,8 @@ vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
 }  // namespace
 
 void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  command.add_option("--board", arguments.kind, what)
-      ->type_name("KIND")
-      ->check(CLI::IsMember({kTags, kCharuco}))
+  addOption(command, "--board", arguments.kind, what, TypeName{"KIND"},
+            CLI::IsMember({kTags, kCharuco}))
       ->default_val(kTags);
   addCharucoOptions(command, arguments);
 }

@@ -423,57 +423,46 @@ Subcommand addCalibrate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
   const auto options = std::make_shared<CalibrateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command
-      ->add_option(
-          "DATA", options->data,
-          "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
-          ".., "
-          "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
-          "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths (pressure_kpa, "
-          "length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m); or rosbags "
-          "with tag_detections, pressure_measured and pressure_command: each "
-          "time the arm is at rest is one capture")
-      ->required();
-  offerList(
-      command->add_option("--fit", options->fit,
-                          "parameters to fit, comma list of " + estimation::fitWordsText() +
-                              "; default " + estimation::wordOf(estimation::kDefaultFitGroup)),
-      estimation::fitWords());
-  command->add_option("--out", options->out, "scene file to write, completely or not at all");
-  command
-      ->add_option(
-          "--also", options->also,
-          "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
-          "repeatable")
+  addOption(*command, "DATA", options->data,
+            "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
+            ".., "
+            "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
+            "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths (pressure_kpa, "
+            "length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m); or rosbags "
+            "with tag_detections, pressure_measured and pressure_command: each "
+            "time the arm is at rest is one capture",
+            kRequired);
+  offerList(addOption(*command, "--fit", options->fit,
+                      "parameters to fit, comma list of " + estimation::fitWordsText() +
+                          "; default " + estimation::wordOf(estimation::kDefaultFitGroup)),
+            estimation::fitWords());
+  addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
+  addOption(*command, "--also", options->also,
+            "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
+            "repeatable")
       ->allow_extra_args(false);
-  command->add_option(
-      "--contraction", options->request.contraction,
-      "the scene's contraction curve that free lengths replace; needed if it has several");
-  command
-      ->add_option("--curve", options->curve,
-                   "kind of contraction curve: spline (fitted to free lengths and captures "
-                   "together), quintic or table (to free lengths alone); default spline with "
-                   "captures, else quintic")
-      ->check(CLI::IsMember({"quintic", "table", "spline"}));
-  command
-      ->add_option("--branch", options->branch,
-                   "branch of the free lengths: both, rising or falling")
-      ->check(CLI::IsMember({"both", "rising", "falling"}))
-      ->capture_default_str();
-  command->add_option(
-      "--curvature-noise-rad", options->request.curvature_noise,
-      "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
-      "scene's, vision.*");
+  addOption(*command, "--contraction", options->request.contraction,
+            "the scene's contraction curve that free lengths replace; needed if it has several");
+  addOption(*command, "--curve", options->curve,
+            "kind of contraction curve: spline (fitted to free lengths and captures "
+            "together), quintic or table (to free lengths alone); default spline with "
+            "captures, else quintic",
+            CLI::IsMember({"quintic", "table", "spline"}));
+  addOption(*command, "--branch", options->branch,
+            "branch of the free lengths: both, rising or falling",
+            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+  addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
+            "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
+            "scene's, vision.*");
   command->footer(
-      "json: tip_error_before_m and tip_error_after_m (median over the captures with tags),\n"
-      "parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
-      "combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,\n"
-      "response, correlation, rms, held_out_error (each pressure predicted by a fit without it) "
-      "with\n"
-      "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"
-      "next_pressures_pa (most informative pressures to measure next), warnings, out, reason\n"
-      "(exit code 1).\n"
-      "scripts/plot_report draws it. csv: one row per parameter.");
+      R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
+parameters {name: {value, standard_error, identifiable, initial, unit}},
+combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
+response, correlation, rms, held_out_error (each pressure predicted by a fit without it) with
+error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
+next_pressures_pa (most informative pressures to measure next), warnings, out, reason
+(exit code 1).
+scripts/plot_report draws it. csv: one row per parameter.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -592,17 +592,13 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
 }
 
 void addSource(CLI::App* action, CameraArguments& arguments) {
-  action
-      ->add_option("--source", arguments.sources,
-                   "webcam, or pictures, folders of pictures and videos")
-      ->required()
+  addOption(*action, "--source", arguments.sources,
+            "webcam, or pictures, folders of pictures and videos", kRequired)
       ->expected(1, -1)
       ->type_name("webcam|FILES");
-  action
-      ->add_option("--seconds", arguments.seconds,
-                   "longest time to look through a webcam [s], default 120")
-      ->type_name("S")
-      ->check(CLI::Range(0.1, kLongest));
+  addOption(*action, "--seconds", arguments.seconds,
+            "longest time to look through a webcam [s], default 120", TypeName{"S"},
+            CLI::Range(0.1, kLongest));
 }
 
 }  // namespace
@@ -624,70 +620,57 @@ Subcommand addCamera(CLI::App& app) {
   addScene(*calibrate, "--scene", arguments->scene,
            "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
-  calibrate
-      ->add_option("--out", arguments->out,
-                   "file to write: a camera_info YAML or, with --scene, that scene with the new "
-                   "intrinsics")
-      ->type_name("FILE.yaml");
-  calibrate
-      ->add_option("--coefficients", arguments->coefficients,
-                   "number of coefficients of distortion: 0, 2, 4, 5 or 8")
-      ->check(CLI::IsMember({0, 2, 4, 5, 8}))
-      ->capture_default_str();
-  calibrate
-      ->add_option("--views", arguments->views,
-                   "number of views to choose from a webcam or a video")
-      ->check(CLI::Range(5, 200))
-      ->capture_default_str();
-  calibrate
-      ->add_option("--device", arguments->device, "webcam, default the scene's, else /dev/video0")
-      ->type_name("PATH");
-  calibrate
-      ->add_option("--size", arguments->size,
-                   "its picture size [px], default the scene's, else 1280,720")
-      ->type_name("W,H");
-  calibrate
-      ->add_option("--focus", arguments->focus,
-                   "its fixed focus, in the driver's units, default the scene's, else 0")
-      ->check(CLI::Range(0, 1'000'000));
+  addOption(*calibrate, "--out", arguments->out,
+            "file to write: a camera_info YAML or, with --scene, that scene with the new "
+            "intrinsics",
+            TypeName{"FILE.yaml"});
+  addOption(*calibrate, "--coefficients", arguments->coefficients,
+            "number of coefficients of distortion: 0, 2, 4, 5 or 8", CLI::IsMember({0, 2, 4, 5, 8}),
+            kShowDefault);
+  addOption(*calibrate, "--views", arguments->views,
+            "number of views to choose from a webcam or a video", CLI::Range(5, 200), kShowDefault);
+  addOption(*calibrate, "--device", arguments->device,
+            "webcam, default the scene's, else /dev/video0", TypeName{"PATH"});
+  addOption(*calibrate, "--size", arguments->size,
+            "its picture size [px], default the scene's, else 1280,720", TypeName{"W,H"});
+  addOption(*calibrate, "--focus", arguments->focus,
+            "its fixed focus, in the driver's units, default the scene's, else 0",
+            CLI::Range(0, 1'000'000));
   calibrate->footer(
-      "Pictures are all used; of a webcam or a video those in which the board rests at a new\n"
-      "place. Hold the board close, at the edges and corners, and tilted to each side.\n"
-      "json: scene (null without), board (tags or charuco), charuco (null, or dictionary,\n"
-      "columns, rows, square_size_m, marker_size_m, legacy_pattern), success, reason, size_px,\n"
-      "pictures (number), faults [{file, reason}], parameters {name: {value, standard_error, "
-      "unit}}, rms_px, coverage\n"
-      "(part of the picture's 8 x 6 cells that hold corners), reach (largest distance of a corner\n"
-      "from the principal point, relative to the picture's corner), tilted_views, views [{file,\n"
-      "tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, "
-      "out.\n"
-      "csv: one row per parameter. Exit code 1 if the views do not determine the camera; the\n"
-      "reason is in the result, and nothing is written. 130 on Ctrl-C.");
+      R"(Pictures are all used; of a webcam or a video those in which the board rests at a new
+place. Hold the board close, at the edges and corners, and tilted to each side.
+json: scene (null without), board (tags or charuco), charuco (null, or dictionary,
+columns, rows, square_size_m, marker_size_m, legacy_pattern), success, reason, size_px,
+pictures (number), faults [{file, reason}], parameters {name: {value, standard_error, unit}}, rms_px, coverage
+(part of the picture's 8 x 6 cells that hold corners), reach (largest distance of a corner
+from the principal point, relative to the picture's corner), tilted_views, views [{file,
+tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, out.
+csv: one row per parameter. Exit code 1 if the views do not determine the camera; the
+reason is in the result, and nothing is written. 130 on Ctrl-C.)");
 
   CLI::App* place = command->add_subcommand(
       "place", "pose of the scene's camera from pictures of the arm at rest");
   addScene(*place, "SCENE", arguments->scene, "scene file with camera and tags")->required();
   addSource(place, *arguments);
-  place->add_option("--out", arguments->out, "scene file to write, with the camera at its place")
-      ->type_name("SCENE2");
-  place->add_option("--pressure-kpa", arguments->pressure_kpa,
-                    "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; "
-                    "default: at rest");
-  place->add_option("--input", arguments->input,
-                    "the same in SI units: pressures [Pa], spool angles [rad]");
+  addOption(*place, "--out", arguments->out, "scene file to write, with the camera at its place",
+            TypeName{"SCENE2"});
+  addOption(*place, "--pressure-kpa", arguments->pressure_kpa,
+            "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; "
+            "default: at rest");
+  addOption(*place, "--input", arguments->input,
+            "the same in SI units: pressures [Pa], spool angles [rad]");
   place->footer(
-      "Camera and arm must stand still. The tag nearest to the base counts as exact; the other\n"
-      "tags are known as well as tags.placement_prior says, the arm's shape to 2 % of its length\n"
-      "and 0.1 rad per section.\n"
-      "json: scene, success, reason, pictures (number), faults [{file, reason}], tags [{id, "
-      "rms_px}],\n"
-      "outlier_tags (left out), position_m, rpy_deg (as in the scene), pose (optical frame in\n"
-      "the world),\n"
-      "standard_error {position_m [3], rotation_rad [3]} and covariance (6 x 6), along and about\n"
-      "the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, rms_px,\n"
-      "shape_deviations, warnings, out. Values are null without success.\n"
-      "csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the\n"
-      "result, and nothing is written. 130 on Ctrl-C.");
+      R"(Camera and arm must stand still. The tag nearest to the base counts as exact; the other
+tags are known as well as tags.placement_prior says, the arm's shape to 2 % of its length
+and 0.1 rad per section.
+json: scene, success, reason, pictures (number), faults [{file, reason}], tags [{id, rms_px}],
+outlier_tags (left out), position_m, rpy_deg (as in the scene), pose (optical frame in
+the world),
+standard_error {position_m [3], rotation_rad [3]} and covariance (6 x 6), along and about
+the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, rms_px,
+shape_deviations, warnings, out. Values are null without success.
+csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the
+result, and nothing is written. 130 on Ctrl-C.)");
   return {command, [arguments, calibrate](const GlobalOptions& global) {
             return calibrate->parsed() ? calibrateCameraOf(*arguments, global)
                                        : placeCameraOf(*arguments, global);

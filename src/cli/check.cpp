@@ -193,19 +193,17 @@ Subcommand addCheck(CLI::App& app) {
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_flag("--probe", arguments->probe,
                     "also connect to the regulator, which vents, and read it once");
-  command
-      ->add_option("--samples", arguments->samples,
-                   "number of inputs drawn within the limits, besides their corners")
-      ->check(CLI::Range(0, 100000))
-      ->capture_default_str();
+  addOption(*command, "--samples", arguments->samples,
+            "number of inputs drawn within the limits, besides their corners",
+            CLI::Range(0, 100000), kShowDefault);
   command->footer(
-      "Nothing moves. Faults of the file itself are reported as by every command (exit code 2).\n"
-      "json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,\n"
-      "remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),\n"
-      "measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 %\n"
-      "of the tags that face the camera exceed)} (null without camera or tags), probed, regulator\n"
-      "(null without), pressures_pa (null unless it answered), supply_pa (null unless measured).\n"
-      "csv: one row per finding. Exit code 1 if a fault was found.");
+      R"(Nothing moves. Faults of the file itself are reported as by every command (exit code 2).
+json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,
+remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),
+measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 %
+of the tags that face the camera exceed)} (null without camera or tags), probed, regulator
+(null without), pressures_pa (null unless it answered), supply_pa (null unless measured).
+csv: one row per finding. Exit code 1 if a fault was found.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

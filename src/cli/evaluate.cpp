@@ -327,25 +327,23 @@ Subcommand addEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("evaluate", "compare the model with measurements");
   const auto options = std::make_shared<EvaluateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command
-      ->add_option(
-          "DATA", options->data,
-          "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a "
-          "missing "
-          "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes")
-      ->required();
-  command->footer(
-      "Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,\n"
-      "measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:\n"
-      "model_rad is null there, exit code 1).\n"
-      "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,\n"
-      "reason, model_status (as that of forward), rms_m (the model's tags against those\n"
-      "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted\n"
-      "tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where\n"
-      "fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and\n"
-      "median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,\n"
-      "reason.\n"
-      "csv: the summary as # comments, then one row per point or capture.");
+  addOption(
+      *command, "DATA", options->data,
+      "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a "
+      "missing "
+      "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes",
+      kRequired);
+  command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
+measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
+model_rad is null there, exit code 1).
+Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
+reason, model_status (as that of forward), rms_m (the model's tags against those
+measured that fit one shape), tip_error_m and tip_error_percent (model against fitted
+tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where
+fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and
+median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
+reason.
+csv: the summary as # comments, then one row per point or capture.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -184,27 +184,26 @@ Subcommand addFit(CLI::App& app) {
   CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
   const auto options = std::make_shared<FitOptions>();
   addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
-  command
-      ->add_option("TAG_POSES", options->data,
-                   "data set (# comments, a header, one row per tag) with the columns capture, "
-                   "pressure_1_kpa "
-                   ".. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
-                   "tags.frame (default: "
-                   "the arm's base)")
-      ->required();
+  addOption(*command, "TAG_POSES", options->data,
+            "data set (# comments, a header, one row per tag) with the columns capture, "
+            "pressure_1_kpa "
+            ".. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
+            "tags.frame (default: "
+            "the arm's base)",
+            kRequired);
   command->footer(
-      "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless\n"
-      "converged, the search began at the shape without load), twist, covariance, rms_m (of the\n"
-      "tags that fit), tip and base (fitted, relative to the base's nominal pose),\n"
-      "outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),\n"
-      "unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m\n"
-      "over the captures whose tags all fit, flagged_captures (the others), unknown_tags,\n"
-      "reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or\n"
-      "no shape fits most of them, twist is null. csv: one row per capture.\n"
-      "The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of\n"
-      "captures, even if few tags determine the noise (chi-square with as many degrees of\n"
-      "freedom as entries).\n"
-      "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
+      R"(json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless
+converged, the search began at the shape without load), twist, covariance, rms_m (of the
+tags that fit), tip and base (fitted, relative to the base's nominal pose),
+outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),
+unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m
+over the captures whose tags all fit, flagged_captures (the others), unknown_tags,
+reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or
+no shape fits most of them, twist is null. csv: one row per capture.
+The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of
+captures, even if few tags determine the noise (chi-square with as many degrees of
+freedom as entries).
+Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

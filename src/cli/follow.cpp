@@ -402,59 +402,46 @@ Subcommand addFollow(CLI::App& app) {
            "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
            "--set does not apply to it)")
       ->type_name("FILE");
-  command->add_option(
-      "--tip", arguments->tip,
-      "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
-  command->add_option("--path", arguments->path, "path file, as `helix_arm path` writes it")
-      ->type_name("FILE");
-  command->add_option("--seconds", arguments->seconds, "simulated time [s]")
-      ->required()
-      ->type_name("S")
-      ->check(within(kSeconds));
+  addOption(*command, "--tip", arguments->tip,
+            "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
+  addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
+            TypeName{"FILE"});
+  addOption(*command, "--seconds", arguments->seconds, "simulated time [s]", kRequired,
+            TypeName{"S"}, within(kSeconds));
   command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
-  command
-      ->add_option("--sight", arguments->vision,
-                   "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
-                   "(pictures, in which the tags are detected)")
-      ->check(CLI::IsMember({"corners", "rendered"}))
-      ->capture_default_str();
-  command->add_option("--force", arguments->force,
-                      "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
-  command->add_option("--blind", arguments->blind, "interval without pictures [s]: from,to");
-  command
-      ->add_option("--latency-s", arguments->latency, "time from a picture to its measurement [s]")
-      ->type_name("S")
-      ->check(within(kLatency))
-      ->capture_default_str();
-  command->add_option("--seed", arguments->seed, "seed of all noise")->capture_default_str();
-  command->add_option("--out", arguments->out, "CSV file to write: one row per step of 10 ms")
-      ->type_name("FILE");
-  command
-      ->add_option("--png", arguments->png,
-                   "picture file: wanted tip, true tip with the loop closed and open, errors")
-      ->type_name("FILE");
+  addOption(*command, "--sight", arguments->vision,
+            "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
+            "(pictures, in which the tags are detected)",
+            CLI::IsMember({"corners", "rendered"}), kShowDefault);
+  addOption(*command, "--force", arguments->force,
+            "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
+  addOption(*command, "--blind", arguments->blind, "interval without pictures [s]: from,to");
+  addOption(*command, "--latency-s", arguments->latency,
+            "time from a picture to its measurement [s]", TypeName{"S"}, within(kLatency),
+            kShowDefault);
+  addOption(*command, "--seed", arguments->seed, "seed of all noise", kShowDefault);
+  addOption(*command, "--out", arguments->out, "CSV file to write: one row per step of 10 ms",
+            TypeName{"FILE"});
+  addOption(*command, "--png", arguments->png,
+            "picture file: wanted tip, true tip with the loop closed and open, errors",
+            TypeName{"FILE"});
   command->footer(
-      "The rig of the scene (keys simulation, regulator, safety) in one thread with a simulated\n"
-      "time: the same call gives the same figures on any machine. Rules of the loop: key follow.\n"
-      "Errors are those of the true tip against the wanted one.\n"
-      "A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused\n"
-      "where the model misses it by more than 2 mm or a pressure needs more than 80 % of\n"
-      "safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and "
-      "one\n"
-      "every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest "
-      "position.\n"
-      "json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason "
-      "(null, or why there are "
-      "no\n"
-      "figures), path_rms_m and path_max_m (from the path's start to its end; null without),\n"
-      "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"
-      "5 % of the step for good, null if never), unreachable (of each tip: true or false), states\n"
-      "[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,\n"
-      "png. csv: the rows of --out. Progress is printed on stderr, and at the end the error "
-      "budget\n"
-      "of the last picture: standard deviations of the tip in mm.\n"
-      "Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
-      "code 1 if the time ends before the path begins, or the safety core vents the arm.");
+      R"(The rig of the scene (keys simulation, regulator, safety) in one thread with a simulated
+time: the same call gives the same figures on any machine. Rules of the loop: key follow.
+Errors are those of the true tip against the wanted one.
+A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused
+where the model misses it by more than 2 mm or a pressure needs more than 80 % of
+safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and one
+every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
+json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
+figures), path_rms_m and path_max_m (from the path's start to its end; null without),
+steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
+5 % of the step for good, null if never), unreachable (of each tip: true or false), states
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,
+png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
+of the last picture: standard deviations of the tip in mm.
+Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
+code 1 if the time ends before the path begins, or the safety core vents the arm.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

@@ -68,12 +68,11 @@ int run(int argc, char** argv) {
   const std::map<std::string, Format> formats{
       {"text", Format::kText}, {"json", Format::kJson}, {"csv", Format::kCsv}};
   std::string format = "text";
-  app.add_option("--format", format, "output format: text, json or csv")
-      ->check(CLI::IsMember({"text", "json", "csv"}))
-      ->capture_default_str();
-  app.add_option("--set", global.overrides,
-                 "override a key of the scene, list entries by number from 0; repeatable")
-      ->type_name("KEY=VALUE")
+  addOption(app, "--format", format, "output format: text, json or csv",
+            CLI::IsMember({"text", "json", "csv"}), kShowDefault);
+  addOption(app, "--set", global.overrides,
+            "override a key of the scene, list entries by number from 0; repeatable",
+            TypeName{"KEY=VALUE"})
       ->allow_extra_args(false);
 
   const Subcommand subcommands[] = {

@@ -298,11 +298,10 @@ Subcommand addNew(CLI::App& app) {
   const auto arguments = std::make_shared<NewArguments>();
   arguments->command = command;
   NewScene& scene = arguments->scene;
-  command->add_option("--out", arguments->out, "scene file to write; its stem is the scene's name")
-      ->required()
-      ->type_name("FILE.yaml");
+  addOption(*command, "--out", arguments->out, "scene file to write; its stem is the scene's name",
+            kRequired, TypeName{"FILE.yaml"});
   const auto add = [command](const char* name, auto& value, const char* help) {
-    command->add_option(name, value, help)->capture_default_str();
+    addOption(*command, name, value, help, kShowDefault);
   };
   add("--sections", scene.sections, "sections in series, all alike, 1 to 16");
   add("--muscles", scene.muscles, "muscles per section, 3 to 24");
@@ -327,8 +326,8 @@ Subcommand addNew(CLI::App& app) {
                     "ask nothing; without it, a terminal is asked for what no option gives");
   command->add_flag("--force", arguments->force, "replace FILE.yaml if it exists");
   command->footer(
-      "The arm hangs; a webcam looks at it from the side. Each muscle carries a row of tags.\n"
-      "json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.");
+      R"(The arm hangs; a webcam looks at it from the side. Each muscle carries a row of tags.
+json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

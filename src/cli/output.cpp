@@ -227,10 +227,6 @@ std::string exact(const std::optional<double>& value) {
   return value ? exact(*value) : std::string();
 }
 
-std::string orderCell(const statics::TierSetting& setting) {
-  return setting.tier == statics::Tier::kLoaded ? std::to_string(setting.order) : "";
-}
-
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
@@ -276,12 +272,12 @@ RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format
 }
 
 void RowPrinter::add(const std::function<json()>& report,
-                     const std::function<CsvTable::Row()>& cells) {
+                     const std::function<CsvTable::Row(const json&)>& cells) {
   if (format_ == Format::kJson) {
     std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
   }
   if (format_ == Format::kCsv) {
-    const CsvTable::Row row = cells();
+    const CsvTable::Row row = cells(report());
     if (!any_) CsvTable::printNames(row, std::cout);
     CsvTable::printValues(row, std::cout);
   }

@@ -11,7 +11,6 @@
 
 #include "command.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/statics/tier.hpp"
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
@@ -77,8 +76,6 @@ std::string quotedCell(const std::string& text);
 std::string exact(double value);
 /// The same; empty where there is none.
 std::string exact(const std::optional<double>& value);
-/// The order of the loaded tier; empty of the others.
-std::string orderCell(const statics::TierSetting& setting);
 /// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
@@ -97,9 +94,9 @@ class RowPrinter {
  public:
   /// @param format  json or csv; of text nothing is printed.
   RowPrinter(Format format, const std::string& scene);
-  /// @param report, cells  give the row in each format; only that of the chosen one is called.
+  /// @param report, cells  give the row in each format; they are called where it needs them.
   void add(const std::function<nlohmann::json()>& report,
-           const std::function<CsvTable::Row()>& cells);
+           const std::function<CsvTable::Row(const nlohmann::json&)>& cells);
   void end();
 
  private:

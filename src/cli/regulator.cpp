@@ -664,19 +664,17 @@ Subcommand addRegulator(CLI::App& app) {
     return actions.back().app;
   };
   const auto addSeconds = [&options](CLI::App* action, const char* help) {
-    action->add_option("--seconds", options->seconds, help)
-        ->type_name("S")
-        ->check(CLI::Range(0.01, kLongest));
+    addOption(*action, "--seconds", options->seconds, help, TypeName{"S"},
+              CLI::Range(0.01, kLongest));
   };
   addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
                  probeRegulator),
              "time to read [s], default 1");
   CLI::App* set =
       add("set", "go to pressures within limits and slew, hold them, and vent", setRegulator);
-  set->add_option("--pressure-kpa", options->pressure_kpa,
-                  "gauge pressures [kPa], one per actuator, separated by commas")
-      ->required()
-      ->type_name("A,B,..");
+  addOption(*set, "--pressure-kpa", options->pressure_kpa,
+            "gauge pressures [kPa], one per actuator, separated by commas", kRequired,
+            TypeName{"A,B,.."});
   set->add_flag("--yes", options->yes, "confirms that air may move and the arm is clear of people");
   addSeconds(set, "time to hold the set points once they are reached [s], default 5");
   add("vent",

@@ -353,29 +353,27 @@ Subcommand addSimulate(CLI::App& app) {
       "simulate", "write a simulated data set and pictures with their true shapes");
   const auto options = std::make_shared<SimulateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command->add_option("--out", options->out, "folder to write to; must be empty or absent")
-      ->required()
-      ->type_name("DIR");
-  command->add_option("--count", options->count, "number of captures")
-      ->check(CLI::Range(1, kMostCaptures))
-      ->capture_default_str();
-  command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
-      ->capture_default_str();
+  addOption(*command, "--out", options->out, "folder to write to; must be empty or absent",
+            kRequired, TypeName{"DIR"});
+  addOption(*command, "--count", options->count, "number of captures", CLI::Range(1, kMostCaptures),
+            kShowDefault);
+  addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
+            kShowDefault);
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
   addBoardFlag(
       *command, options->board,
       "instead, pictures of the calibration board (helix_arm tags --board) in the hands of "
       "a person, by the scene's camera: tags (default) or charuco");
   command->footer(
-      "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
-      "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"
-      "its key simulation.mounts.\n"
-      "DIR gets scene.yaml (with the changes of --set), truth.csv (twists and tip),\n"
-      "tag_poses.csv (all tags, with the noise of vision.tag_position_noise_m; if the scene has\n"
-      "tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the\n"
-      "detector finds in them).\n"
-      "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and\n"
-      "tag_corners (null if absent). With --board: pictures alone.");
+      R"(The arm deviates from the scene's as its key simulation.arm says, at rest at random
+pressures, under its key load as computed by tier exact. Camera and tags are placed by
+its key simulation.mounts.
+DIR gets scene.yaml (with the changes of --set), truth.csv (twists and tip),
+tag_poses.csv (all tags, with the noise of vision.tag_position_noise_m; if the scene has
+tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the
+detector finds in them).
+json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and
+tag_corners (null if absent). With --board: pictures alone.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

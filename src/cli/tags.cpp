@@ -253,24 +253,22 @@ Subcommand addTags(CLI::App& app) {
   const auto arguments = std::make_shared<TagsArguments>();
   addScene(*command, "SCENE", arguments->scene,
            "needed unless --board is given: scene file with tags");
-  command->add_option("--out", arguments->out, "PDF file to write")
-      ->required()
-      ->type_name("FILE.pdf");
-  command->add_option("--paper", arguments->paper, "paper: a4 or letter")
-      ->check(CLI::IsMember(paperNames()))
-      ->capture_default_str();
+  addOption(*command, "--out", arguments->out, "PDF file to write", kRequired,
+            TypeName{"FILE.pdf"});
+  addOption(*command, "--paper", arguments->paper, "paper: a4 or letter",
+            CLI::IsMember(paperNames()), kShowDefault);
   addBoardFlag(*command, arguments->board,
                "also a board for the calibration of a camera: tags (default), whose size does not "
                "depend on --paper, or charuco");
   command->footer(
-      "Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up\n"
-      "mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of\n"
-      "each tag. Print at 100 % (\"actual size\"): two rulers of 100 mm show whether the printer\n"
-      "keeps to it.\n"
-      "json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,\n"
-      "rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,\n"
-      "rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.\n"
-      "csv: a row of scene, tags, size_m, board, paper, pages, out.");
+      R"(Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up
+mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of
+each tag. Print at 100 % ("actual size"): two rulers of 100 mm show whether the printer
+keeps to it.
+json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,
+rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,
+rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.
+csv: a row of scene, tags, size_m, board, paper, pages, out.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

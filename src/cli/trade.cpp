@@ -451,25 +451,23 @@ Subcommand addTrade(CLI::App& app) {
       app.add_subcommand("trade", "measure accuracy against time on this scene and machine");
   const auto options = std::make_shared<TradeOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command->add_option(
-      "--out", options->out,
+  addOption(
+      *command, "--out", options->out,
       "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ and the "
       "scene's name");
   command->add_flag("--no-files", options->no_files, "only print, write no files");
-  command
-      ->add_option("--pictures", options->pictures,
-                   "number of pictures rendered to measure sight and fit; 0 omits both")
-      ->check(CLI::Range(0, kMostPictures))
-      ->capture_default_str();
+  addOption(*command, "--pictures", options->pictures,
+            "number of pictures rendered to measure sight and fit; 0 omits both",
+            CLI::Range(0, kMostPictures), kShowDefault);
   command->footer(
-      "Parts: model (largest tip error against the exact tier, over sampled inputs), curve and\n"
-      "markers (largest distance between what is drawn and the exact curve), sight and fit\n"
-      "(median tip error over rendered pictures, against the true arm of the simulation). Times\n"
-      "are medians on this machine.\n"
-      "json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer),\n"
-      "on_frontier}], notes.\n"
-      "csv: the rows. Exit code 1, without rows or files, if no shape balances the load at any\n"
-      "sampled input.");
+      R"(Parts: model (largest tip error against the exact tier, over sampled inputs), curve and
+markers (largest distance between what is drawn and the exact curve), sight and fit
+(median tip error over rendered pictures, against the true arm of the simulation). Times
+are medians on this machine.
+json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer),
+on_frontier}], notes.
+csv: the rows. Exit code 1, without rows or files, if no shape balances the load at any
+sampled input.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -667,46 +667,43 @@ Subcommand addWorkspace(CLI::App& app) {
       app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
   const auto arguments = std::make_shared<WorkspaceArguments>();
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  command->add_option(
-      "--out", arguments->out,
+  addOption(
+      *command, "--out", arguments->out,
       "file for the points: .ply (binary, float32) or .csv (with the inputs); default: summary "
       "only");
-  command->add_option("--png", arguments->png, "picture file for maps of the points");
-  command
-      ->add_option("--count", arguments->count,
-                   "number of inputs to sample, evenly within their limits; default 10000000, or "
-                   "200000 with "
-                   "--sensitivity")
-      ->check(checkCount);
+  addOption(*command, "--png", arguments->png, "picture file for maps of the points");
+  addOption(*command, "--count", arguments->count,
+            "number of inputs to sample, evenly within their limits; default 10000000, or "
+            "200000 with "
+            "--sensitivity",
+            checkCount);
   command->add_flag(
       "--sensitivity", arguments->sensitivity,
       "also the tip displacement [m] per error of pressure, length and stiffness, at every point");
-  command->add_option("--seed", arguments->seed, "seed of the inputs")->capture_default_str();
-  command
-      ->add_option("--threads", arguments->threads,
-                   "number of sampling threads, 0: one per core; the points do not depend on it")
-      ->check(CLI::Range(0, kMostThreads))
-      ->capture_default_str();
+  addOption(*command, "--seed", arguments->seed, "seed of the inputs", kShowDefault);
+  addOption(*command, "--threads", arguments->threads,
+            "number of sampling threads, 0: one per core; the points do not depend on it",
+            CLI::Range(0, kMostThreads), kShowDefault);
   addTierOptions(*command, arguments->tier);
   command->footer(
-      "bounds_m and reach_m are the largest values of a search from the sampled points and from\n"
-      "corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a\n"
-      "tip position of the arm. outer_bounds_m and reach_bound_m: no tip is beyond them, proven\n"
-      "by branch and bound; null under load and with a taper. reach_certified: whether\n"
-      "reach_bound_m is at most 0.1 % above reach_m. sampled_*: of the sampled points alone.\n"
-      "Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),\n"
-      "of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under\n"
-      "load also K_eps (per_percent_K_m).\n"
-      "The errors are independent: roots of sums of squares. Not for arms with tendons.\n"
-      "json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no\n"
-      "shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure\n"
-      "(null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m\n"
-      "(largest distance from the base), outer_bounds_m, reach_bound_m, reach_certified,\n"
-      "sampled_bounds_m, sampled_reach_m, out, png,\n"
-      "sensitivity (null, or for each {median, max}; medians and maps are of the first 2\n"
-      "million points). csv: one row of the same. Progress is printed on stderr.\n"
-      "A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
-      "code 1 if no input balances the load.");
+      R"(bounds_m and reach_m are the largest values of a search from the sampled points and from
+corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a
+tip position of the arm. outer_bounds_m and reach_bound_m: no tip is beyond them, proven
+by branch and bound; null under load and with a taper. reach_certified: whether
+reach_bound_m is at most 0.1 % above reach_m. sampled_*: of the sampled points alone.
+Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),
+of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under
+load also K_eps (per_percent_K_m).
+The errors are independent: roots of sums of squares. Not for arms with tendons.
+json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no
+shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure
+(null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m
+(largest distance from the base), outer_bounds_m, reach_bound_m, reach_certified,
+sampled_bounds_m, sampled_reach_m, out, png,
+sensitivity (null, or for each {median, max}; medians and maps are of the first 2
+million points). csv: one row of the same. Progress is printed on stderr.
+A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit
+code 1 if no input balances the load.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
