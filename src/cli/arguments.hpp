@@ -29,7 +29,7 @@ template <class Value, class... Rules>
 CLI::Option* addOption(CLI::App& command, const std::string& name, Value& value,
                        const std::string& help, const Rules&... rules) {
   CLI::Option* const option = command.add_option(name, value, help);
-  const auto apply = [option](const auto& rule) {
+  [[maybe_unused]] const auto apply = [option](const auto& rule) {
     using Rule = std::decay_t<decltype(rule)>;
     if constexpr (std::is_same_v<Rule, TypeName>) {
       option->type_name(rule.text);

@@ -277,7 +277,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
 }
 
 // The table, after comments that are printed at once.
-CsvTable tableOf(const procedures::CalibrationOutcome& outcome) {
+CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
   if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
@@ -412,7 +412,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
   printResult(
-      global.format, reportOf(scene, outcome, options), [&outcome] { return tableOf(outcome); },
+      global.format, reportOf(scene, outcome, options), [&outcome] { return csvTable(outcome); },
       [&] { printTextResult(scene, outcome, options); });
   return outcome.success ? kDone : kNotPossible;
 }

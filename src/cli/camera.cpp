@@ -601,39 +601,32 @@ void addSource(CLI::App* action, CameraArguments& arguments) {
             CLI::Range(0.1, kLongest));
 }
 
-}  // namespace
-
-Subcommand addCamera(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "camera", "calibrate a camera with a printed board, and place it by the arm's tags");
-  command->require_subcommand(1);
-  const auto arguments = std::make_shared<CameraArguments>();
-
-  CLI::App* calibrate = command->add_subcommand(
+CLI::App* addCalibrateAction(CLI::App& command, CameraArguments& arguments) {
+  CLI::App* calibrate = command.add_subcommand(
       "calibrate",
       "intrinsics of a camera from pictures of the board that tags --board prints, or of "
       "another ChArUco board");
-  addSource(calibrate, *arguments);
-  addBoardOption(*calibrate, arguments->board,
+  addSource(calibrate, arguments);
+  addBoardOption(*calibrate, arguments.board,
                  "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
                  "as helix_arm tags --board charuco prints it or as the options say");
-  addScene(*calibrate, "--scene", arguments->scene,
+  addScene(*calibrate, "--scene", arguments.scene,
            "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
-  addOption(*calibrate, "--out", arguments->out,
+  addOption(*calibrate, "--out", arguments.out,
             "file to write: a camera_info YAML or, with --scene, that scene with the new "
             "intrinsics",
             TypeName{"FILE.yaml"});
-  addOption(*calibrate, "--coefficients", arguments->coefficients,
+  addOption(*calibrate, "--coefficients", arguments.coefficients,
             "number of coefficients of distortion: 0, 2, 4, 5 or 8", CLI::IsMember({0, 2, 4, 5, 8}),
             kShowDefault);
-  addOption(*calibrate, "--views", arguments->views,
+  addOption(*calibrate, "--views", arguments.views,
             "number of views to choose from a webcam or a video", CLI::Range(5, 200), kShowDefault);
-  addOption(*calibrate, "--device", arguments->device,
+  addOption(*calibrate, "--device", arguments.device,
             "webcam, default the scene's, else /dev/video0", TypeName{"PATH"});
-  addOption(*calibrate, "--size", arguments->size,
+  addOption(*calibrate, "--size", arguments.size,
             "its picture size [px], default the scene's, else 1280,720", TypeName{"W,H"});
-  addOption(*calibrate, "--focus", arguments->focus,
+  addOption(*calibrate, "--focus", arguments.focus,
             "its fixed focus, in the driver's units, default the scene's, else 0",
             CLI::Range(0, 1'000'000));
   calibrate->footer(
@@ -647,17 +640,20 @@ from the principal point, relative to the picture's corner), tilted_views, views
 tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, out.
 csv: one row per parameter. Exit code 1 if the views do not determine the camera; the
 reason is in the result, and nothing is written. 130 on Ctrl-C.)");
+  return calibrate;
+}
 
-  CLI::App* place = command->add_subcommand(
+void addPlaceAction(CLI::App& command, CameraArguments& arguments) {
+  CLI::App* place = command.add_subcommand(
       "place", "pose of the scene's camera from pictures of the arm at rest");
-  addScene(*place, "SCENE", arguments->scene, "scene file with camera and tags")->required();
-  addSource(place, *arguments);
-  addOption(*place, "--out", arguments->out, "scene file to write, with the camera at its place",
+  addScene(*place, "SCENE", arguments.scene, "scene file with camera and tags")->required();
+  addSource(place, arguments);
+  addOption(*place, "--out", arguments.out, "scene file to write, with the camera at its place",
             TypeName{"SCENE2"});
-  addOption(*place, "--pressure-kpa", arguments->pressure_kpa,
+  addOption(*place, "--pressure-kpa", arguments.pressure_kpa,
             "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; "
             "default: at rest");
-  addOption(*place, "--input", arguments->input,
+  addOption(*place, "--input", arguments.input,
             "the same in SI units: pressures [Pa], spool angles [rad]");
   place->footer(
       R"(Camera and arm must stand still. The tag nearest to the base counts as exact; the other
@@ -671,6 +667,17 @@ the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, 
 shape_deviations, warnings, out. Values are null without success.
 csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the
 result, and nothing is written. 130 on Ctrl-C.)");
+}
+
+}  // namespace
+
+Subcommand addCamera(CLI::App& app) {
+  CLI::App* command = app.add_subcommand(
+      "camera", "calibrate a camera with a printed board, and place it by the arm's tags");
+  command->require_subcommand(1);
+  const auto arguments = std::make_shared<CameraArguments>();
+  CLI::App* const calibrate = addCalibrateAction(*command, *arguments);
+  addPlaceAction(*command, *arguments);
   return {command, [arguments, calibrate](const GlobalOptions& global) {
             return calibrate->parsed() ? calibrateCameraOf(*arguments, global)
                                        : placeCameraOf(*arguments, global);

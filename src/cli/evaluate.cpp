@@ -123,7 +123,7 @@ json reportOf(const io::Scene& scene, const TagComparison& c, const std::string&
 }
 
 // The table, after comments that are printed at once.
-CsvTable tableOf(const TagComparison& c, const json& report, const std::string& reason) {
+CsvTable csvTable(const TagComparison& c, const json& report, const std::string& reason) {
   std::cout << "# median_rms_m " << exact(c.median_rms) << "\n# median_tip_error_percent "
             << exact(c.percent(c.median_tip_error)) << "\n";
   if (!reason.empty()) std::cout << "# reason " << reason << "\n";
@@ -181,7 +181,7 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   if (reason.empty()) reason = reasonForNoModel(comparison);
   const json report = reportOf(scene, comparison, reason);
   printResult(
-      format, report, [&] { return tableOf(comparison, report, reason); },
+      format, report, [&] { return csvTable(comparison, report, reason); },
       [&] { printTextResult(scene, comparison, reason); });
   return reason.empty() ? kDone : kNotPossible;
 }
@@ -263,7 +263,7 @@ json reportOf(const io::Scene& scene, const CurvatureComparison& c) {
 }
 
 // The table, after comments that are printed at once.
-CsvTable tableOf(const CurvatureComparison& c, const json& report) {
+CsvTable csvTable(const CurvatureComparison& c, const json& report) {
   std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
   if (!c.reason.empty()) std::cout << "# reason " << c.reason << "\n";
   CsvTable table;
@@ -308,7 +308,7 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   const CurvatureComparison comparison = compareCurvature(scene, data);
   const json report = reportOf(scene, comparison);
   printResult(
-      format, report, [&] { return tableOf(comparison, report); },
+      format, report, [&] { return csvTable(comparison, report); },
       [&] { printTextResult(scene, comparison); });
   return comparison.reason.empty() ? kDone : kNotPossible;
 }

@@ -113,8 +113,8 @@ void appendFit(const FittedCapture& capture, const TagLayout& layout, int sectio
 }
 
 // The table, after comments that are printed at once.
-CsvTable tableOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                 const json& report) {
+CsvTable csvTable(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                  const json& report) {
   const json& median = report["median_rms_m"];
   if (!median.is_null()) std::cout << "# median_rms_m " << exact(median.get<double>()) << "\n";
   const std::string reason = reasonForNoFit(captures);
@@ -173,7 +173,7 @@ int run(const FitOptions& options, const GlobalOptions& global) {
   const FitSummary summary = summaryOf(captures);
   const json report = reportOf(scene, captures, summary);
   printResult(
-      global.format, report, [&] { return tableOf(scene, captures, report); },
+      global.format, report, [&] { return csvTable(scene, captures, report); },
       [&] { printTextResult(scene, captures, summary); });
   return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
 }

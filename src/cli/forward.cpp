@@ -217,7 +217,7 @@ CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result, const j
 }
 
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-CsvTable tableOf(const io::Scene& scene, const ForwardResult& result, const json& report) {
+CsvTable csvTable(const io::Scene& scene, const ForwardResult& result, const json& report) {
   CsvTable table;
   for (const auto& point : result.curve) {
     CsvTable::Row row{{"s", exact(point.s)}};
@@ -334,7 +334,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
           : forward(model, historyOfFile(scene, options.history), options.samples);
   const json report = reportOf(scene, result);
   printResult(
-      global.format, report, [&] { return tableOf(scene, result, report); },
+      global.format, report, [&] { return csvTable(scene, result, report); },
       [&] { printText(scene, result); });
   return result.solution.converged() ? kDone : kNotPossible;
 }

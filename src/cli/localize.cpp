@@ -271,7 +271,7 @@ std::string fileCell(const std::string& text) {
 }
 
 // One row per tag; a frame without tags has one row, and missing values are empty cells.
-CsvTable tableOf(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+CsvTable csvTable(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   CsvTable table;
   for (const LocatedFrame& frame : frames) {
     CsvTable::Row fitted;
@@ -345,7 +345,7 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
   printResult(
-      global.format, reportOf(scene, start, frames), [&] { return tableOf(scene, frames); },
+      global.format, reportOf(scene, start, frames), [&] { return csvTable(scene, frames); },
       [&] { printTextResult(scene, frames); });
   const bool failed = std::any_of(frames.begin(), frames.end(),
                                   [](const LocatedFrame& frame) { return frame.failed; });

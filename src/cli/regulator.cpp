@@ -630,8 +630,7 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
       std::visit([&scene](const auto& config) { return emulate(config, scene); }, *scene.regulator);
   std::cout << "emulates " << regulator::describe(*scene.regulator)
             << "; faults by name on stdin, Ctrl-C ends" << std::endl;
-  const double end =
-      steadyNow() + options.seconds.value_or(std::numeric_limits<double>::infinity());
+  const double end = steadyNow() + options.seconds.value_or(kNever);
   Lines lines;
   double next = steadyNow();
   while (!interrupted() && steadyNow() < end) {
@@ -644,6 +643,25 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
     }
   }
   return kDone;
+}
+
+std::string footer() {
+  return R"(set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware
+moves only with --yes.
+guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it
+vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row
+are missing, it kills the process at the other end of its socket, then vents. Through a
+socket it sends back what it reads, to show that it is running.
+emulate takes names of faults on stdin, one per line. It prints set points, pressures
+and valves every second. A serial device holds its pressures if no line comes,
+unless its profile has watchdog_s, as generic has.
+faults: )" +
+         simulation::deviceFaultNames() + R"(
+json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa,
+seconds, reason;
+set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, reason.
+Exit code 0: done. 1: no link, no reading, a fault, or pressure that remains; the reason
+is in the result and on stderr. 2: the call is wrong.)";
 }
 
 }  // namespace
@@ -690,25 +708,7 @@ Subcommand addRegulator(CLI::App& app) {
       ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
   addSeconds(add("emulate", "emulate the device at its address on this machine", emulateRegulator),
              "time to run [s], default: until Ctrl-C");
-  command->footer(
-      "set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware\n"
-      "moves only with --yes.\n"
-      "guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it\n"
-      "vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row\n"
-      "are missing, it kills the process at the other end of its socket, then vents. Through a\n"
-      "socket it sends back what it reads, to show that it is running.\n"
-      "emulate takes names of faults on stdin, one per line. It prints set points, pressures\n"
-      "and valves every second. A serial device holds its pressures if no line comes,\n"
-      "unless its profile has watchdog_s, as generic has.\n"
-      "faults: " +
-      simulation::deviceFaultNames() +
-      "\n"
-      "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa,\n"
-      "seconds, reason;\n"
-      "set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, "
-      "reason.\n"
-      "Exit code 0: done. 1: no link, no reading, a fault, or pressure that remains; the reason\n"
-      "is in the result and on stderr. 2: the call is wrong.");
+  command->footer(footer());
   return {command, [options, actions](const GlobalOptions& global) {
             for (const Action& action : actions) {
               if (action.app->parsed()) return action.run(*options, global);

@@ -517,7 +517,7 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
 }
 
 // One row, from the report.
-CsvTable tableOf(const json& report) {
+CsvTable csvTable(const json& report) {
   CsvTable::Row row =
       cellsOf(report, {"scene", "tier", "order", "seed", "count", "unbalanced", "seconds"});
   const auto addExtremes = [&](const std::string& prefix) {
@@ -654,7 +654,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   }
   const json report = reportOf(scene, setting, arguments, summary);
   printResult(
-      global.format, report, [&report] { return tableOf(report); },
+      global.format, report, [&report] { return csvTable(report); },
       [&] { printText(scene, setting, arguments, summary); });
   if (fault) std::rethrow_exception(fault);
   return summary.points() > 0 ? kDone : kNotPossible;

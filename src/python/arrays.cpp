@@ -20,6 +20,13 @@ py::object forget(PyObject* converted) {
   return py::reinterpret_steal<py::object>(converted);
 }
 
+constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
+
+bool isFloat64(const py::array& array) {
+  const py::dtype wanted = py::dtype::of<double>();
+  return array.dtype().is(wanted) || array.dtype().equal(wanted);
+}
+
 }  // namespace
 
 void refuseType(const py::handle& given, const char* name, const char* expected) {
@@ -71,17 +78,6 @@ std::size_t threadCount(const py::handle& given) {
   if (threads > 0) return static_cast<std::size_t>(threads);
   return std::max(1u, std::thread::hardware_concurrency());
 }
-
-namespace {
-
-constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
-
-bool isFloat64(const py::array& array) {
-  const py::dtype wanted = py::dtype::of<double>();
-  return array.dtype().is(wanted) || array.dtype().equal(wanted);
-}
-
-}  // namespace
 
 std::string shapeText(const py::array& array) {
   std::ostringstream text;

@@ -60,10 +60,7 @@ void refuseUnmade(py::module_& module) {
   }
 }
 
-}  // namespace
-
-PYBIND11_MODULE(_core, module) {
-  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+void translateExceptions(py::module_& module) {
   // Never freed: the interpreter may be gone by then.
   static auto& document_error =
       *new py::exception<io::DocumentError>(module, "DocumentError", PyExc_ValueError);
@@ -85,7 +82,13 @@ PYBIND11_MODULE(_core, module) {
       PyErr_SetString(PyExc_ValueError, error.what());
     }
   });
+}
 
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+  translateExceptions(module);
   py::class_<Scene> scene(module, "Scene");
   scene
       .def(py::init([](const py::object& path, const py::object& overrides) {
