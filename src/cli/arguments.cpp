@@ -104,7 +104,7 @@ CLI::Option* addScene(CLI::App& command, const std::string& option, std::string&
     given = io::findScene(given).value_or(given);
     return {};
   };
-  offerScenes(out);
+  offer(out, Offer::kScene);
   return out->transform(CLI::Validator(resolve, ""));
 }
 
@@ -182,9 +182,8 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 
 void addTierOptions(CLI::App& command, TierArguments& arguments) {
   addOption(command, "--tier", arguments.tier,
-            "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no "
-            "load), linear "
-            "(SE(3), no load), loaded, exact; default: the scene's",
+            "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no load), "
+            "linear (SE(3), no load), loaded, exact; default: the scene's",
             CLI::IsMember(statics::tierWords()));
   addOption(command, "--order", arguments.order, "with --tier loaded: order of its polynomials",
             CLI::Range(statics::kLeastOrder, statics::kMostOrder));
@@ -240,19 +239,18 @@ void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
             TypeName{"ACROSS,DOWN"});
   addOption(command, "--square-size-m", arguments.square_size,
             "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
-  addOption(command, "--marker-size-m", arguments.marker_size,
-            "of a ChArUco board: side of a marker's black border [m], default three quarters "
-            "of a square",
-            TypeName{"S"});
+  addOption(
+      command, "--marker-size-m", arguments.marker_size,
+      "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
+      TypeName{"S"});
   std::vector<std::string> dictionaries;
   for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
     dictionaries.emplace_back(known.name);
   }
-  offerWords(addOption(command, "--dictionary", arguments.dictionary,
-                       "of a ChArUco board: its markers, by OpenCV's name, default "
-                       "DICT_4X4_50",
-                       TypeName{"NAME"}),
-             dictionaries);
+  offer(addOption(command, "--dictionary", arguments.dictionary,
+                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+                  TypeName{"NAME"}),
+        Offer::kWords, dictionaries);
   command.add_flag("--legacy-pattern", arguments.legacy_pattern,
                    "of a ChArUco board with an even number of squares down: its top left square is "
                    "white, as OpenCV before 4.6 drew it");
@@ -295,9 +293,9 @@ void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::str
 }
 
 void addBoardFlag(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  offerWords(command.add_flag("--board{tags}", arguments.kind, what)
-                 ->check(CLI::IsMember({kTags, kCharuco})),
-             {kTags, kCharuco});
+  offer(command.add_flag("--board{tags}", arguments.kind, what)
+            ->check(CLI::IsMember({kTags, kCharuco})),
+        Offer::kWords, {kTags, kCharuco});
   addCharucoOptions(command, arguments);
 }
 

@@ -425,17 +425,16 @@ Subcommand addCalibrate(CLI::App& app) {
   addScene(*command, "SCENE", options->scene, "scene file")->required();
   addOption(*command, "DATA", options->data,
             "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
-            ".., "
-            "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
-            "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths (pressure_kpa, "
-            "length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m); or rosbags "
-            "with tag_detections, pressure_measured and pressure_command: each "
+            ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
+            "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
+            "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+            "z_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
             "time the arm is at rest is one capture",
             kRequired);
-  offerList(addOption(*command, "--fit", options->fit,
-                      "parameters to fit, comma list of " + estimation::fitWordsText() +
-                          "; default " + estimation::wordOf(estimation::kDefaultFitGroup)),
-            estimation::fitWords());
+  offer(addOption(*command, "--fit", options->fit,
+                  "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
+                      estimation::wordOf(estimation::kDefaultFitGroup)),
+        Offer::kList, estimation::fitWords());
   addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
   addOption(*command, "--also", options->also,
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
@@ -444,9 +443,8 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--contraction", options->request.contraction,
             "the scene's contraction curve that free lengths replace; needed if it has several");
   addOption(*command, "--curve", options->curve,
-            "kind of contraction curve: spline (fitted to free lengths and captures "
-            "together), quintic or table (to free lengths alone); default spline with "
-            "captures, else quintic",
+            "kind of contraction curve: spline (fitted to free lengths and captures together), "
+            "quintic or table (to free lengths alone); default spline with captures, else quintic",
             CLI::IsMember({"quintic", "table", "spline"}));
   addOption(*command, "--branch", options->branch,
             "branch of the free lengths: both, rising or falling",

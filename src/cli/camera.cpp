@@ -406,9 +406,9 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
   if (!arguments.scene.empty()) {
     result.scene = loadScene(arguments.scene, global);
     if (!result.scene->camera) {
-      throw CallerError("scene " + result.scene->name +
-                        " has no camera; add the section camera, with its approximate pose and "
-                        "focal length");
+      throw CallerError(
+          "scene " + result.scene->name +
+          " has no camera; add the section camera, with its approximate pose and focal length");
     }
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
@@ -602,10 +602,10 @@ void addSource(CLI::App* action, CameraArguments& arguments) {
 }
 
 CLI::App* addCalibrateAction(CLI::App& command, CameraArguments& arguments) {
-  CLI::App* calibrate = command.add_subcommand(
-      "calibrate",
-      "intrinsics of a camera from pictures of the board that tags --board prints, or of "
-      "another ChArUco board");
+  CLI::App* calibrate =
+      command.add_subcommand("calibrate",
+                             "intrinsics of a camera from pictures of the board that tags --board "
+                             "prints, or of another ChArUco board");
   addSource(calibrate, arguments);
   addBoardOption(*calibrate, arguments.board,
                  "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
@@ -613,10 +613,10 @@ CLI::App* addCalibrateAction(CLI::App& command, CameraArguments& arguments) {
   addScene(*calibrate, "--scene", arguments.scene,
            "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
-  addOption(*calibrate, "--out", arguments.out,
-            "file to write: a camera_info YAML or, with --scene, that scene with the new "
-            "intrinsics",
-            TypeName{"FILE.yaml"});
+  addOption(
+      *calibrate, "--out", arguments.out,
+      "file to write: a camera_info YAML or, with --scene, that scene with the new intrinsics",
+      TypeName{"FILE.yaml"});
   addOption(*calibrate, "--coefficients", arguments.coefficients,
             "number of coefficients of distortion: 0, 2, 4, 5 or 8", CLI::IsMember({0, 2, 4, 5, 8}),
             kShowDefault);
@@ -650,9 +650,9 @@ void addPlaceAction(CLI::App& command, CameraArguments& arguments) {
   addSource(place, arguments);
   addOption(*place, "--out", arguments.out, "scene file to write, with the camera at its place",
             TypeName{"SCENE2"});
-  addOption(*place, "--pressure-kpa", arguments.pressure_kpa,
-            "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; "
-            "default: at rest");
+  addOption(
+      *place, "--pressure-kpa", arguments.pressure_kpa,
+      "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; default: at rest");
   addOption(*place, "--input", arguments.input,
             "the same in SI units: pressures [Pa], spool angles [rad]");
   place->footer(

@@ -63,11 +63,11 @@ void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& f
                       "expect 0 kPa within the noise of the sensors"});
   if (!regulator::isHardware(*scene.regulator)) return;  // its supply stands in the scene
   if (!supply) {
-    findings.push_back({Severity::kNote, "supply_not_measured", name,
-                        "it does not tell the pressure of its supply, which is therefore not "
-                        "compared with the limits of the arm",
-                        "read the gauge of the supply: it must show the highest max_pressure_kpa "
-                        "or more"});
+    findings.push_back(
+        {Severity::kNote, "supply_not_measured", name,
+         "it does not tell the pressure of its supply, which is therefore not compared with the "
+         "limits of the arm",
+         "read the gauge of the supply: it must show the highest max_pressure_kpa or more"});
     return;
   }
   for (const Finding& finding : procedures::checkSupply(scene, *supply)) {

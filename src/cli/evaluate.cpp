@@ -222,8 +222,8 @@ struct CurvatureComparison {
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
     throw CallerError(data.path +
-                      " has no measurements to compare with; expected the columns "
-                      "pressure_1_kpa .. and curvature_rad, or tag poses");
+                      " has no measurements to compare with; expected the columns pressure_1_kpa "
+                      ".. and curvature_rad, or tag poses");
   }
   requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
@@ -329,8 +329,7 @@ Subcommand addEvaluate(CLI::App& app) {
   addScene(*command, "SCENE", options->scene, "scene file")->required();
   addOption(
       *command, "DATA", options->data,
-      "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a "
-      "missing "
+      "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
       "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes",
       kRequired);
   command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,

@@ -186,10 +186,8 @@ Subcommand addFit(CLI::App& app) {
   addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
   addOption(*command, "TAG_POSES", options->data,
             "data set (# comments, a header, one row per tag) with the columns capture, "
-            "pressure_1_kpa "
-            ".. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
-            "tags.frame (default: "
-            "the arm's base)",
+            "pressure_1_kpa .. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
+            "tags.frame (default: the arm's base)",
             kRequired);
   command->footer(
       R"(json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless

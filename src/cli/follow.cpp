@@ -181,8 +181,7 @@ json runJson(const char* name, const FollowPlan& plan, const FollowResult& resul
 std::string failureOf(const FollowReport& report) {
   if (!report.result.vented.empty()) return "the arm was vented: " + report.result.vented;
   if (report.plan.path && !report.result.figures.path_rms) {
-    return "the time ended before the tip had reached the path's first point; raise "
-           "--seconds";
+    return "the time ended before the tip had reached the path's first point; raise --seconds";
   }
   return {};
 }
@@ -410,8 +409,8 @@ Subcommand addFollow(CLI::App& app) {
             TypeName{"S"}, within(kSeconds));
   command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
   addOption(*command, "--sight", arguments->vision,
-            "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
-            "(pictures, in which the tags are detected)",
+            "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
+            "which the tags are detected)",
             CLI::IsMember({"corners", "rendered"}), kShowDefault);
   addOption(*command, "--force", arguments->force,
             "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");

@@ -351,8 +351,8 @@ Subcommand addForward(CLI::App& app) {
       *command, "--input", options->input,
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
   addOption(*command, "--inputs", options->inputs,
-            "one result per row of this table, or of stdin where it is -: columns "
-            "pressure_1_kpa .., pressure_1_pa .. or input_1 .. in SI units");
+            "one result per row of this table, or of stdin where it is -: columns pressure_1_kpa "
+            ".., pressure_1_pa .. or input_1 .. in SI units");
   addOption(*command, "--history", options->history, kHistoryHelp);
   addTierOptions(*command, options->tier);
   addOption(*command, "--samples", options->samples,

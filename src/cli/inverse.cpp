@@ -92,8 +92,7 @@ std::string reasonFor(const InverseResult& result) {
            << result.residual << " m";
   } else if (!std::isfinite(result.residual)) {
     reason << "no shape balances the load at any input that was tried; lower the load, or give "
-              "another "
-              "start with --start-kpa";
+              "another start with --start-kpa";
   } else if (result.status == InverseStatus::kNotConverged) {
     reason << "the search did not converge; the best inputs found leave a residual of "
            << result.residual << " m";
@@ -283,18 +282,17 @@ Subcommand addInverse(CLI::App& app) {
       *command, "--twist", arguments->twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
   addOption(*command, "--targets", arguments->targets,
-            "one result per row of this table, or of stdin where it is -: columns "
-            "x_m,y_m,z_m and, for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
+            "one result per row of this table, or of stdin where it is -: columns x_m,y_m,z_m and, "
+            "for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
   addOption(*command, "--prefer", arguments->prefer,
             "which of the inputs that reach the target: min-pressure, min-change (from the start), "
             "cocontract or stiff (least tip compliance)",
             CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
                                                    statics::kPreferenceWords.end())),
             kShowDefault);
-  addOption(
-      *command, "--start-kpa", arguments->start_kpa,
-      "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with cocontract "
-      "at its fraction");
+  addOption(*command, "--start-kpa", arguments->start_kpa,
+            "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
+            "cocontract at its fraction");
   addOption(*command, "--start", arguments->start,
             "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
   addOption(*command, "--history", arguments->history,

@@ -63,10 +63,9 @@ std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
   if (options.free_bleed) {
     const double deviations = std::abs(fit.bleed) / options.bleed_prior;
     if (deviations > kLikely) {
-      suspicions.push_back(
-          {"bleed_m", deviations,
-           "check tags.size_m (the black border's outer edge) and the exposure, or "
-           "widen vision.bleed_prior_m"});
+      suspicions.push_back({"bleed_m", deviations,
+                            "check tags.size_m (the black border's outer edge) and the exposure, "
+                            "or widen vision.bleed_prior_m"});
     }
   }
   return suspicions;
@@ -360,14 +359,12 @@ Subcommand addLocalize(CLI::App& app) {
   const auto options = std::make_shared<LocalizeOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
   addOption(*command, "IMAGE|VIDEO", options->pictures,
-            "pictures, folders of pictures, or videos; the pictures of a video follow one "
-            "another, all "
-            "others are independent",
+            "pictures, folders of pictures, or videos; the pictures of a video follow one another, "
+            "all others are independent",
             kRequired);
-  addOption(
-      *command, "--pressure-kpa", options->pressure_kpa,
-      "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; default: "
-      "at rest");
+  addOption(*command, "--pressure-kpa", options->pressure_kpa,
+            "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; "
+            "default: at rest");
   addOption(*command, "--input", options->input,
             "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
   command->footer(

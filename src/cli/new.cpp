@@ -182,31 +182,31 @@ void interview(NewArguments& arguments) {
   interview.ask("--muscles", "number of muscles per section (3 to 24)", scene.muscles, in_range);
   interview.ask("--length-m", "length of a muscle without pressure, in m (0.02 to 5)", scene.length,
                 in_range);
-  interview.ask("--contraction",
-                "by how much it shortens at its highest pressure, as a part of its length (0.01 to "
-                "0.5)",
-                scene.contraction, in_range);
+  interview.ask(
+      "--contraction",
+      "by how much it shortens at its highest pressure, as a part of its length (0.01 to 0.5)",
+      scene.contraction, in_range);
   interview.ask("--radius-m", "from the arm's centre line to that of a muscle, in m (0.002 to 1)",
                 scene.radius, in_range);
-  interview.ask("--tilt-deg",
-                "tilt of the muscles, in degrees (-60 to 60; 0: along the arm, else wound around "
-                "it)",
-                scene.tilt_deg, in_range);
+  interview.ask(
+      "--tilt-deg",
+      "tilt of the muscles, in degrees (-60 to 60; 0: along the arm, else wound around it)",
+      scene.tilt_deg, in_range);
   interview.ask("--max-pressure-kpa", "highest gauge pressure, in kPa (1 to 2000)",
                 scene.max_pressure_kpa, in_range);
   proposeTags(arguments);
   fits();  // else the options do not fit the answers, which no question mends
-  interview.ask("--tag-size-m",
-                "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor "
-                "camera)",
-                scene.tag_size, fits);
+  interview.ask(
+      "--tag-size-m",
+      "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor camera)",
+      scene.tag_size, fits);
   if (scene.tag_size > 0) {
     interview.ask("--tags", "number of tags per muscle (2 to 20; 0: as many as fit, at most 7)",
                   scene.tags, fits);
-    interview.ask("--camera-distance-m",
-                  "from the arm to the camera, in m (0.1 to 10; 0: so that the arm fits the "
-                  "picture)",
-                  scene.camera_distance, fits);
+    interview.ask(
+        "--camera-distance-m",
+        "from the arm to the camera, in m (0.1 to 10; 0: so that the arm fits the picture)",
+        scene.camera_distance, fits);
   }
   interview.ask("--regulator", "pressure regulator: " + regulators() + ", or the path of a profile",
                 scene.regulator, [&scene] {
@@ -319,7 +319,7 @@ Subcommand addNew(CLI::App& app) {
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", scene.regulator,
       "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
-  offerProfiles(command->get_option("--regulator"), {"simulated", "none"});
+  offer(command->get_option("--regulator"), Offer::kProfile, {"simulated", "none"});
   add("--device", scene.device, "serial device of a regulator on a serial line");
   add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,

@@ -131,8 +131,8 @@ Subcommand addPath(CLI::App& app) {
   addOption(*command, "--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z",
             kRequired);
   addOption(*command, "--radius", arguments->radius,
-            "largest distance from the centre along each axis of the plane [m]; the sides "
-            "of a square have twice this length",
+            "largest distance from the centre along each axis of the plane [m]; the sides of a "
+            "square have twice this length",
             kRequired, TypeName{"M"}, within(kRadius));
   addOption(*command, "--period", arguments->period, "time of one turn [s]", kRequired,
             TypeName{"S"}, within(kPathPeriod));

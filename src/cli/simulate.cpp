@@ -196,8 +196,7 @@ std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
 std::string truthComment(const io::Scene& scene) {
   return "# Truth of the simulated arm of scene " + scene.name +
          ": twists of its sections (their means where it is loaded) and its tip, seen from its "
-         "base. "
-         "Gauge pressure [kPa].\n";
+         "base. Gauge pressure [kPa].\n";
 }
 
 std::string poseComment(const io::Scene& scene) {
@@ -360,10 +359,9 @@ Subcommand addSimulate(CLI::App& app) {
   addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
             kShowDefault);
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
-  addBoardFlag(
-      *command, options->board,
-      "instead, pictures of the calibration board (helix_arm tags --board) in the hands of "
-      "a person, by the scene's camera: tags (default) or charuco");
+  addBoardFlag(*command, options->board,
+               "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
+               "of a person, by the scene's camera: tags (default) or charuco");
   command->footer(
       R"(The arm deviates from the scene's as its key simulation.arm says, at rest at random
 pressures, under its key load as computed by tier exact. Camera and tags are placed by

@@ -335,8 +335,8 @@ Trade measure(const io::Scene& scene, const TradeOptions& options) {
   Trade trade{scene.name, modelRows(scene), {}};
   if (trade.rows.empty()) {
     trade.notes.push_back(
-        "no shape balances the scene's load at any sampled input, so there is nothing to "
-        "measure; check load and K_eps_n: less load, or stiffer muscles");
+        "no shape balances the scene's load at any sampled input, so there is nothing to measure; "
+        "check load and K_eps_n: less load, or stiffer muscles");
     return trade;
   }
   const auto append = [&trade](std::vector<TradeRow> rows) {
@@ -451,10 +451,9 @@ Subcommand addTrade(CLI::App& app) {
       app.add_subcommand("trade", "measure accuracy against time on this scene and machine");
   const auto options = std::make_shared<TradeOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(
-      *command, "--out", options->out,
-      "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ and the "
-      "scene's name");
+  addOption(*command, "--out", options->out,
+            "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ "
+            "and the scene's name");
   command->add_flag("--no-files", options->no_files, "only print, write no files");
   addOption(*command, "--pictures", options->pictures,
             "number of pictures rendered to measure sight and fit; 0 omits both",

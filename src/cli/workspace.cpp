@@ -667,15 +667,13 @@ Subcommand addWorkspace(CLI::App& app) {
       app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
   const auto arguments = std::make_shared<WorkspaceArguments>();
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(
-      *command, "--out", arguments->out,
-      "file for the points: .ply (binary, float32) or .csv (with the inputs); default: summary "
-      "only");
+  addOption(*command, "--out", arguments->out,
+            "file for the points: .ply (binary, float32) or .csv (with the inputs); default: "
+            "summary only");
   addOption(*command, "--png", arguments->png, "picture file for maps of the points");
   addOption(*command, "--count", arguments->count,
-            "number of inputs to sample, evenly within their limits; default 10000000, or "
-            "200000 with "
-            "--sensitivity",
+            "number of inputs to sample, evenly within their limits; default 10000000, or 200000 "
+            "with --sensitivity",
             checkCount);
   command->add_flag(
       "--sensitivity", arguments->sensitivity,

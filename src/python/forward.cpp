@@ -188,9 +188,8 @@ py::array resultFor(const Rows& inputs, const py::object& out) {
     std::string expected = "(3,)";
     if (!inputs.single()) expected = "(" + std::to_string(inputs.rows()) + ", 3)";
     throw py::value_error(
-        "out is no array for the result; expected a writeable float64 array of "
-        "shape " +
-        expected + " in the order of C");
+        "out is no array for the result; expected a writeable float64 array of shape " + expected +
+        " in the order of C");
   }
   if (overlap(inputs, array)) {
     throw py::value_error("out overlaps pressures_pa; expected memory of its own");
@@ -279,9 +278,9 @@ void bindForward(py::module_& module, py::class_<Scene>& scene) {
                       "the load hold NaN.")
       .def_property_readonly("tips", field(&Forward::tips),
                              "(3,) or (N, 3) positions of the tip, base frame [m].")
-      .def_property_readonly("quaternions_xyzw", field(&Forward::quaternions),
-                             "(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base "
-                             "frame; w >= 0.")
+      .def_property_readonly(
+          "quaternions_xyzw", field(&Forward::quaternions),
+          "(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base frame; w >= 0.")
       .def_property_readonly("twists", field(&Forward::twists),
                              "(sections, 6) or (N, sections, 6) twist of each section over its "
                              "length, v [m] and w [rad]; under load the mean.")

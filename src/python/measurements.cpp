@@ -188,8 +188,8 @@ struct Pictures {
         py::reinterpret_borrow<py::array>(given).dtype().is(py::dtype::of<std::uint8_t>());
     if (!bytes) {
       throw py::type_error(
-          "image is no array of bytes; expected a gray picture of dtype uint8, as "
-          "of image.mean(axis=2).astype(np.uint8)");
+          "image is no array of bytes; expected a gray picture of dtype uint8, as of "
+          "image.mean(axis=2).astype(np.uint8)");
     }
     const auto any = py::reinterpret_borrow<py::array>(given);
     const py::ssize_t n = any.ndim();

@@ -75,9 +75,9 @@ void translateExceptions(py::module_& module) {
     } catch (const TooManyRows& error) {
       PyErr_SetString(PyExc_MemoryError, error.what());
     } catch (const std::bad_alloc&) {
-      PyErr_SetString(PyExc_MemoryError,
-                      "the rows and their results need more memory than there is; pass fewer rows "
-                      "at a time");
+      PyErr_SetString(
+          PyExc_MemoryError,
+          "the rows and their results need more memory than there is; pass fewer rows at a time");
     } catch (const std::out_of_range& error) {
       PyErr_SetString(PyExc_ValueError, error.what());
     }
@@ -109,9 +109,9 @@ PYBIND11_MODULE(_core, module) {
       .def_property_readonly(
           "sections", [](const Scene& self) { return self.arm().sectionCount(); },
           "Number of sections.")
-      .def_property_readonly("limits_pa", limitsOf,
-                             "(n, 2) lower and upper limit of each pressure [Pa]; of a tendon its "
-                             "angle [rad].")
+      .def_property_readonly(
+          "limits_pa", limitsOf,
+          "(n, 2) lower and upper limit of each pressure [Pa]; of a tendon its angle [rad].")
       .def_property_readonly(
           "length_m", [](const Scene& self) { return self.arm().restLength(); },
           "Length of the base curve at rest [m].")
