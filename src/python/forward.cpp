@@ -3,7 +3,6 @@
 #include <cstdlib>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include <sys/mman.h>
