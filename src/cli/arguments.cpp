@@ -16,6 +16,10 @@
 namespace helix_arm::cli {
 namespace {
 
+const char* const kTags = "tags";
+const char* const kCharuco = "charuco";
+constexpr double kUsualMarker = 0.75;  // of the side of a square
+
 std::vector<std::string> split(const std::string& text) {
   std::vector<std::string> parts(1);
   for (const char c : text) {
@@ -74,6 +78,56 @@ constexpr model::Range kTimeUs{1e-3, 1e9};
                               const std::string& entry) {
   throw CallerError(option + " has \"" + entry + "\" as value " + std::to_string(position) +
                     "; expected finite numbers separated by commas, without spaces");
+}
+
+void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
+  addOption(command, "--squares", arguments.squares,
+            "of a ChArUco board: number of squares across and down, default 7,9",
+            TypeName{"ACROSS,DOWN"});
+  addOption(command, "--square-size-m", arguments.square_size,
+            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
+  addOption(
+      command, "--marker-size-m", arguments.marker_size,
+      "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
+      TypeName{"S"});
+  std::vector<std::string> dictionaries;
+  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
+    dictionaries.emplace_back(known.name);
+  }
+  offer(addOption(command, "--dictionary", arguments.dictionary,
+                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+                  TypeName{"NAME"}),
+        Offer::kWords, dictionaries);
+  command.add_flag("--legacy-pattern", arguments.legacy_pattern,
+                   "of a ChArUco board with an even number of squares down: its top left square is "
+                   "white, as OpenCV before 4.6 drew it");
+}
+
+vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
+  vision::CharucoBoard board;
+  if (!arguments.squares.empty()) {
+    const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
+    for (const double count : squares) {
+      if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
+      throw CallerError("--squares is " + arguments.squares +
+                        "; expected two whole numbers: across,down");
+    }
+    board.columns = static_cast<int>(squares[0]);
+    board.rows = static_cast<int>(squares[1]);
+  }
+  if (arguments.square_size) {
+    board.square_size = *arguments.square_size;
+    board.marker_size = kUsualMarker * board.square_size;
+  }
+  if (arguments.marker_size) board.marker_size = *arguments.marker_size;
+  if (!arguments.dictionary.empty()) board.dictionary = arguments.dictionary;
+  board.legacy_pattern = arguments.legacy_pattern;
+  try {
+    board.validate();
+  } catch (const std::invalid_argument& error) {
+    throw CallerError(error.what());
+  }
+  return board;
 }
 
 }  // namespace
@@ -164,6 +218,12 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
   return inputs;
 }
 
+Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text,
+                             const std::string& si_text) {
+  if (kpa_text.empty() && si_text.empty()) return scene.arm.inputAt(0);
+  return inputsOf(scene, "--pressure-kpa", kpa_text, "--input", si_text);
+}
+
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,
                        const Eigen::MatrixXd& inputs) {
   const std::string warning = control::kilopascalWarning(what, arm, inputs);
@@ -226,64 +286,6 @@ bool hasTendon(const model::Arm& arm) {
   }
   return false;
 }
-
-namespace {
-
-const char* const kTags = "tags";
-const char* const kCharuco = "charuco";
-constexpr double kUsualMarker = 0.75;  // of the side of a square
-
-void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
-  addOption(command, "--squares", arguments.squares,
-            "of a ChArUco board: number of squares across and down, default 7,9",
-            TypeName{"ACROSS,DOWN"});
-  addOption(command, "--square-size-m", arguments.square_size,
-            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
-  addOption(
-      command, "--marker-size-m", arguments.marker_size,
-      "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
-      TypeName{"S"});
-  std::vector<std::string> dictionaries;
-  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
-    dictionaries.emplace_back(known.name);
-  }
-  offer(addOption(command, "--dictionary", arguments.dictionary,
-                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
-                  TypeName{"NAME"}),
-        Offer::kWords, dictionaries);
-  command.add_flag("--legacy-pattern", arguments.legacy_pattern,
-                   "of a ChArUco board with an even number of squares down: its top left square is "
-                   "white, as OpenCV before 4.6 drew it");
-}
-
-vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
-  vision::CharucoBoard board;
-  if (!arguments.squares.empty()) {
-    const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
-    for (const double count : squares) {
-      if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
-      throw CallerError("--squares is " + arguments.squares +
-                        "; expected two whole numbers: across,down");
-    }
-    board.columns = static_cast<int>(squares[0]);
-    board.rows = static_cast<int>(squares[1]);
-  }
-  if (arguments.square_size) {
-    board.square_size = *arguments.square_size;
-    board.marker_size = kUsualMarker * board.square_size;
-  }
-  if (arguments.marker_size) board.marker_size = *arguments.marker_size;
-  if (!arguments.dictionary.empty()) board.dictionary = arguments.dictionary;
-  board.legacy_pattern = arguments.legacy_pattern;
-  try {
-    board.validate();
-  } catch (const std::invalid_argument& error) {
-    throw CallerError(error.what());
-  }
-  return board;
-}
-
-}  // namespace
 
 void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::string& what) {
   addOption(command, "--board", arguments.kind, what, TypeName{"KIND"},

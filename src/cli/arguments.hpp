@@ -76,6 +76,10 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& kpa_text, const std::string& si_option,
                          const std::string& si_text);
 
+/// The same of --pressure-kpa or --input; at rest if neither is given.
+Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text,
+                             const std::string& si_text);
+
 /// Warns on stderr of inputs in SI units (rows x n) whose pressures seem to be in kPa.
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,
                        const Eigen::MatrixXd& inputs);

@@ -559,10 +559,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                       "; expected a scene with the sections camera and tags");
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
-  const bool at_rest = arguments.pressure_kpa.empty() && arguments.input.empty();
-  const Eigen::VectorXd inputs = at_rest ? scene.arm.inputAt(0)
-                                         : inputsOf(scene, "--pressure-kpa", arguments.pressure_kpa,
-                                                    "--input", arguments.input);
+  const Eigen::VectorXd inputs = inputsOrRest(scene, arguments.pressure_kpa, arguments.input);
   const model::Shape shape = shapeOf(scene, inputs);
   const CameraSource source = sourceOf(arguments, scene);
   vision::TagDetector detector(scene.vision.detector);

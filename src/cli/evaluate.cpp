@@ -114,7 +114,7 @@ json reportOf(const io::Scene& scene, const TagComparison& c, const std::string&
          {"unknown_tags", capture.measured.unknown_tags}});
   }
   return {{"scene", scene.name},
-          {"tier", modelTier(scene)},
+          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
           {"captures", captures},
           {"median_rms_m", toJson(c.median_rms)},
           {"median_tip_error_percent", toJson(c.percent(c.median_tip_error))},
@@ -257,9 +257,12 @@ json reportOf(const io::Scene& scene, const CurvatureComparison& c) {
                       {"measured_rad", c.measured[row]},
                       {"model_rad", toJson(c.model[row])}});
   }
-  return {
-      {"scene", scene.name},        {"tier", modelTier(scene)},       {"rms_rad", toJson(c.rms())},
-      {"max_rad", toJson(c.max())}, {"reason", textOrNull(c.reason)}, {"points", points}};
+  return {{"scene", scene.name},
+          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+          {"rms_rad", toJson(c.rms())},
+          {"max_rad", toJson(c.max())},
+          {"reason", textOrNull(c.reason)},
+          {"points", points}};
 }
 
 // The table, after comments that are printed at once.

@@ -334,10 +334,7 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
 
 int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  const bool at_rest = options.pressure_kpa.empty() && options.input.empty();
-  const Eigen::VectorXd inputs =
-      at_rest ? scene.arm.inputAt(0)
-              : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
+  const Eigen::VectorXd inputs = inputsOrRest(scene, options.pressure_kpa, options.input);
   const statics::Solution start = scene.model.solve(inputs);
   Locator locator(scene, statics::startingShape(scene.model, start, inputs));
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);

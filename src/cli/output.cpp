@@ -81,6 +81,17 @@ class PrintableBuffer : public std::streambuf {
   std::string waiting_;
 };
 
+std::string cellOf(const json& value) {
+  if (value.is_null()) return "";
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_boolean()) return value.get<bool>() ? "1" : "0";
+  if (value.is_number_float()) return exact(value.get<double>());
+  if (!value.is_array()) return value.dump();
+  std::string cell;
+  for (const json& entry : value) cell += (cell.empty() ? "" : " ") + cellOf(entry);
+  return cell;
+}
+
 }  // namespace
 
 PrintableStream::PrintableStream(std::ostream& stream)
@@ -178,21 +189,6 @@ void CsvTable::printValues(const Row& row, std::ostream& out) {
   for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].second;
   out << '\n';
 }
-
-namespace {
-
-std::string cellOf(const json& value) {
-  if (value.is_null()) return "";
-  if (value.is_string()) return value.get<std::string>();
-  if (value.is_boolean()) return value.get<bool>() ? "1" : "0";
-  if (value.is_number_float()) return exact(value.get<double>());
-  if (!value.is_array()) return value.dump();
-  std::string cell;
-  for (const json& entry : value) cell += (cell.empty() ? "" : " ") + cellOf(entry);
-  return cell;
-}
-
-}  // namespace
 
 CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) {
   CsvTable::Row row;
