@@ -16,6 +16,10 @@
 namespace helix_arm::cli {
 namespace {
 
+const char* const kTags = "tags";
+const char* const kCharuco = "charuco";
+constexpr double kUsualMarker = 0.75;  // of the side of a square
+
 std::vector<std::string> split(const std::string& text) {
   std::vector<std::string> parts(1);
   for (const char c : text) {
@@ -76,6 +80,56 @@ constexpr model::Range kTimeUs{1e-3, 1e9};
                     "; expected finite numbers separated by commas, without spaces");
 }
 
+void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
+  addOption(command, "--squares", arguments.squares,
+            "of a ChArUco board: number of squares across and down, default 7,9",
+            TypeName{"ACROSS,DOWN"});
+  addOption(command, "--square-size-m", arguments.square_size,
+            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
+  addOption(
+      command, "--marker-size-m", arguments.marker_size,
+      "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
+      TypeName{"S"});
+  std::vector<std::string> dictionaries;
+  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
+    dictionaries.emplace_back(known.name);
+  }
+  offer(addOption(command, "--dictionary", arguments.dictionary,
+                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+                  TypeName{"NAME"}),
+        Offer::kWords, dictionaries);
+  command.add_flag("--legacy-pattern", arguments.legacy_pattern,
+                   "of a ChArUco board with an even number of squares down: its top left square is "
+                   "white, as OpenCV before 4.6 drew it");
+}
+
+vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
+  vision::CharucoBoard board;
+  if (!arguments.squares.empty()) {
+    const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
+    for (const double count : squares) {
+      if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
+      throw CallerError("--squares is " + arguments.squares +
+                        "; expected two whole numbers: across,down");
+    }
+    board.columns = static_cast<int>(squares[0]);
+    board.rows = static_cast<int>(squares[1]);
+  }
+  if (arguments.square_size) {
+    board.square_size = *arguments.square_size;
+    board.marker_size = kUsualMarker * board.square_size;
+  }
+  if (arguments.marker_size) board.marker_size = *arguments.marker_size;
+  if (!arguments.dictionary.empty()) board.dictionary = arguments.dictionary;
+  board.legacy_pattern = arguments.legacy_pattern;
+  try {
+    board.validate();
+  } catch (const std::invalid_argument& error) {
+    throw CallerError(error.what());
+  }
+  return board;
+}
+
 }  // namespace
 
 std::vector<io::Override> overridesOf(const GlobalOptions& global) {
@@ -98,13 +152,13 @@ void requireYaml(const std::string& out) {
 
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
                       const std::string& what) {
-  CLI::Option* const out = command.add_option(option, scene, what + ", or name of a shipped scene");
+  CLI::Option* const out = addOption(command, option, scene, what + ", or name of a shipped scene");
   // A name that is not known is refused when the scene is loaded, so that --help still works.
   const auto resolve = [](std::string& given) -> std::string {
     given = io::findScene(given).value_or(given);
     return {};
   };
-  offerScenes(out);
+  offer(out, Offer::kScene);
   return out->transform(CLI::Validator(resolve, ""));
 }
 
@@ -164,6 +218,12 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
   return inputs;
 }
 
+Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text,
+                             const std::string& si_text) {
+  if (kpa_text.empty() && si_text.empty()) return scene.arm.inputAt(0);
+  return inputsOf(scene, "--pressure-kpa", kpa_text, "--input", si_text);
+}
+
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,
                        const Eigen::MatrixXd& inputs) {
   const std::string warning = control::kilopascalWarning(what, arm, inputs);
@@ -181,25 +241,18 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 }
 
 void addTierOptions(CLI::App& command, TierArguments& arguments) {
-  command
-      .add_option("--tier", arguments.tier,
-                  "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no "
-                  "load), linear "
-                  "(SE(3), no load), loaded, exact; default: the scene's")
-      ->check(CLI::IsMember(statics::tierWords()));
-  command.add_option("--order", arguments.order, "with --tier loaded: order of its polynomials")
-      ->check(CLI::Range(statics::kLeastOrder, statics::kMostOrder));
-  command
-      .add_option("--accuracy", arguments.accuracy_percent,
-                  "choose the cheapest tier with at most this tip error [% of the arm's length]")
-      ->type_name("PERCENT")
-      ->check(within(kTipErrorPercent));
-  command
-      .add_option(
-          "--budget", arguments.budget_us,
-          "choose the most accurate tier with at most this mean time over sampled inputs [us]")
-      ->type_name("US")
-      ->check(within(kTimeUs));
+  addOption(command, "--tier", arguments.tier,
+            "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no load), "
+            "linear (SE(3), no load), loaded, exact; default: the scene's",
+            CLI::IsMember(statics::tierWords()));
+  addOption(command, "--order", arguments.order, "with --tier loaded: order of its polynomials",
+            CLI::Range(statics::kLeastOrder, statics::kMostOrder));
+  addOption(command, "--accuracy", arguments.accuracy_percent,
+            "choose the cheapest tier with at most this tip error [% of the arm's length]",
+            TypeName{"PERCENT"}, within(kTipErrorPercent));
+  addOption(command, "--budget", arguments.budget_us,
+            "choose the most accurate tier with at most this mean time over sampled inputs [us]",
+            TypeName{"US"}, within(kTimeUs));
 }
 
 statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
@@ -234,82 +287,17 @@ bool hasTendon(const model::Arm& arm) {
   return false;
 }
 
-namespace {
-
-const char* const kTags = "tags";
-const char* const kCharuco = "charuco";
-constexpr double kUsualMarker = 0.75;  // of the side of a square
-
-void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
-  command
-      .add_option("--squares", arguments.squares,
-                  "of a ChArUco board: number of squares across and down, default 7,9")
-      ->type_name("ACROSS,DOWN");
-  command
-      .add_option("--square-size-m", arguments.square_size,
-                  "of a ChArUco board: side of a square [m], default 0.024")
-      ->type_name("S");
-  command
-      .add_option("--marker-size-m", arguments.marker_size,
-                  "of a ChArUco board: side of a marker's black border [m], default three quarters "
-                  "of a square")
-      ->type_name("S");
-  std::vector<std::string> dictionaries;
-  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
-    dictionaries.emplace_back(known.name);
-  }
-  offerWords(command
-                 .add_option("--dictionary", arguments.dictionary,
-                             "of a ChArUco board: its markers, by OpenCV's name, default "
-                             "DICT_4X4_50")
-                 ->type_name("NAME"),
-             dictionaries);
-  command.add_flag("--legacy-pattern", arguments.legacy_pattern,
-                   "of a ChArUco board with an even number of squares down: its top left square is "
-                   "white, as OpenCV before 4.6 drew it");
-}
-
-vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
-  vision::CharucoBoard board;
-  if (!arguments.squares.empty()) {
-    const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
-    for (const double count : squares) {
-      if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
-      throw CallerError("--squares is " + arguments.squares +
-                        "; expected two whole numbers: across,down");
-    }
-    board.columns = static_cast<int>(squares[0]);
-    board.rows = static_cast<int>(squares[1]);
-  }
-  if (arguments.square_size) {
-    board.square_size = *arguments.square_size;
-    board.marker_size = kUsualMarker * board.square_size;
-  }
-  if (arguments.marker_size) board.marker_size = *arguments.marker_size;
-  if (!arguments.dictionary.empty()) board.dictionary = arguments.dictionary;
-  board.legacy_pattern = arguments.legacy_pattern;
-  try {
-    board.validate();
-  } catch (const std::invalid_argument& error) {
-    throw CallerError(error.what());
-  }
-  return board;
-}
-
-}  // namespace
-
 void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  command.add_option("--board", arguments.kind, what)
-      ->type_name("KIND")
-      ->check(CLI::IsMember({kTags, kCharuco}))
+  addOption(command, "--board", arguments.kind, what, TypeName{"KIND"},
+            CLI::IsMember({kTags, kCharuco}))
       ->default_val(kTags);
   addCharucoOptions(command, arguments);
 }
 
 void addBoardFlag(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  offerWords(command.add_flag("--board{tags}", arguments.kind, what)
-                 ->check(CLI::IsMember({kTags, kCharuco})),
-             {kTags, kCharuco});
+  offer(command.add_flag("--board{tags}", arguments.kind, what)
+            ->check(CLI::IsMember({kTags, kCharuco})),
+        Offer::kWords, {kTags, kCharuco});
   addCharucoOptions(command, arguments);
 }
 

@@ -4,6 +4,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -13,6 +14,36 @@
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
+
+/// What addOption() takes besides checks.
+enum class OptionRule { kRequired, kShowDefault };
+inline constexpr OptionRule kRequired = OptionRule::kRequired;
+inline constexpr OptionRule kShowDefault = OptionRule::kShowDefault;
+/// The name of an option's values in the help.
+struct TypeName {
+  const char* text;
+};
+
+/// Adds an option with rules: kRequired, kShowDefault, a TypeName, or a check as CLI11 takes it.
+template <class Value, class... Rules>
+CLI::Option* addOption(CLI::App& command, const std::string& name, Value& value,
+                       const std::string& help, const Rules&... rules) {
+  CLI::Option* const option = command.add_option(name, value, help);
+  [[maybe_unused]] const auto apply = [option](const auto& rule) {
+    using Rule = std::decay_t<decltype(rule)>;
+    if constexpr (std::is_same_v<Rule, TypeName>) {
+      option->type_name(rule.text);
+    } else if constexpr (!std::is_same_v<Rule, OptionRule>) {
+      option->check(rule);
+    } else if (rule == kRequired) {
+      option->required();
+    } else {
+      option->capture_default_str();
+    }
+  };
+  (apply(rules), ...);
+  return option;
+}
 
 /// Adds an option for a scene: a file, or the name of a shipped scene.
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
@@ -44,6 +75,10 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& kpa_text, const std::string& si_option,
                          const std::string& si_text);
+
+/// The same of --pressure-kpa or --input; at rest if neither is given.
+Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text,
+                             const std::string& si_text);
 
 /// Warns on stderr of inputs in SI units (rows x n) whose pressures seem to be in kPa.
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
@@ -24,17 +23,10 @@
 
 namespace helix_arm::cli {
 
-/// "quintic", "table" or "spline"; nothing of other words.
-std::optional<estimation::CurveKind> curveKindOf(const std::string& word);
-
-/// The fitted contraction curves, with their samples and points to draw.
-nlohmann::json contractionsJson(const procedures::CalibrationOutcome& outcome);
-
-/// The fitted response; null if none was asked for.
-nlohmann::json responseJson(const std::optional<procedures::FittedResponse>& found);
-
 namespace {
 
+using estimation::ArmCaptures;
+using estimation::Calibration;
 using nlohmann::json;
 
 constexpr std::pair<estimation::CurveKind, const char*> kCurveNames[] = {
@@ -61,16 +53,14 @@ json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
 
 json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {
   static const char* const kWords[] = {"found", "none", "not_determined"};
-  return {{"verdict", kWords[static_cast<std::size_t>(verdict)]},
-          {"reason", reason.empty() ? json() : json(reason)}};
+  return {{"verdict", kWords[static_cast<std::size_t>(verdict)]}, {"reason", textOrNull(reason)}};
 }
 
 json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
   return {{"value", scale * one.value}, {"standard_error", scale * one.standard_error}};
 }
 
-}  // namespace
-
+// "quintic", "table" or "spline"; nothing of other words.
 std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
   for (const auto& [kind, name] : kCurveNames) {
     if (word == name) return kind;
@@ -78,6 +68,7 @@ std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
   return std::nullopt;
 }
 
+// The fitted contraction curves, with their samples and points to draw.
 json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
@@ -106,6 +97,7 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   return all;
 }
 
+// The fitted response; null if none was asked for.
 json responseJson(const std::optional<procedures::FittedResponse>& found) {
   if (!found) return nullptr;
   const estimation::ResponseFit& fit = found->fit;
@@ -124,13 +116,6 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
           {"static_rms_m", fit.static_rms},
           {"rms_m", fit.rms}};
 }
-
-namespace {
-
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::ContractionFit;
-using nlohmann::json;
 
 struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
@@ -246,10 +231,8 @@ json combinationsJson(const std::vector<estimation::Combination>& combinations) 
   return out;
 }
 
-json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
-
-void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
-                     const CalibrateOptions& options) {
+json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
+              const CalibrateOptions& options) {
   json result{{"scene", scene.name},
               {"success", outcome.success},
               {"reason", outcome.success ? json() : json(outcome.message)},
@@ -289,16 +272,17 @@ void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcom
     }
     result["next_pressures_pa"] = std::move(next);
   }
-  printJson(result);
+  return result;
 }
 
-void printCsvResult(const procedures::CalibrationOutcome& outcome) {
+// The table, after comments that are printed at once.
+CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
   if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
     std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration && !outcome.response) return;
+  if (!outcome.calibration && !outcome.response) return {};
   if (outcome.calibration && outcome.calibration->by_pressure) {
     std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
               << outcome.calibration->error_unit << "\n";
@@ -312,7 +296,7 @@ void printCsvResult(const procedures::CalibrationOutcome& outcome) {
                {"standard_error", exact(one.standard_error)},
                {"identifiable", one.identifiable ? "1" : "0"}});
   }
-  table.print(std::cout);
+  return table;
 }
 
 // An error in the unit and precision of the text output.
@@ -426,9 +410,9 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (outcome.success && !options.out.empty()) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
-  if (global.format == Format::kJson) printJsonResult(scene, outcome, options);
-  if (global.format == Format::kCsv) printCsvResult(outcome);
-  if (global.format == Format::kText) printTextResult(scene, outcome, options);
+  printResult(
+      global.format, reportOf(scene, outcome, options), [&outcome] { return csvTable(outcome); },
+      [&] { printTextResult(scene, outcome, options); });
   return outcome.success ? kDone : kNotPossible;
 }
 
@@ -438,57 +422,44 @@ Subcommand addCalibrate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
   const auto options = std::make_shared<CalibrateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command
-      ->add_option(
-          "DATA", options->data,
-          "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
-          ".., "
-          "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
-          "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths (pressure_kpa, "
-          "length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m); or rosbags "
-          "with tag_detections, pressure_measured and pressure_command: each "
-          "time the arm is at rest is one capture")
-      ->required();
-  offerList(
-      command->add_option("--fit", options->fit,
-                          "parameters to fit, comma list of " + estimation::fitWordsText() +
-                              "; default " + estimation::wordOf(estimation::kDefaultFitGroup)),
-      estimation::fitWords());
-  command->add_option("--out", options->out, "scene file to write, completely or not at all");
-  command
-      ->add_option(
-          "--also", options->also,
-          "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
-          "repeatable")
+  addOption(*command, "DATA", options->data,
+            "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
+            ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
+            "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
+            "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+            "z_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
+            "time the arm is at rest is one capture",
+            kRequired);
+  offer(addOption(*command, "--fit", options->fit,
+                  "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
+                      estimation::wordOf(estimation::kDefaultFitGroup)),
+        Offer::kList, estimation::fitWords());
+  addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
+  addOption(*command, "--also", options->also,
+            "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
+            "repeatable")
       ->allow_extra_args(false);
-  command->add_option(
-      "--contraction", options->request.contraction,
-      "the scene's contraction curve that free lengths replace; needed if it has several");
-  command
-      ->add_option("--curve", options->curve,
-                   "kind of contraction curve: spline (fitted to free lengths and captures "
-                   "together), quintic or table (to free lengths alone); default spline with "
-                   "captures, else quintic")
-      ->check(CLI::IsMember({"quintic", "table", "spline"}));
-  command
-      ->add_option("--branch", options->branch,
-                   "branch of the free lengths: both, rising or falling")
-      ->check(CLI::IsMember({"both", "rising", "falling"}))
-      ->capture_default_str();
-  command->add_option(
-      "--curvature-noise-rad", options->request.curvature_noise,
-      "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
-      "scene's, vision.*");
+  addOption(*command, "--contraction", options->request.contraction,
+            "the scene's contraction curve that free lengths replace; needed if it has several");
+  addOption(*command, "--curve", options->curve,
+            "kind of contraction curve: spline (fitted to free lengths and captures together), "
+            "quintic or table (to free lengths alone); default spline with captures, else quintic",
+            CLI::IsMember({"quintic", "table", "spline"}));
+  addOption(*command, "--branch", options->branch,
+            "branch of the free lengths: both, rising or falling",
+            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+  addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
+            "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
+            "scene's, vision.*");
   command->footer(
-      "json: tip_error_before_m and tip_error_after_m (median over the captures with tags),\n"
-      "parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
-      "combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,\n"
-      "response, correlation, rms, held_out_error (each pressure predicted by a fit without it) "
-      "with\n"
-      "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"
-      "next_pressures_pa (most informative pressures to measure next), warnings, out, reason\n"
-      "(exit code 1).\n"
-      "scripts/plot_report draws it. csv: one row per parameter.");
+      R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
+parameters {name: {value, standard_error, identifiable, initial, unit}},
+combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
+response, correlation, rms, held_out_error (each pressure predicted by a fit without it) with
+error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
+next_pressures_pa (most informative pressures to measure next), warnings, out, reason
+(exit code 1).
+scripts/plot_report draws it. csv: one row per parameter.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -25,77 +25,75 @@
 
 namespace helix_arm::cli {
 
-/// The word in place of files that means a camera at this machine.
-inline constexpr char kWebcam[] = "webcam";
+namespace {
 
-/// What `helix_arm camera` reads pictures from.
+using nlohmann::json;
+using procedures::CameraPlacing;
+using vision::CalibratedView;
+using vision::CameraCalibration;
+using vision::CameraParameter;
+
+constexpr double kDegrees = 180 / basics::kPi;
+constexpr double kLongest = 3600;  // [s]
+constexpr int kWebcamPictures = 20;
+constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
+constexpr std::chrono::milliseconds kBetweenTries(20);
+
+// The word in place of files that means a camera at this machine.
+constexpr char kWebcam[] = "webcam";
+
+// What `helix_arm camera` reads pictures from.
 struct CameraSource {
-  std::vector<std::string> sources;  ///< files and folders, or kWebcam alone
+  std::vector<std::string> sources;  // files and folders, or kWebcam alone
   vision::WebcamConfig webcam;
-  std::optional<cv::Size> expected;  ///< size of pictures in files; absent: any
-  double seconds = 120;              ///< longest time for a webcam [s]
+  std::optional<cv::Size> expected;  // size of pictures in files; absent: any
+  double seconds = 120;              // longest time for a webcam [s]
 
   bool isWebcam() const { return sources.size() == 1 && sources[0] == kWebcam; }
 };
 
-/// Why a picture could not be used, without its name.
+// Why a picture could not be used, without its name.
 struct PictureFault {
-  explicit PictureFault(const vision::Frame& frame);
+  explicit PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
+    // Of a video, the name has the number of the frame behind #, which the fault may lack.
+    for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
+      if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
+      reason.erase(0, prefix.size() + 2);
+      return;
+    }
+  }
   std::string name;
   std::string reason;
 };
 
-/// How reading ended.
+// How reading ended.
 struct PicturesRead {
   int pictures = 0;
   std::vector<PictureFault> faults;
-  bool interrupted = false;  ///< by Ctrl-C
+  bool interrupted = false;  // by Ctrl-C
 };
-
-/// Why there is not a single picture, naming the first file or device; nothing if there is one.
-std::optional<std::string> whyNoPicture(const PicturesRead& read);
-
-/// Reads pictures until they end, until `take` wants no more, until the time is over or until
-/// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
-/// @param take  gets each picture and whether it follows the last one in time; returns false if it
-///     wants no more.
-/// @throws CallerError on kWebcam beside files, std::invalid_argument on a missing file.
-PicturesRead readPictures(const CameraSource& source,
-                          const std::function<bool(const vision::Frame&, bool)>& take);
-
-// What `helix_arm camera` can do.
 
 struct CameraArguments {
-  std::string scene;  ///< calibrate: empty for none
+  std::string scene;  // calibrate: empty for none
   std::vector<std::string> sources;
-  std::string out;           ///< empty: nothing is written
-  BoardArguments board;      ///< calibrate
-  std::string device, size;  ///< calibrate: of a webcam without scene
-  std::optional<int> focus;  ///< calibrate: likewise
-  int coefficients = 5;      ///< calibrate
-  int views = 25;            ///< calibrate: of a webcam or a video
+  std::string out;           // empty: nothing is written
+  BoardArguments board;      // calibrate
+  std::string device, size;  // calibrate: of a webcam without scene
+  std::optional<int> focus;  // calibrate: likewise
+  int coefficients = 5;      // calibrate
+  int views = 25;            // calibrate: of a webcam or a video
   std::optional<double> seconds;
-  std::string pressure_kpa, input;  ///< place
+  std::string pressure_kpa, input;  // place
 };
 
-int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
-int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global);
-
-/// Faults of pictures as text on stderr.
-void tellFaults(const PicturesRead& read);
-nlohmann::json faultsJson(const PicturesRead& read);
-
-namespace {
-
-constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
-constexpr std::chrono::milliseconds kBetweenTries(20);
+// Gets each picture and whether it follows the last one in time; returns false if it wants no more.
+using TakePicture = std::function<bool(const vision::Frame&, bool)>;
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-void readWebcam(const CameraSource& source,
-                const std::function<bool(const vision::Frame&, bool)>& take, PicturesRead& read) {
+void readWebcam(const CameraSource& source, const TakePicture& take, PicturesRead& read) {
   const auto camera = vision::FrameSource::webcam(source.webcam);
   const double begin = steadySeconds();
   double last = begin, retry = begin;
@@ -120,17 +118,7 @@ void readWebcam(const CameraSource& source,
   if (read.pictures == 0 && !frame.fault.empty()) read.faults.emplace_back(frame);
 }
 
-}  // namespace
-
-PictureFault::PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
-  // Of a video, the name has the number of the frame behind #, which the fault may lack.
-  for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
-    if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
-    reason.erase(0, prefix.size() + 2);
-    return;
-  }
-}
-
+// Why there is not a single picture, naming the first file or device; nothing if there is one.
 std::optional<std::string> whyNoPicture(const PicturesRead& read) {
   if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
   const PictureFault& first = read.faults.front();
@@ -139,8 +127,10 @@ std::optional<std::string> whyNoPicture(const PicturesRead& read) {
          (others > 0 ? ", and " + std::to_string(others) + " others" : "");
 }
 
-PicturesRead readPictures(const CameraSource& source,
-                          const std::function<bool(const vision::Frame&, bool)>& take) {
+// Reads pictures until they end, until `take` wants no more, until the time is over or until
+// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
+// @throws CallerError on kWebcam beside files, std::invalid_argument on a missing file.
+PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
   PicturesRead read;
   const InterruptWatch watch;
   if (source.isWebcam()) {
@@ -173,14 +163,20 @@ PicturesRead readPictures(const CameraSource& source,
   return read;
 }
 
-namespace {
+// On stderr.
+void tellFaults(const PicturesRead& read) {
+  for (const PictureFault& fault : read.faults) {
+    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
+  }
+}
 
-using nlohmann::json;
-using vision::CalibratedView;
-using vision::CameraCalibration;
-using vision::CameraParameter;
-
-constexpr double kPerDegree = 180 / basics::kPi;
+json faultsJson(const PicturesRead& read) {
+  json faults = json::array();
+  for (const PictureFault& fault : read.faults) {
+    faults.push_back({{"file", fault.name}, {"reason", fault.reason}});
+  }
+  return faults;
+}
 
 CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::Scene>& scene) {
   CameraSource source;
@@ -337,16 +333,16 @@ json reportOf(const Calibrated& result) {
                      {"tags", charuco ? json() : json(view.parts)},
                      {"corners", view.corners},
                      {"used", view.used},
-                     {"reason", view.reason.empty() ? json() : json(view.reason)},
+                     {"reason", textOrNull(view.reason)},
                      {"rms_px", fitted ? json(view.rms) : json()},
                      {"distance_m", fitted ? json(view.distance) : json()},
-                     {"tilt_deg", fitted ? json(kPerDegree * view.tilt) : json()}});
+                     {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}});
   }
   return {{"scene", result.scene ? json(result.scene->name) : json()},
           {"board", charuco ? "charuco" : "tags"},
           {"charuco", charuco ? boardJson(result.board) : json()},
           {"success", calibration.success},
-          {"reason", calibration.reason.empty() ? json() : json(calibration.reason)},
+          {"reason", textOrNull(calibration.reason)},
           {"size_px", {result.size.width, result.size.height}},
           {"pictures", result.read.pictures},
           {"faults", faultsJson(result.read)},
@@ -357,7 +353,7 @@ json reportOf(const Calibrated& result) {
           {"tilted_views", calibration.tilted_views},
           {"views", views},
           {"warnings", calibration.warnings},
-          {"out", result.out.empty() ? json() : json(result.out)}};
+          {"out", textOrNull(result.out)}};
 }
 
 void printText(const Calibrated& result) {
@@ -381,7 +377,7 @@ void printText(const Calibrated& result) {
   if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }
 
-void printCsv(const CameraCalibration& calibration) {
+CsvTable parameterTable(const CameraCalibration& calibration) {
   CsvTable table;
   for (const CameraParameter& one : calibration.parameters) {
     table.add({{"parameter", one.name},
@@ -389,7 +385,7 @@ void printCsv(const CameraCalibration& calibration) {
                {"standard_error", exact(one.standard_error)},
                {"unit", one.unit}});
   }
-  table.print(std::cout);
+  return table;
 }
 
 void write(const CameraArguments& arguments, const GlobalOptions& global,
@@ -401,8 +397,6 @@ void write(const CameraArguments& arguments, const GlobalOptions& global,
   io::writeFileAtomically(arguments.out, text);
 }
 
-}  // namespace
-
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   Calibrated result;
   if (arguments.scene.empty() && !global.overrides.empty()) {
@@ -411,9 +405,9 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
   if (!arguments.scene.empty()) {
     result.scene = loadScene(arguments.scene, global);
     if (!result.scene->camera) {
-      throw CallerError("scene " + result.scene->name +
-                        " has no camera; add the section camera, with its approximate pose and "
-                        "focal length");
+      throw CallerError(
+          "scene " + result.scene->name +
+          " has no camera; add the section camera, with its approximate pose and focal length");
     }
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
@@ -442,22 +436,14 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;
   }
-  if (global.format == Format::kJson) printJson(reportOf(result));
-  if (global.format == Format::kCsv) printCsv(result.calibration);
-  if (global.format == Format::kText) printText(result);
+  printResult(
+      global.format, reportOf(result), [&result] { return parameterTable(result.calibration); },
+      [&result] { printText(result); });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
   return result.calibration.success ? kDone : kNotPossible;
 }
-
-namespace {
-
-using nlohmann::json;
-using procedures::CameraPlacing;
-
-constexpr int kWebcamPictures = 20;
-constexpr double kDegrees = 180 / basics::kPi;
 
 struct Placed {
   const io::Scene& scene;
@@ -483,15 +469,11 @@ json reportOf(const Placed& result) {
   for (std::size_t i = 0; i < placing.fit.tags.size(); ++i) {
     tags.push_back({{"id", placing.tags[i]}, {"rms_px", placing.fit.tags[i].rms}});
   }
-  json out{{"scene", result.scene.name},
-           {"success", placing.success},
-           {"reason", placing.reason.empty() ? json() : json(placing.reason)},
-           {"pictures", result.read.pictures},
-           {"faults", faultsJson(result.read)},
-           {"tags", tags},
-           {"outlier_tags", placing.outliers},
-           {"warnings", placing.warnings},
-           {"out", result.out.empty() ? json() : json(result.out)}};
+  json out{{"scene", result.scene.name},           {"success", placing.success},
+           {"reason", textOrNull(placing.reason)}, {"pictures", result.read.pictures},
+           {"faults", faultsJson(result.read)},    {"tags", tags},
+           {"outlier_tags", placing.outliers},     {"warnings", placing.warnings},
+           {"out", textOrNull(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
                           "moved_m", "turned_rad", "bleed_m", "rms_px", "shape_deviations"}) {
     out[key] = nullptr;
@@ -499,11 +481,11 @@ json reportOf(const Placed& result) {
   if (!placing.success) return out;
   const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
   const Eigen::VectorXd errors = result.errors();
-  out["position_m"] = toJson(Eigen::VectorXd(place.position));
-  out["rpy_deg"] = toJson(Eigen::VectorXd(place.rpy_deg));
+  out["position_m"] = toJson(place.position);
+  out["rpy_deg"] = toJson(place.rpy_deg);
   out["pose"] = toJson(placing.X_WC);
-  out["standard_error"] = {{"position_m", toJson(Eigen::VectorXd(errors.head(3)))},
-                           {"rotation_rad", toJson(Eigen::VectorXd(errors.tail(3)))}};
+  out["standard_error"] = {{"position_m", toJson(errors.head(3))},
+                           {"rotation_rad", toJson(errors.tail(3))}};
   out["covariance"] = rowsJson(placing.covariance);
   out["moved_m"] = placing.moved;
   out["turned_rad"] = placing.turned;
@@ -534,30 +516,24 @@ void printText(const Placed& result) {
   if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }
 
-void printCsv(const Placed& result) {
-  CsvTable table;
+CsvTable placeTable(const Placed& result) {
   if (!result.placing.success) {
     std::cerr << result.placing.reason << "\n";
-    return;
+    return {};
   }
   const io::CameraPlace place = io::cameraPlaceOf(result.placing.X_WC);
   const Eigen::VectorXd errors = result.errors();
   CsvTable::Row row{{"scene", result.scene.name}};
-  const char* const axes[] = {"x", "y", "z"};
-  const char* const angles[] = {"roll_deg", "pitch_deg", "yaw_deg"};
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("position_") + axes[i] + "_m", exact(place.position[i]));
-  }
-  for (int i = 0; i < 3; ++i) row.emplace_back(angles[i], exact(place.rpy_deg[i]));
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("error_") + axes[i] + "_m", exact(errors[i]));
-  }
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(std::string("error_about_") + axes[i] + "_rad", exact(errors[3 + i]));
-  }
+  const auto add = [&row](const std::vector<const char*>& names, const Eigen::Vector3d& values) {
+    for (int i = 0; i < 3; ++i)
+      row.emplace_back(names[static_cast<std::size_t>(i)], exact(values[i]));
+  };
+  add({"position_x_m", "position_y_m", "position_z_m"}, place.position);
+  add({"roll_deg", "pitch_deg", "yaw_deg"}, place.rpy_deg);
+  add({"error_x_m", "error_y_m", "error_z_m"}, errors.head(3));
+  add({"error_about_x_rad", "error_about_y_rad", "error_about_z_rad"}, errors.tail(3));
   row.emplace_back("rms_px", exact(result.placing.fit.rms));
-  table.add(row);
-  table.print(std::cout);
+  return row;
 }
 
 CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) {
@@ -575,8 +551,6 @@ CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) 
   return source;
 }
 
-}  // namespace
-
 int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   if (!scene.camera || !scene.tags) {
@@ -584,10 +558,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                       "; expected a scene with the sections camera and tags");
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
-  const bool at_rest = arguments.pressure_kpa.empty() && arguments.input.empty();
-  const Eigen::VectorXd inputs = at_rest ? scene.arm.inputAt(0)
-                                         : inputsOf(scene, "--pressure-kpa", arguments.pressure_kpa,
-                                                    "--input", arguments.input);
+  const Eigen::VectorXd inputs = inputsOrRest(scene, arguments.pressure_kpa, arguments.input);
   const model::Shape shape = shapeOf(scene, inputs);
   const CameraSource source = sourceOf(arguments, scene);
   vision::TagDetector detector(scene.vision.detector);
@@ -610,129 +581,99 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                                                     {std::nullopt, result.placing.X_WC}));
     result.out = arguments.out;
   }
-  if (global.format == Format::kJson) printJson(reportOf(result));
-  if (global.format == Format::kCsv) printCsv(result);
-  if (global.format == Format::kText) printText(result);
+  printResult(
+      global.format, reportOf(result), [&result] { return placeTable(result); },
+      [&result] { printText(result); });
   return result.placing.success ? kDone : kNotPossible;
 }
 
-namespace {
-
-using nlohmann::json;
-
-constexpr double kLongest = 3600;  // [s]
-
 void addSource(CLI::App* action, CameraArguments& arguments) {
-  action
-      ->add_option("--source", arguments.sources,
-                   "webcam, or pictures, folders of pictures and videos")
-      ->required()
+  addOption(*action, "--source", arguments.sources,
+            "webcam, or pictures, folders of pictures and videos", kRequired)
       ->expected(1, -1)
       ->type_name("webcam|FILES");
-  action
-      ->add_option("--seconds", arguments.seconds,
-                   "longest time to look through a webcam [s], default 120")
-      ->type_name("S")
-      ->check(CLI::Range(0.1, kLongest));
+  addOption(*action, "--seconds", arguments.seconds,
+            "longest time to look through a webcam [s], default 120", TypeName{"S"},
+            CLI::Range(0.1, kLongest));
+}
+
+CLI::App* addCalibrateAction(CLI::App& command, CameraArguments& arguments) {
+  CLI::App* calibrate =
+      command.add_subcommand("calibrate",
+                             "intrinsics of a camera from pictures of the board that tags --board "
+                             "prints, or of another ChArUco board");
+  addSource(calibrate, arguments);
+  addBoardOption(*calibrate, arguments.board,
+                 "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
+                 "as helix_arm tags --board charuco prints it or as the options say");
+  addScene(*calibrate, "--scene", arguments.scene,
+           "scene with a camera: gives its webcam, and with --out gets the intrinsics")
+      ->type_name("SCENE");
+  addOption(
+      *calibrate, "--out", arguments.out,
+      "file to write: a camera_info YAML or, with --scene, that scene with the new intrinsics",
+      TypeName{"FILE.yaml"});
+  addOption(*calibrate, "--coefficients", arguments.coefficients,
+            "number of coefficients of distortion: 0, 2, 4, 5 or 8", CLI::IsMember({0, 2, 4, 5, 8}),
+            kShowDefault);
+  addOption(*calibrate, "--views", arguments.views,
+            "number of views to choose from a webcam or a video", CLI::Range(5, 200), kShowDefault);
+  addOption(*calibrate, "--device", arguments.device,
+            "webcam, default the scene's, else /dev/video0", TypeName{"PATH"});
+  addOption(*calibrate, "--size", arguments.size,
+            "its picture size [px], default the scene's, else 1280,720", TypeName{"W,H"});
+  addOption(*calibrate, "--focus", arguments.focus,
+            "its fixed focus, in the driver's units, default the scene's, else 0",
+            CLI::Range(0, 1'000'000));
+  calibrate->footer(
+      R"(Pictures are all used; of a webcam or a video those in which the board rests at a new
+place. Hold the board close, at the edges and corners, and tilted to each side.
+json: scene (null without), board (tags or charuco), charuco (null, or dictionary,
+columns, rows, square_size_m, marker_size_m, legacy_pattern), success, reason, size_px,
+pictures (number), faults [{file, reason}], parameters {name: {value, standard_error, unit}}, rms_px, coverage
+(part of the picture's 8 x 6 cells that hold corners), reach (largest distance of a corner
+from the principal point, relative to the picture's corner), tilted_views, views [{file,
+tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, out.
+csv: one row per parameter. Exit code 1 if the views do not determine the camera; the
+reason is in the result, and nothing is written. 130 on Ctrl-C.)");
+  return calibrate;
+}
+
+void addPlaceAction(CLI::App& command, CameraArguments& arguments) {
+  CLI::App* place = command.add_subcommand(
+      "place", "pose of the scene's camera from pictures of the arm at rest");
+  addScene(*place, "SCENE", arguments.scene, "scene file with camera and tags")->required();
+  addSource(place, arguments);
+  addOption(*place, "--out", arguments.out, "scene file to write, with the camera at its place",
+            TypeName{"SCENE2"});
+  addOption(
+      *place, "--pressure-kpa", arguments.pressure_kpa,
+      "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; default: at rest");
+  addOption(*place, "--input", arguments.input,
+            "the same in SI units: pressures [Pa], spool angles [rad]");
+  place->footer(
+      R"(Camera and arm must stand still. The tag nearest to the base counts as exact; the other
+tags are known as well as tags.placement_prior says, the arm's shape to 2 % of its length
+and 0.1 rad per section.
+json: scene, success, reason, pictures (number), faults [{file, reason}], tags [{id, rms_px}],
+outlier_tags (left out), position_m, rpy_deg (as in the scene), pose (optical frame in
+the world),
+standard_error {position_m [3], rotation_rad [3]} and covariance (6 x 6), along and about
+the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, rms_px,
+shape_deviations, warnings, out. Values are null without success.
+csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the
+result, and nothing is written. 130 on Ctrl-C.)");
 }
 
 }  // namespace
-
-void tellFaults(const PicturesRead& read) {
-  for (const PictureFault& fault : read.faults) {
-    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
-  }
-}
-
-json faultsJson(const PicturesRead& read) {
-  json faults = json::array();
-  for (const PictureFault& fault : read.faults) {
-    faults.push_back({{"file", fault.name}, {"reason", fault.reason}});
-  }
-  return faults;
-}
 
 Subcommand addCamera(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "camera", "calibrate a camera with a printed board, and place it by the arm's tags");
   command->require_subcommand(1);
   const auto arguments = std::make_shared<CameraArguments>();
-
-  CLI::App* calibrate = command->add_subcommand(
-      "calibrate",
-      "intrinsics of a camera from pictures of the board that tags --board prints, or of "
-      "another ChArUco board");
-  addSource(calibrate, *arguments);
-  addBoardOption(*calibrate, arguments->board,
-                 "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
-                 "as helix_arm tags --board charuco prints it or as the options say");
-  addScene(*calibrate, "--scene", arguments->scene,
-           "scene with a camera: gives its webcam, and with --out gets the intrinsics")
-      ->type_name("SCENE");
-  calibrate
-      ->add_option("--out", arguments->out,
-                   "file to write: a camera_info YAML or, with --scene, that scene with the new "
-                   "intrinsics")
-      ->type_name("FILE.yaml");
-  calibrate
-      ->add_option("--coefficients", arguments->coefficients,
-                   "number of coefficients of distortion: 0, 2, 4, 5 or 8")
-      ->check(CLI::IsMember({0, 2, 4, 5, 8}))
-      ->capture_default_str();
-  calibrate
-      ->add_option("--views", arguments->views,
-                   "number of views to choose from a webcam or a video")
-      ->check(CLI::Range(5, 200))
-      ->capture_default_str();
-  calibrate
-      ->add_option("--device", arguments->device, "webcam, default the scene's, else /dev/video0")
-      ->type_name("PATH");
-  calibrate
-      ->add_option("--size", arguments->size,
-                   "its picture size [px], default the scene's, else 1280,720")
-      ->type_name("W,H");
-  calibrate
-      ->add_option("--focus", arguments->focus,
-                   "its fixed focus, in the driver's units, default the scene's, else 0")
-      ->check(CLI::Range(0, 1'000'000));
-  calibrate->footer(
-      "Pictures are all used; of a webcam or a video those in which the board rests at a new\n"
-      "place. Hold the board close, at the edges and corners, and tilted to each side.\n"
-      "json: scene (null without), board (tags or charuco), charuco (null, or dictionary,\n"
-      "columns, rows, square_size_m, marker_size_m, legacy_pattern), success, reason, size_px,\n"
-      "pictures (number), faults [{file, reason}], parameters {name: {value, standard_error, "
-      "unit}}, rms_px, coverage\n"
-      "(part of the picture's 8 x 6 cells that hold corners), reach (largest distance of a corner\n"
-      "from the principal point, relative to the picture's corner), tilted_views, views [{file,\n"
-      "tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, "
-      "out.\n"
-      "csv: one row per parameter. Exit code 1 if the views do not determine the camera; the\n"
-      "reason is in the result, and nothing is written. 130 on Ctrl-C.");
-
-  CLI::App* place = command->add_subcommand(
-      "place", "pose of the scene's camera from pictures of the arm at rest");
-  addScene(*place, "SCENE", arguments->scene, "scene file with camera and tags")->required();
-  addSource(place, *arguments);
-  place->add_option("--out", arguments->out, "scene file to write, with the camera at its place")
-      ->type_name("SCENE2");
-  place->add_option("--pressure-kpa", arguments->pressure_kpa,
-                    "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; "
-                    "default: at rest");
-  place->add_option("--input", arguments->input,
-                    "the same in SI units: pressures [Pa], spool angles [rad]");
-  place->footer(
-      "Camera and arm must stand still. The tag nearest to the base counts as exact; the other\n"
-      "tags are known as well as tags.placement_prior says, the arm's shape to 2 % of its length\n"
-      "and 0.1 rad per section.\n"
-      "json: scene, success, reason, pictures (number), faults [{file, reason}], tags [{id, "
-      "rms_px}],\n"
-      "outlier_tags (left out), position_m, rpy_deg (as in the scene), pose (optical frame in\n"
-      "the world),\n"
-      "standard_error {position_m [3], rotation_rad [3]} and covariance (6 x 6), along and about\n"
-      "the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, rms_px,\n"
-      "shape_deviations, warnings, out. Values are null without success.\n"
-      "csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the\n"
-      "result, and nothing is written. 130 on Ctrl-C.");
+  CLI::App* const calibrate = addCalibrateAction(*command, *arguments);
+  addPlaceAction(*command, *arguments);
   return {command, [arguments, calibrate](const GlobalOptions& global) {
             return calibrate->parsed() ? calibrateCameraOf(*arguments, global)
                                        : placeCameraOf(*arguments, global);

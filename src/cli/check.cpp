@@ -10,7 +10,6 @@
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "output.hpp"
-#include "regulator.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -56,7 +55,7 @@ void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& f
                         "its channel gives no reading",
                         "look at its sensor and address: helix_arm regulator SCENE probe"});
   }
-  std::string said = pressureText(scene, pressure, kDecimals);
+  std::string said = pressureText(scene.arm, pressure, kDecimals);
   const std::optional<double> supply = supplyOf(answer);
   if (supply) said += ", supply " + kpaOf(*supply);
   findings.push_back({Severity::kNote, "answered", name,
@@ -64,11 +63,11 @@ void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& f
                       "expect 0 kPa within the noise of the sensors"});
   if (!regulator::isHardware(*scene.regulator)) return;  // its supply stands in the scene
   if (!supply) {
-    findings.push_back({Severity::kNote, "supply_not_measured", name,
-                        "it does not tell the pressure of its supply, which is therefore not "
-                        "compared with the limits of the arm",
-                        "read the gauge of the supply: it must show the highest max_pressure_kpa "
-                        "or more"});
+    findings.push_back(
+        {Severity::kNote, "supply_not_measured", name,
+         "it does not tell the pressure of its supply, which is therefore not compared with the "
+         "limits of the arm",
+         "read the gauge of the supply: it must show the highest max_pressure_kpa or more"});
     return;
   }
   for (const Finding& finding : procedures::checkSupply(scene, *supply)) {
@@ -110,7 +109,7 @@ json visionJson(const std::optional<VisionFigures>& vision) {
           {"pixels_per_bit", vision->pixels_per_bit > 0 ? json(vision->pixels_per_bit) : json()}};
 }
 
-void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
+json reportOf(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
   json findings = json::array();
   for (const Finding& finding : check.findings) {
     findings.push_back({{"severity", nameOf(finding.severity)},
@@ -119,31 +118,26 @@ void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer
                         {"value", finding.value},
                         {"remedy", finding.remedy}});
   }
-  printJson({{"scene", scene.name},
-             {"passed", !check.hasFault()},
-             {"findings", findings},
-             {"sight", visionJson(check.vision)},
-             {"probed", answer.asked},
-             {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
-             {"pressures_pa", answer.readings ? readingsJson(answer.readings->pressure) : json()},
-             {"supply_pa", toJson(supplyOf(answer))}});
+  return {{"scene", scene.name},
+          {"passed", !check.hasFault()},
+          {"findings", findings},
+          {"sight", visionJson(check.vision)},
+          {"probed", answer.asked},
+          {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
+          {"pressures_pa", answer.readings ? readingsJson(answer.readings->pressure) : json()},
+          {"supply_pa", toJson(supplyOf(answer))}};
 }
 
-void printCsvResult(const RigCheck& check) {
-  const auto quoted = [](const std::string& text) {
-    std::string cell = "\"";
-    for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
-    return cell + "\"";
-  };
-  CsvTable::printNames(
-      {{"severity", ""}, {"check", ""}, {"culprit", ""}, {"value", ""}, {"remedy", ""}}, std::cout);
-  for (const Finding& finding : check.findings) {
-    CsvTable::printValues({{"severity", nameOf(finding.severity)},
-                           {"check", finding.check},
-                           {"culprit", quoted(finding.culprit)},
-                           {"value", quoted(finding.value)},
-                           {"remedy", quoted(finding.remedy)}},
-                          std::cout);
+// The names also where there are no findings.
+void printCsv(const json& findings) {
+  const std::vector<const char*> names = {"severity", "check", "culprit", "value", "remedy"};
+  CsvTable::Row row;
+  for (const char* name : names) row.emplace_back(name, "");
+  CsvTable::printNames(row, std::cout);
+  for (const json& finding : findings) {
+    row = cellsOf(finding, names);
+    for (std::size_t i = 2; i < row.size(); ++i) row[i].second = quotedCell(row[i].second);
+    CsvTable::printValues(row, std::cout);
   }
 }
 
@@ -181,9 +175,12 @@ int run(const CheckArguments& arguments, const GlobalOptions& global) {
   }
   RigCheck check = procedures::checkRig(scene, arguments.samples);
   const Answer answer = arguments.probe ? ask(scene, check.findings) : Answer();
-  if (global.format == Format::kJson) printJsonResult(scene, check, answer);
-  if (global.format == Format::kCsv) printCsvResult(check);
-  if (global.format == Format::kText) printText(scene, check, answer);
+  const json report = reportOf(scene, check, answer);
+  if (global.format == Format::kCsv) {
+    printCsv(report["findings"]);
+  } else {
+    printResult(global.format, report, {}, [&] { printText(scene, check, answer); });
+  }
   return check.hasFault() ? kNotPossible : kDone;
 }
 
@@ -196,19 +193,17 @@ Subcommand addCheck(CLI::App& app) {
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_flag("--probe", arguments->probe,
                     "also connect to the regulator, which vents, and read it once");
-  command
-      ->add_option("--samples", arguments->samples,
-                   "number of inputs drawn within the limits, besides their corners")
-      ->check(CLI::Range(0, 100000))
-      ->capture_default_str();
+  addOption(*command, "--samples", arguments->samples,
+            "number of inputs drawn within the limits, besides their corners",
+            CLI::Range(0, 100000), kShowDefault);
   command->footer(
-      "Nothing moves. Faults of the file itself are reported as by every command (exit code 2).\n"
-      "json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,\n"
-      "remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),\n"
-      "measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 %\n"
-      "of the tags that face the camera exceed)} (null without camera or tags), probed, regulator\n"
-      "(null without), pressures_pa (null unless it answered), supply_pa (null unless measured).\n"
-      "csv: one row per finding. Exit code 1 if a fault was found.");
+      R"(Nothing moves. Faults of the file itself are reported as by every command (exit code 2).
+json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,
+remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),
+measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 %
+of the tags that face the camera exceed)} (null without camera or tags), probed, regulator
+(null without), pressures_pa (null unless it answered), supply_pa (null unless measured).
+csv: one row per finding. Exit code 1 if a fault was found.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

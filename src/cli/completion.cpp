@@ -12,32 +12,25 @@ namespace {
 
 using Words = std::vector<std::string>;
 
-constexpr char kWordsOffer[] = "words";
-constexpr char kListOffer[] = "list";
-constexpr char kSceneOffer[] = "scene";
-constexpr char kProfileOffer[] = "profile";
+// Names of offers, in the order of Offer.
+constexpr const char* kOffers[] = {"words", "list", "scene", "profile"};
 constexpr char kAnyFile[] = "*";
 constexpr char kSceneFile[] = "*.yaml";
 // Parts of the names of types that may be files; TEXT is of options that name no type.
 constexpr const char* kFileTypes[] = {"FILE", "DIR", "PATH", "SCENE", "TEXT"};
 
-// Inactive: it checks nothing and is not part of the help.
-void offer(CLI::Option* option, const char* kind, const Words& words) {
-  option->check(CLI::Validator(CLI::detail::join(words)).name(kind).active(false));
-}
-
 // The words that were offered so; nullptr if none were.
-CLI::Validator* offered(CLI::Option* option, const char* kind) {
+CLI::Validator* offered(CLI::Option* option, Offer kind) {
   try {
-    return option->get_validator(kind);
+    return option->get_validator(kOffers[static_cast<int>(kind)]);
   } catch (const CLI::OptionNotFound&) {
     return nullptr;
   }
 }
 
-Words wordsOf(CLI::Validator* offer) {
-  offer->active(true);
-  return CLI::detail::split(offer->get_description(), ',');
+Words wordsOf(CLI::Validator* words) {
+  words->active(true);
+  return CLI::detail::split(words->get_description(), ',');
 }
 
 // As the help lists them: TEXT:{a,b}.
@@ -54,16 +47,16 @@ struct Completions {
 };
 
 Completions valuesOf(CLI::Option* option, const std::string& word) {
-  if (offered(option, kSceneOffer) != nullptr) {
+  if (offered(option, Offer::kScene) != nullptr) {
     return {kSceneFile, io::shippedNames(io::kShippedScenes)};
   }
-  if (CLI::Validator* const besides = offered(option, kProfileOffer)) {
+  if (CLI::Validator* const besides = offered(option, Offer::kProfile)) {
     Words words = wordsOf(besides);
     for (std::string& profile : io::shippedProfiles()) words.push_back(std::move(profile));
     return {"", words};
   }
-  if (CLI::Validator* const words = offered(option, kWordsOffer)) return {"", wordsOf(words)};
-  if (CLI::Validator* const list = offered(option, kListOffer)) {
+  if (CLI::Validator* const words = offered(option, Offer::kWords)) return {"", wordsOf(words)};
+  if (CLI::Validator* const list = offered(option, Offer::kList)) {
     Completions out{"", wordsOf(list)};
     const std::string before = word.substr(0, word.rfind(',') + 1);
     for (std::string& each : out.words) each.insert(0, before);
@@ -163,7 +156,7 @@ class Position {
 
   // Of the flag before, such as --board, which alone means tags.
   Words optionalValues() const {
-    CLI::Validator* const words = flag_ == nullptr ? nullptr : offered(flag_, kWordsOffer);
+    CLI::Validator* const words = flag_ == nullptr ? nullptr : offered(flag_, Offer::kWords);
     return words == nullptr ? Words() : wordsOf(words);
   }
 
@@ -219,18 +212,10 @@ void printCompletions(CLI::App& app, std::vector<std::string> words, std::ostrea
   }
 }
 
-void offerWords(CLI::Option* option, const std::vector<std::string>& words) {
-  offer(option, kWordsOffer, words);
-}
-
-void offerList(CLI::Option* option, const std::vector<std::string>& words) {
-  offer(option, kListOffer, words);
-}
-
-void offerScenes(CLI::Option* option) { offer(option, kSceneOffer, {}); }
-
-void offerProfiles(CLI::Option* option, const std::vector<std::string>& besides) {
-  offer(option, kProfileOffer, besides);
+void offer(CLI::Option* option, Offer kind, const Words& words) {
+  // Inactive: it checks nothing and is not part of the help.
+  const char* const name = kOffers[static_cast<int>(kind)];
+  option->check(CLI::Validator(CLI::detail::join(words)).name(name).active(false));
 }
 
 }  // namespace helix_arm::cli

@@ -20,13 +20,15 @@ inline constexpr char kCompleteOption[] = "--complete";
 /// last one is to be completed; it may be empty.
 void printCompletions(CLI::App& app, std::vector<std::string> words, std::ostream& out);
 
-/// Names the words that an option takes and checks by itself, so that they are completed.
-void offerWords(CLI::Option* option, const std::vector<std::string>& words);
-/// The same of an option that takes a comma list of them.
-void offerList(CLI::Option* option, const std::vector<std::string>& words);
-/// The same of an option that takes the name of a shipped scene, or a file.
-void offerScenes(CLI::Option* option);
-/// The same of an option that takes the name of a shipped regulator profile, or another word.
-void offerProfiles(CLI::Option* option, const std::vector<std::string>& besides);
+/// What may stand for a value, besides the words that a check names.
+enum class Offer {
+  kWords,    ///< these words, which the option checks by itself
+  kList,     ///< a comma list of these words
+  kScene,    ///< the name of a shipped scene, or a file
+  kProfile,  ///< the name of a shipped regulator profile, or one of these words
+};
+
+/// Has an option completed so.
+void offer(CLI::Option* option, Offer kind, const std::vector<std::string>& words = {});
 
 }  // namespace helix_arm::cli

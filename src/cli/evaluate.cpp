@@ -16,11 +16,6 @@
 
 namespace helix_arm::cli {
 
-/// Compares the model's tags and tip with measured tag poses, and prints it.
-/// @return the exit code.
-/// @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
-int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format);
-
 namespace {
 
 using nlohmann::json;
@@ -100,7 +95,7 @@ std::string reasonForNoModel(const TagComparison& c) {
          reasonForNoShape(lacking->measured.model.status);
 }
 
-void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
+json reportOf(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
   json captures = json::array();
   for (const CaptureComparison& capture : c.captures) {
     captures.push_back(
@@ -108,7 +103,7 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
          {"pressure_pa", toJson(capture.measured.pressure)},
          {"status", estimation::nameOf(capture.measured.status)},
          {"converged", capture.measured.converged()},
-         {"reason", capture.measured.reason.empty() ? json() : json(capture.measured.reason)},
+         {"reason", textOrNull(capture.measured.reason)},
          {"model_status", statics::nameOf(capture.measured.model.status)},
          {"rms_m", toJson(capture.rms)},
          {"tip_error_m", toJson(capture.tip_error)},
@@ -118,33 +113,23 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
          {"usual_fit_rms_m", toJson(capture.measured.usual_rms)},
          {"unknown_tags", capture.measured.unknown_tags}});
   }
-  printJson({{"scene", scene.name},
-             {"tier", modelTier(scene)},
-             {"captures", captures},
-             {"median_rms_m", toJson(c.median_rms)},
-             {"median_tip_error_percent", toJson(c.percent(c.median_tip_error))},
-             {"arm_length_m", c.arm_length},
-             {"reason", reason.empty() ? json() : json(reason)}});
+  return {{"scene", scene.name},
+          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+          {"captures", captures},
+          {"median_rms_m", toJson(c.median_rms)},
+          {"median_tip_error_percent", toJson(c.percent(c.median_tip_error))},
+          {"arm_length_m", c.arm_length},
+          {"reason", textOrNull(reason)}};
 }
 
-void printCsvResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
-  CsvTable table;
-  for (const CaptureComparison& capture : c.captures) {
-    CsvTable::Row row{{"capture", std::to_string(capture.measured.number)},
-                      {"status", estimation::nameOf(capture.measured.status)}};
-    appendInputs(scene.arm, capture.measured.pressure, row);
-    row.emplace_back("rms_m", exact(capture.rms));
-    row.emplace_back("tip_error_m", exact(capture.tip_error));
-    row.emplace_back("tip_error_percent", exact(c.percent(capture.tip_error)));
-    row.emplace_back("outlier_tags", joined(capture.outlier_tags));
-    row.emplace_back("unknown_tags", joined(capture.measured.unknown_tags));
-    row.emplace_back("model_status", statics::nameOf(capture.measured.model.status));
-    table.add(row);
-  }
+// The table, after comments that are printed at once.
+CsvTable csvTable(const TagComparison& c, const json& report, const std::string& reason) {
   std::cout << "# median_rms_m " << exact(c.median_rms) << "\n# median_tip_error_percent "
             << exact(c.percent(c.median_tip_error)) << "\n";
   if (!reason.empty()) std::cout << "# reason " << reason << "\n";
-  table.print(std::cout);
+  return {report["captures"],
+          {"capture", "status", "pressure_pa", "rms_m", "tip_error_m", "tip_error_percent",
+           "outlier_tags", "unknown_tags", "model_status"}};
 }
 
 void printTextResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
@@ -187,22 +172,19 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
   std::cout << "\n" << reason << (reason.empty() ? "" : "\n");
 }
 
-}  // namespace
-
+// Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
+// @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
   const TagComparison comparison = compareTags(scene, data);
   std::string reason = reasonForNoFit(fittedOf(comparison));
   if (reason.empty()) reason = reasonForNoModel(comparison);
-  if (format == Format::kJson) printJsonResult(scene, comparison, reason);
-  if (format == Format::kCsv) printCsvResult(scene, comparison, reason);
-  if (format == Format::kText) printTextResult(scene, comparison, reason);
+  const json report = reportOf(scene, comparison, reason);
+  printResult(
+      format, report, [&] { return csvTable(comparison, report, reason); },
+      [&] { printTextResult(scene, comparison, reason); });
   return reason.empty() ? kDone : kNotPossible;
 }
-
-namespace {
-
-using nlohmann::json;
 
 struct EvaluateOptions {
   std::string scene, data;
@@ -240,8 +222,8 @@ struct CurvatureComparison {
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
     throw CallerError(data.path +
-                      " has no measurements to compare with; expected the columns "
-                      "pressure_1_kpa .. and curvature_rad, or tag poses");
+                      " has no measurements to compare with; expected the columns pressure_1_kpa "
+                      ".. and curvature_rad, or tag poses");
   }
   requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
@@ -268,34 +250,33 @@ CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& 
   return comparison;
 }
 
-void printJsonResult(const io::Scene& scene, const CurvatureComparison& c) {
+json reportOf(const io::Scene& scene, const CurvatureComparison& c) {
   json points = json::array();
   for (int row = 0; row < c.measured.size(); ++row) {
-    points.push_back({{"pressure_pa", toJson(Eigen::VectorXd(c.pressures.row(row)))},
+    points.push_back({{"pressure_pa", toJson(c.pressures.row(row))},
                       {"measured_rad", c.measured[row]},
                       {"model_rad", toJson(c.model[row])}});
   }
-  printJson({{"scene", scene.name},
-             {"tier", modelTier(scene)},
-             {"rms_rad", toJson(c.rms())},
-             {"max_rad", toJson(c.max())},
-             {"reason", c.reason.empty() ? json() : json(c.reason)},
-             {"points", points}});
+  return {{"scene", scene.name},
+          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+          {"rms_rad", toJson(c.rms())},
+          {"max_rad", toJson(c.max())},
+          {"reason", textOrNull(c.reason)},
+          {"points", points}};
 }
 
-void printCsvResult(const io::Scene& scene, const CurvatureComparison& c) {
+// The table, after comments that are printed at once.
+CsvTable csvTable(const CurvatureComparison& c, const json& report) {
+  std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
+  if (!c.reason.empty()) std::cout << "# reason " << c.reason << "\n";
   CsvTable table;
   for (int row = 0; row < c.measured.size(); ++row) {
-    CsvTable::Row cells;
-    appendInputs(scene.arm, c.pressures.row(row), cells);
-    cells.emplace_back("measured_rad", exact(c.measured[row]));
-    cells.emplace_back("model_rad", exact(c.model[row]));
+    CsvTable::Row cells = cellsOf(report["points"][static_cast<std::size_t>(row)],
+                                  {"pressure_pa", "measured_rad", "model_rad"});
     cells.emplace_back("difference_rad", exact(c.difference(row)));
     table.add(cells);
   }
-  std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
-  if (!c.reason.empty()) std::cout << "# reason " << c.reason << "\n";
-  table.print(std::cout);
+  return table;
 }
 
 void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
@@ -328,9 +309,10 @@ void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
 int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
   requireComparable(scene, data);
   const CurvatureComparison comparison = compareCurvature(scene, data);
-  if (format == Format::kJson) printJsonResult(scene, comparison);
-  if (format == Format::kCsv) printCsvResult(scene, comparison);
-  if (format == Format::kText) printTextResult(scene, comparison);
+  const json report = reportOf(scene, comparison);
+  printResult(
+      format, report, [&] { return csvTable(comparison, report); },
+      [&] { printTextResult(scene, comparison); });
   return comparison.reason.empty() ? kDone : kNotPossible;
 }
 
@@ -348,25 +330,22 @@ Subcommand addEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("evaluate", "compare the model with measurements");
   const auto options = std::make_shared<EvaluateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command
-      ->add_option(
-          "DATA", options->data,
-          "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a "
-          "missing "
-          "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes")
-      ->required();
-  command->footer(
-      "Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,\n"
-      "measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:\n"
-      "model_rad is null there, exit code 1).\n"
-      "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,\n"
-      "reason, model_status (as that of forward), rms_m (the model's tags against those\n"
-      "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted\n"
-      "tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where\n"
-      "fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and\n"
-      "median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,\n"
-      "reason.\n"
-      "csv: the summary as # comments, then one row per point or capture.");
+  addOption(
+      *command, "DATA", options->data,
+      "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
+      "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes",
+      kRequired);
+  command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
+measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
+model_rad is null there, exit code 1).
+Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
+reason, model_status (as that of forward), rms_m (the model's tags against those
+measured that fit one shape), tip_error_m and tip_error_percent (model against fitted
+tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where
+fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and
+median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
+reason.
+csv: the summary as # comments, then one row per point or capture.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

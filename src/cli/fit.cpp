@@ -47,7 +47,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"pressure_pa", toJson(capture.pressure)},
               {"status", estimation::nameOf(capture.status)},
               {"converged", capture.converged()},
-              {"reason", capture.reason.empty() ? json() : json(capture.reason)},
+              {"reason", textOrNull(capture.reason)},
               {"model_status", statics::nameOf(capture.model.status)},
               {"twist", nullptr},
               {"covariance", nullptr},
@@ -75,17 +75,16 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   return result;
 }
 
-void printJsonResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                     const FitSummary& summary) {
-  const std::string reason = reasonForNoFit(captures);
+json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+              const FitSummary& summary) {
   json list = json::array();
   for (const FittedCapture& capture : captures) list.push_back(captureJson(capture, *scene.tags));
-  printJson({{"scene", scene.name},
-             {"captures", list},
-             {"median_rms_m", toJson(summary.median_rms)},
-             {"flagged_captures", summary.flagged_captures},
-             {"unknown_tags", summary.unknown_tags},
-             {"reason", reason.empty() ? json() : json(reason)}});
+  return {{"scene", scene.name},
+          {"captures", list},
+          {"median_rms_m", toJson(summary.median_rms)},
+          {"flagged_captures", summary.flagged_captures},
+          {"unknown_tags", summary.unknown_tags},
+          {"reason", textOrNull(reasonForNoFit(captures))}};
 }
 
 // An absent fit gives the same columns with empty cells.
@@ -113,26 +112,23 @@ void appendFit(const FittedCapture& capture, const TagLayout& layout, int sectio
   }
 }
 
-void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                    const FitSummary& summary) {
-  CsvTable table;
-  for (const FittedCapture& capture : captures) {
-    CsvTable::Row row{{"capture", std::to_string(capture.number)},
-                      {"status", estimation::nameOf(capture.status)},
-                      {"converged", capture.converged() ? "1" : "0"}};
-    appendInputs(scene.arm, capture.pressure, row);
-    row.emplace_back("rms_m", capture.fit ? exact(capture.fit->rms) : "");
-    row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
-    row.emplace_back("usual_rms_m", exact(capture.usual_rms));
-    row.emplace_back("unknown_tags", joined(capture.unknown_tags));
-    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
-    row.emplace_back("model_status", statics::nameOf(capture.model.status));
-    table.add(row);
-  }
-  if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";
+// The table, after comments that are printed at once.
+CsvTable csvTable(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                  const json& report) {
+  const json& median = report["median_rms_m"];
+  if (!median.is_null()) std::cout << "# median_rms_m " << exact(median.get<double>()) << "\n";
   const std::string reason = reasonForNoFit(captures);
   if (!reason.empty()) std::cout << "# reason " << reason << "\n";
-  table.print(std::cout);
+  CsvTable table;
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const json& capture = report["captures"][i];
+    CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
+                                          "outlier_tags", "usual_rms_m", "unknown_tags"});
+    appendFit(captures[i], *scene.tags, scene.arm.sectionCount(), row);
+    row.push_back(cellsOf(capture, {"model_status"}).front());
+    table.add(row);
+  }
+  return table;
 }
 
 void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
@@ -175,9 +171,10 @@ int run(const FitOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
   const FitSummary summary = summaryOf(captures);
-  if (global.format == Format::kJson) printJsonResult(scene, captures, summary);
-  if (global.format == Format::kCsv) printCsvResult(scene, captures, summary);
-  if (global.format == Format::kText) printTextResult(scene, captures, summary);
+  const json report = reportOf(scene, captures, summary);
+  printResult(
+      global.format, report, [&] { return csvTable(scene, captures, report); },
+      [&] { printTextResult(scene, captures, summary); });
   return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
 }
 
@@ -187,27 +184,24 @@ Subcommand addFit(CLI::App& app) {
   CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
   const auto options = std::make_shared<FitOptions>();
   addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
-  command
-      ->add_option("TAG_POSES", options->data,
-                   "data set (# comments, a header, one row per tag) with the columns capture, "
-                   "pressure_1_kpa "
-                   ".. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
-                   "tags.frame (default: "
-                   "the arm's base)")
-      ->required();
+  addOption(*command, "TAG_POSES", options->data,
+            "data set (# comments, a header, one row per tag) with the columns capture, "
+            "pressure_1_kpa .. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
+            "tags.frame (default: the arm's base)",
+            kRequired);
   command->footer(
-      "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless\n"
-      "converged, the search began at the shape without load), twist, covariance, rms_m (of the\n"
-      "tags that fit), tip and base (fitted, relative to the base's nominal pose),\n"
-      "outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),\n"
-      "unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m\n"
-      "over the captures whose tags all fit, flagged_captures (the others), unknown_tags,\n"
-      "reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or\n"
-      "no shape fits most of them, twist is null. csv: one row per capture.\n"
-      "The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of\n"
-      "captures, even if few tags determine the noise (chi-square with as many degrees of\n"
-      "freedom as entries).\n"
-      "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
+      R"(json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless
+converged, the search began at the shape without load), twist, covariance, rms_m (of the
+tags that fit), tip and base (fitted, relative to the base's nominal pose),
+outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),
+unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m
+over the captures whose tags all fit, flagged_captures (the others), unknown_tags,
+reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or
+no shape fits most of them, twist is null. csv: one row per capture.
+The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of
+captures, even if few tags determine the noise (chi-square with as many degrees of
+freedom as entries).
+Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cmath>
 #include <iomanip>
 #include <iostream>
@@ -20,35 +19,29 @@
 
 namespace helix_arm::cli {
 
-/// A simulated run with what was asked for.
-struct FollowReport {
-  const io::Scene& scene;
-  std::string rig;  ///< file of the rig's scene; empty if that is `scene`
-  const procedures::FollowPlan& plan;
-  const procedures::FollowResult& result;
-  std::string out, png;  ///< files; empty where there is none
-};
-
-/// Why there are no figures; empty if there are.
-std::string failureOf(const FollowReport& report);
-nlohmann::json toJson(const FollowReport& report);
-/// One row a turn, after a comment.
-std::string csvOf(const FollowReport& report);
-void printText(const FollowReport& report);
-
-/// What plot_report draws.
-/// @param open  the same run with the loop open; null to draw the run alone.
-nlohmann::json plotOf(const FollowReport& report, const procedures::FollowResult* open);
-
 namespace {
 
 using nlohmann::json;
+using procedures::FollowPlan;
 using procedures::FollowResult;
 using procedures::FollowRow;
 
+constexpr model::Range kSeconds{0.1, 3600};
+constexpr model::Range kLatency{0, 1};
+constexpr std::size_t kMostTips = 1000;
+constexpr double kMostForce = 100.0;      // [N]
 constexpr std::size_t kMostDrawn = 5000;  // rows of a run in a picture
 
-const char* visionName(const procedures::FollowPlan& plan) {
+// A simulated run with what was asked for.
+struct FollowReport {
+  const io::Scene& scene;
+  std::string rig;  // file of the rig's scene; empty if that is `scene`
+  const FollowPlan& plan;
+  const FollowResult& result;
+  std::string out, png;  // files; empty where there is none
+};
+
+const char* visionName(const FollowPlan& plan) {
   return plan.vision == simulation::VisionKind::kRendered ? "rendered" : "corners";
 }
 
@@ -70,11 +63,10 @@ json settleJson(const procedures::FollowFigures& figures) {
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
   for (const procedures::FollowAlarm& alarm : result.alarms) {
-    alarms.push_back(
-        {{"time_s", alarm.time},
-         {"onset_s", alarm.onset},
-         {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(Eigen::VectorXd(alarm.force))},
-         {"covariance", rowsJson(alarm.covariance)}});
+    alarms.push_back({{"time_s", alarm.time},
+                      {"onset_s", alarm.onset},
+                      {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
+                      {"covariance", rowsJson(alarm.covariance)}});
   }
   return alarms;
 }
@@ -93,12 +85,9 @@ json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
   }
   parts.push_back(spreadJson("predicted", budget->predicted));
   parts.push_back(spreadJson("open_loop", budget->open_loop));
-  return {{"time_s", budget->time},
-          {"parts", parts},
-          {"error_m", toJson(Eigen::VectorXd(budget->error))},
-          {"distance2", budget->distance2},
-          {"limit", budget->limit},
-          {"state", nameOf(budget->state)}};
+  return {{"time_s", budget->time},           {"parts", parts},
+          {"error_m", toJson(budget->error)}, {"distance2", budget->distance2},
+          {"limit", budget->limit},           {"state", nameOf(budget->state)}};
 }
 
 void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
@@ -109,7 +98,7 @@ void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector
   }
 }
 
-CsvTable::Row cellsOf(const FollowRow& row, const model::Arm& arm) {
+CsvTable::Row rowOf(const FollowRow& row, const model::Arm& arm) {
   CsvTable::Row cells{{"time_s", exact(row.time)}};
   appendPosition("wanted_", row.wanted, cells);
   appendPosition("true_", row.true_tip, cells);
@@ -159,8 +148,7 @@ void printTips(const procedures::FollowFigures& figures) {
 }
 
 // Rows that count for the figures: all, or those of the path.
-std::vector<const FollowRow*> drawnRows(const procedures::FollowPlan& plan,
-                                        const FollowResult& result) {
+std::vector<const FollowRow*> drawnRows(const FollowPlan& plan, const FollowResult& result) {
   std::vector<const FollowRow*> rows;
   for (const FollowRow& row : result.rows) {
     if (!row.wanted) continue;
@@ -174,11 +162,11 @@ std::vector<const FollowRow*> drawnRows(const procedures::FollowPlan& plan,
   return drawn;
 }
 
-json runJson(const char* name, const procedures::FollowPlan& plan, const FollowResult& result) {
+json runJson(const char* name, const FollowPlan& plan, const FollowResult& result) {
   json times = json::array(), tips = json::array(), errors = json::array();
   for (const FollowRow* row : drawnRows(plan, result)) {
     times.push_back(row->time);
-    tips.push_back(toJson(Eigen::VectorXd(row->true_tip)));
+    tips.push_back(toJson(row->true_tip));
     errors.push_back((row->true_tip - *row->wanted).norm());
   }
   const std::string figure = summary(result.figures);
@@ -188,29 +176,25 @@ json runJson(const char* name, const procedures::FollowPlan& plan, const FollowR
           {"error_m", errors}};
 }
 
-}  // namespace
-
+// Why there are no figures; empty if there are.
 std::string failureOf(const FollowReport& report) {
   if (!report.result.vented.empty()) return "the arm was vented: " + report.result.vented;
   if (report.plan.path && !report.result.figures.path_rms) {
-    return "the time ended before the tip had reached the path's first point; raise "
-           "--seconds";
+    return "the time ended before the tip had reached the path's first point; raise --seconds";
   }
   return {};
 }
 
-json toJson(const FollowReport& report) {
+json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
-  const std::string failure = failureOf(report);
-  const auto nullable = [](const std::string& text) { return text.empty() ? json() : json(text); };
   return {{"scene", report.scene.name},
-          {"rig", nullable(report.rig)},
+          {"rig", textOrNull(report.rig)},
           {"seed", report.plan.seed},
           {"sight", visionName(report.plan)},
           {"open", report.plan.open},
           {"seconds", report.plan.seconds},
           {"pictures", report.result.pictures},
-          {"reason", nullable(failure)},
+          {"reason", textOrNull(failureOf(report))},
           {"path_rms_m", toJson(figures.path_rms)},
           {"path_max_m", toJson(figures.path_max)},
           {"steady_rms_m", figures.steady_rms},
@@ -219,10 +203,11 @@ json toJson(const FollowReport& report) {
           {"states", statesJson(report.result)},
           {"alarms", alarmsJson(report.result)},
           {"budget", budgetJson(report.result.budget)},
-          {"out", nullable(report.out)},
-          {"png", nullable(report.png)}};
+          {"out", textOrNull(report.out)},
+          {"png", textOrNull(report.png)}};
 }
 
+// One row a turn, after a comment.
 std::string csvOf(const FollowReport& report) {
   std::ostringstream out;
   out << "# Simulated run of scene " << report.scene.name << ", loop "
@@ -230,13 +215,9 @@ std::string csvOf(const FollowReport& report) {
       << ", seed " << report.plan.seed
       << ". Tips seen from the arm's base. A measured tip is in the\n# row in which it became "
          "known; measured_time_s is the time of its picture.\n";
-  bool named = false;
-  for (const FollowRow& row : report.result.rows) {
-    const CsvTable::Row cells = cellsOf(row, report.scene.arm);
-    if (!named) CsvTable::printNames(cells, out);
-    named = true;
-    CsvTable::printValues(cells, out);
-  }
+  CsvTable table;
+  for (const FollowRow& row : report.result.rows) table.add(rowOf(row, report.scene.arm));
+  table.print(out);
   return out.str();
 }
 
@@ -264,10 +245,12 @@ void printText(const FollowReport& report) {
   if (!failure.empty()) std::cout << failure << "\n";
 }
 
+// What plot_report draws.
+// @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
   json wanted = json::array();
   for (const FollowRow* row : drawnRows(report.plan, report.result)) {
-    wanted.push_back(toJson(Eigen::VectorXd(*row->wanted)));
+    wanted.push_back(toJson(*row->wanted));
   }
   json runs = json::array();
   if (open != nullptr) runs.push_back(runJson("open loop", report.plan, *open));
@@ -281,16 +264,6 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
             {"blind_s", blind ? json({blind->lower, blind->upper}) : json()},
             {"runs", runs}}}};
 }
-
-namespace {
-
-using procedures::FollowPlan;
-using procedures::FollowResult;
-
-constexpr model::Range kSeconds{0.1, 3600};
-constexpr model::Range kLatency{0, 1};
-constexpr std::size_t kMostTips = 1000;
-constexpr double kMostForce = 100.0;  // [N]
 
 struct FollowArguments {
   std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
@@ -406,9 +379,11 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (!arguments.png.empty()) {
     drawJsonReport(plotOf(report, open ? &*open : nullptr), arguments.png, "leave out --png");
   }
-  if (global.format == Format::kJson) printJson(toJson(report));
-  if (global.format == Format::kCsv) std::cout << csvOf(report);
-  if (global.format == Format::kText) printText(report);
+  if (global.format == Format::kCsv) {
+    std::cout << csvOf(report);
+  } else {
+    printResult(global.format, reportOf(report), {}, [&report] { printText(report); });
+  }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
@@ -425,59 +400,46 @@ Subcommand addFollow(CLI::App& app) {
            "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
            "--set does not apply to it)")
       ->type_name("FILE");
-  command->add_option(
-      "--tip", arguments->tip,
-      "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
-  command->add_option("--path", arguments->path, "path file, as `helix_arm path` writes it")
-      ->type_name("FILE");
-  command->add_option("--seconds", arguments->seconds, "simulated time [s]")
-      ->required()
-      ->type_name("S")
-      ->check(within(kSeconds));
+  addOption(*command, "--tip", arguments->tip,
+            "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
+  addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
+            TypeName{"FILE"});
+  addOption(*command, "--seconds", arguments->seconds, "simulated time [s]", kRequired,
+            TypeName{"S"}, within(kSeconds));
   command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
-  command
-      ->add_option("--sight", arguments->vision,
-                   "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
-                   "(pictures, in which the tags are detected)")
-      ->check(CLI::IsMember({"corners", "rendered"}))
-      ->capture_default_str();
-  command->add_option("--force", arguments->force,
-                      "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
-  command->add_option("--blind", arguments->blind, "interval without pictures [s]: from,to");
-  command
-      ->add_option("--latency-s", arguments->latency, "time from a picture to its measurement [s]")
-      ->type_name("S")
-      ->check(within(kLatency))
-      ->capture_default_str();
-  command->add_option("--seed", arguments->seed, "seed of all noise")->capture_default_str();
-  command->add_option("--out", arguments->out, "CSV file to write: one row per step of 10 ms")
-      ->type_name("FILE");
-  command
-      ->add_option("--png", arguments->png,
-                   "picture file: wanted tip, true tip with the loop closed and open, errors")
-      ->type_name("FILE");
+  addOption(*command, "--sight", arguments->vision,
+            "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
+            "which the tags are detected)",
+            CLI::IsMember({"corners", "rendered"}), kShowDefault);
+  addOption(*command, "--force", arguments->force,
+            "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
+  addOption(*command, "--blind", arguments->blind, "interval without pictures [s]: from,to");
+  addOption(*command, "--latency-s", arguments->latency,
+            "time from a picture to its measurement [s]", TypeName{"S"}, within(kLatency),
+            kShowDefault);
+  addOption(*command, "--seed", arguments->seed, "seed of all noise", kShowDefault);
+  addOption(*command, "--out", arguments->out, "CSV file to write: one row per step of 10 ms",
+            TypeName{"FILE"});
+  addOption(*command, "--png", arguments->png,
+            "picture file: wanted tip, true tip with the loop closed and open, errors",
+            TypeName{"FILE"});
   command->footer(
-      "The rig of the scene (keys simulation, regulator, safety) in one thread with a simulated\n"
-      "time: the same call gives the same figures on any machine. Rules of the loop: key follow.\n"
-      "Errors are those of the true tip against the wanted one.\n"
-      "A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused\n"
-      "where the model misses it by more than 2 mm or a pressure needs more than 80 % of\n"
-      "safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and "
-      "one\n"
-      "every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest "
-      "position.\n"
-      "json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason "
-      "(null, or why there are "
-      "no\n"
-      "figures), path_rms_m and path_max_m (from the path's start to its end; null without),\n"
-      "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"
-      "5 % of the step for good, null if never), unreachable (of each tip: true or false), states\n"
-      "[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,\n"
-      "png. csv: the rows of --out. Progress is printed on stderr, and at the end the error "
-      "budget\n"
-      "of the last picture: standard deviations of the tip in mm.\n"
-      "Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
-      "code 1 if the time ends before the path begins, or the safety core vents the arm.");
+      R"(The rig of the scene (keys simulation, regulator, safety) in one thread with a simulated
+time: the same call gives the same figures on any machine. Rules of the loop: key follow.
+Errors are those of the true tip against the wanted one.
+A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused
+where the model misses it by more than 2 mm or a pressure needs more than 80 % of
+safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and one
+every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
+json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
+figures), path_rms_m and path_max_m (from the path's start to its end; null without),
+steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
+5 % of the step for good, null if never), unreachable (of each tip: true or false), states
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,
+png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
+of the last picture: standard deviations of the tip in mm.
+Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
+code 1 if the time ends before the path begins, or the safety core vents the arm.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

@@ -145,22 +145,17 @@ std::string helixText(const lie::Vector6& twist) {
   return text.str();
 }
 
-json reportJson(const io::Scene& scene, const ForwardResult& result) {
+json reportOf(const io::Scene& scene, const ForwardResult& result) {
   json sections = json::array();
   for (std::size_t k = 0; k < result.sections.size(); ++k) {
     const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
-    json null_space = json::array();
-    for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
-      null_space.push_back(toJson(Eigen::VectorXd(result.sections[k].null_space.col(j))));
-    }
     sections.push_back({{"name", scene.looks[k].name},
                         {"rank", result.sections[k].rank},
                         {"condition", result.sections[k].condition},
-                        {"null_space", null_space},
+                        {"null_space", rowsJson(result.sections[k].null_space.transpose())},
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
-  const std::string failure = failureOf(result);
   const statics::TierSetting& setting = result.choice.setting;
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
@@ -168,7 +163,7 @@ json reportJson(const io::Scene& scene, const ForwardResult& result) {
                 {"tier_reason", result.choice.reason},
                 {"tip_error_percent", toJson(result.tipErrorPercent())},
                 {"status", statics::nameOf(result.solution.status)},
-                {"failure", failure.empty() ? json() : json(failure)},
+                {"failure", textOrNull(failureOf(result))},
                 {"relative_residual", result.solution.residual},
                 {"iterations", result.solution.iterations},
                 {"twist", toJson(result.twists)},
@@ -206,26 +201,23 @@ json reportJson(const io::Scene& scene, const ForwardResult& result) {
   return document;
 }
 
-CsvTable::Row csvRow(const io::Scene& scene, const ForwardResult& result) {
-  CsvTable::Row row{{"tier", statics::nameOf(result.choice.setting.tier)},
-                    {"order", orderCell(result.choice.setting)},
-                    {"status", statics::nameOf(result.solution.status)}};
+CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result, const json& report) {
+  CsvTable::Row row = cellsOf(report, {"tier", "order", "status"});
   appendInputs(scene.arm, result.inputs, row);
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
   appendTwists(result.twists, row);
   appendPose("tip_", result.solution.tip, row);
-  row.emplace_back("rank", std::to_string(result.rank()));
-  row.emplace_back("condition", exact(result.condition()));
-  row.emplace_back("relative_residual", exact(result.solution.residual));
-  row.emplace_back("iterations", std::to_string(result.solution.iterations));
-  row.emplace_back("tip_error_percent", exact(result.tipErrorPercent()));
+  for (auto& cell : cellsOf(
+           report, {"rank", "condition", "relative_residual", "iterations", "tip_error_percent"})) {
+    row.push_back(std::move(cell));
+  }
   return row;
 }
 
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
+CsvTable csvTable(const io::Scene& scene, const ForwardResult& result, const json& report) {
   CsvTable table;
   for (const auto& point : result.curve) {
     CsvTable::Row row{{"s", exact(point.s)}};
@@ -244,7 +236,7 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
     appendPose("tip_", row.tip.tip, cells);
     table.add(cells);
   }
-  if (result.curve.empty() && result.rows.empty()) table.add(csvRow(scene, result));
+  if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result, report));
   return table;
 }
 
@@ -307,7 +299,8 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     const ForwardResult result = forward(model, inputs.row(row), 0);
     all_converged = all_converged && result.solution.converged();
-    rows.add([&] { return reportJson(scene, result); }, [&] { return csvRow(scene, result); });
+    rows.add([&] { return reportOf(scene, result); },
+             [&](const json& report) { return rowOf(scene, result, report); });
     if (global.format == Format::kText) {
       std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
                 << statics::nameOf(result.solution.status) << ", tip "
@@ -339,9 +332,10 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
                 inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input),
                 options.samples)
           : forward(model, historyOfFile(scene, options.history), options.samples);
-  if (global.format == Format::kJson) printJson(reportJson(scene, result));
-  if (global.format == Format::kCsv) toCsv(scene, result).print(std::cout);
-  if (global.format == Format::kText) printText(scene, result);
+  const json report = reportOf(scene, result);
+  printResult(
+      global.format, report, [&] { return csvTable(scene, result, report); },
+      [&] { printText(scene, result); });
   return result.solution.converged() ? kDone : kNotPossible;
 }
 
@@ -351,46 +345,39 @@ Subcommand addForward(CLI::App& app) {
   CLI::App* command = app.add_subcommand("forward", "pressures to the shape and tip of the arm");
   const auto options = std::make_shared<ForwardOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command->add_option("--pressure-kpa", options->pressure_kpa,
-                      "gauge pressures [kPa], one per actuator: a,b,c");
-  command->add_option(
-      "--input", options->input,
+  addOption(*command, "--pressure-kpa", options->pressure_kpa,
+            "gauge pressures [kPa], one per actuator: a,b,c");
+  addOption(
+      *command, "--input", options->input,
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
-  command->add_option("--inputs", options->inputs,
-                      "one result per row of this table, or of stdin where it is -: columns "
-                      "pressure_1_kpa .., pressure_1_pa .. or input_1 .. in SI units");
-  command->add_option("--history", options->history, kHistoryHelp);
+  addOption(*command, "--inputs", options->inputs,
+            "one result per row of this table, or of stdin where it is -: columns pressure_1_kpa "
+            ".., pressure_1_pa .. or input_1 .. in SI units");
+  addOption(*command, "--history", options->history, kHistoryHelp);
   addTierOptions(*command, options->tier);
-  command
-      ->add_option(
-          "--samples", options->samples,
-          "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k")
-      ->check(CLI::Range(2, kMostSamples));
-  command->footer(
-      "json: tier, order (of the loaded tier, else null), tier_reason,\n"
-      "tip_error_percent (largest tip error of the tier, of the arm's length; null if it does\n"
-      "not always converge), status (converged, not_converged, snapped, unsupported), failure "
-      "(null if\n"
-      "converged), relative_residual (last iteration's motion over the arm's size),\n"
-      "iterations, twist (sections x 6; under load their means), tip {position_m,\n"
-      "quaternion_xyzw}, lengths_m (free lengths), rank (least of the sections), full_rank,\n"
-      "condition (largest), sections [{name, rank, condition, null_space (twists that cost no\n"
-      "energy), curvature_rad, helix {radius_m (null if straight), pitch_m, turns}}],\n"
-      "pressure_pa, actuators; under load pieces (per section) and piece_twist (all pieces x 6;\n"
-      "their ends lie on the curve, and between them they are helices, off the curve by 2e-5 of\n"
-      "the length and more); with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one\n"
-      "row, or the rows of the curve. With --inputs json is {scene, rows [as above]}, csv has a "
-      "row\n"
-      "for each input. With --history the result is that of its last row;\n"
-      "json: effective_pressure_pa, history [{time_s, pressure_pa, effective_pressure_pa, "
-      "memory_known,\n"
-      "tip}]; csv: one row for each of its rows. Of actuators with a response: response\n"
-      "{history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of\n"
-      "the effective pressures, until the memory is known), note (without a history: what is left "
-      "out)}.\n"
-      "--tier, --order, --accuracy and --budget replace everything that the scene says about\n"
-      "the tier.\n"
-      "Exit code 1 if no shape balances the load.");
+  addOption(*command, "--samples", options->samples,
+            "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k",
+            CLI::Range(2, kMostSamples));
+  command->footer(R"(json: tier, order (of the loaded tier, else null), tier_reason,
+tip_error_percent (largest tip error of the tier, of the arm's length; null if it does
+not always converge), status (converged, not_converged, snapped, unsupported), failure (null if
+converged), relative_residual (last iteration's motion over the arm's size),
+iterations, twist (sections x 6; under load their means), tip {position_m,
+quaternion_xyzw}, lengths_m (free lengths), rank (least of the sections), full_rank,
+condition (largest), sections [{name, rank, condition, null_space (twists that cost no
+energy), curvature_rad, helix {radius_m (null if straight), pitch_m, turns}}],
+pressure_pa, actuators; under load pieces (per section) and piece_twist (all pieces x 6;
+their ends lie on the curve, and between them they are helices, off the curve by 2e-5 of
+the length and more); with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one
+row, or the rows of the curve. With --inputs json is {scene, rows [as above]}, csv has a row
+for each input. With --history the result is that of its last row;
+json: effective_pressure_pa, history [{time_s, pressure_pa, effective_pressure_pa, memory_known,
+tip}]; csv: one row for each of its rows. Of actuators with a response: response
+{history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of
+the effective pressures, until the memory is known), note (without a history: what is left out)}.
+--tier, --order, --accuracy and --budget replace everything that the scene says about
+the tier.
+Exit code 1 if no shape balances the load.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

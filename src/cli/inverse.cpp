@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <sstream>
@@ -84,9 +83,6 @@ const char* statusName(InverseStatus status) {
 
 const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
 
-// null where there is no number.
-json finite(double value) { return std::isfinite(value) ? json(value) : json(); }
-
 std::string reasonFor(const InverseResult& result) {
   std::ostringstream reason;
   if (result.status == InverseStatus::kUnreachable) {
@@ -95,8 +91,7 @@ std::string reasonFor(const InverseResult& result) {
            << result.residual << " m";
   } else if (!std::isfinite(result.residual)) {
     reason << "no shape balances the load at any input that was tried; lower the load, or give "
-              "another "
-              "start with --start-kpa";
+              "another start with --start-kpa";
   } else if (result.status == InverseStatus::kNotConverged) {
     reason << "the search did not converge; the best inputs found leave a residual of "
            << result.residual << " m";
@@ -121,15 +116,14 @@ struct InverseAnswer {
   Eigen::Index history_rows = 0;
 };
 
-json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
-                const InverseAnswer& answer, const statics::Solution& reached) {
+json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
+              const statics::Solution& reached) {
   const InverseResult& result = answer.result;
-  const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
                 {"tier", nameOf(tier.tier)},
                 {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
                 {"status", statusName(result.status)},
-                {"reason", reason.empty() ? json() : json(reason)},
+                {"reason", textOrNull(reasonFor(result))},
                 {"converged", result.converged()},
                 {"residual", finite(result.residual)},
                 {"position_error_m", finite(result.position_error)},
@@ -143,24 +137,21 @@ json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
   return document;
 }
 
-CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseAnswer& answer, const statics::Solution& reached) {
-  const InverseResult& result = answer.result;
-  CsvTable::Row row{{"status", statusName(result.status)},
-                    {"converged", result.converged() ? "1" : "0"}};
+CsvTable::Row rowOf(const io::Scene& scene, const InverseAnswer& answer,
+                    const statics::Solution& reached, const json& report) {
+  CsvTable::Row row = cellsOf(report, {"status", "converged"});
   appendInputs(scene.arm, answer.pressure, row);
-  row.emplace_back("residual", exact(result.residual));
-  row.emplace_back("position_error_m", exact(result.position_error));
+  row.emplace_back("residual", exact(answer.result.residual));
+  row.emplace_back("position_error_m", exact(answer.result.position_error));
   std::string limits;  // one cell: actuator=limit, separated by spaces
-  for (const json& limit : activeLimits(scene.arm, result)) {
+  for (const json& limit : report["active_limits"]) {
     limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
               limit["limit"].get<std::string>();
   }
   row.emplace_back("active_limits", limits);
   appendTwists(reached.shape.twists(), row);
   appendPose("tip_", reached.tip, row);
-  row.emplace_back("tier", nameOf(tier.tier));
-  row.emplace_back("order", orderCell(tier));
+  for (auto& cell : cellsOf(report, {"tier", "order"})) row.push_back(std::move(cell));
   return row;
 }
 
@@ -216,8 +207,8 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
-    rows.add([&] { return reportJson(scene, tier, answer, reached); },
-             [&] { return csvRow(scene, tier, answer, reached); });
+    rows.add([&] { return reportOf(scene, tier, answer, reached); },
+             [&](const json& report) { return rowOf(scene, answer, reached, report); });
     if (global.format == Format::kText) {
       std::cout << line << " ";
       printTextResult(scene, tier, answer, reached);
@@ -269,13 +260,10 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure);
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
-  if (global.format == Format::kJson) printJson(reportJson(scene, tier, answer, reached));
-  if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add(csvRow(scene, tier, answer, reached));
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText) printTextResult(scene, tier, answer, reached);
+  const json report = reportOf(scene, tier, answer, reached);
+  printResult(
+      global.format, report, [&] { return rowOf(scene, answer, reached, report); },
+      [&] { printTextResult(scene, tier, answer, reached); });
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 
@@ -286,51 +274,43 @@ Subcommand addInverse(CLI::App& app) {
       app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
   const auto arguments = std::make_shared<InverseArguments>();
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  command->add_option("--tip", arguments->tip, "wanted tip position [m]: x,y,z");
-  command->add_option("--pose", arguments->pose,
-                      "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
-  command->add_option(
-      "--twist", arguments->twist,
+  addOption(*command, "--tip", arguments->tip, "wanted tip position [m]: x,y,z");
+  addOption(*command, "--pose", arguments->pose,
+            "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
+  addOption(
+      *command, "--twist", arguments->twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
-  command->add_option(
-      "--targets", arguments->targets,
-      "one result per row of this table, or of stdin where it is -: columns "
-      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
-  command
-      ->add_option(
-          "--prefer", arguments->prefer,
-          "which of the inputs that reach the target: min-pressure, min-change (from the start), "
-          "cocontract or stiff (least tip compliance)")
-      ->check(CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
-                                                     statics::kPreferenceWords.end())))
-      ->capture_default_str();
-  command->add_option(
-      "--start-kpa", arguments->start_kpa,
-      "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with cocontract "
-      "at its fraction");
-  command->add_option(
-      "--start", arguments->start,
-      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
-  command->add_option("--history", arguments->history,
-                      std::string(kHistoryHelp) + ", and the pressures continue from there");
+  addOption(*command, "--targets", arguments->targets,
+            "one result per row of this table, or of stdin where it is -: columns x_m,y_m,z_m and, "
+            "for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
+  addOption(*command, "--prefer", arguments->prefer,
+            "which of the inputs that reach the target: min-pressure, min-change (from the start), "
+            "cocontract or stiff (least tip compliance)",
+            CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
+                                                   statics::kPreferenceWords.end())),
+            kShowDefault);
+  addOption(*command, "--start-kpa", arguments->start_kpa,
+            "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
+            "cocontract at its fraction");
+  addOption(*command, "--start", arguments->start,
+            "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  addOption(*command, "--history", arguments->history,
+            std::string(kHistoryHelp) + ", and the pressures continue from there");
   addTierOptions(*command, arguments->tier);
   CLI::Option* cocontraction =
-      command
-          ->add_option("--cocontraction", arguments->cocontraction,
-                       "with cocontract: wanted fraction of each actuator's range")
-          ->check(CLI::Range(0.0, 1.0))
-          ->capture_default_str();
+      addOption(*command, "--cocontraction", arguments->cocontraction,
+                "with cocontract: wanted fraction of each actuator's range", CLI::Range(0.0, 1.0),
+                kShowDefault);
   command->footer(
-      "json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status\n"
-      "(reached, unreachable, not_converged), reason (null if reached), converged, residual\n"
-      "(position error and, for poses and twists, 0.1 m per rad of rotation [m]),\n"
-      "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist\n"
-      "(mean of each section) reached.\n"
-      "With --targets json is {scene, rows [as above]}, csv has a row for each target.\n"
-      "With --history the pressures are those to go to in one direction from its last row, for "
-      "the\n"
-      "effective_pressure_pa that reach the target; response as in `forward`.\n"
-      "An unreachable target gives the closest inputs found and exit code 1.");
+      R"(json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status
+(reached, unreachable, not_converged), reason (null if reached), converged, residual
+(position error and, for poses and twists, 0.1 m per rad of rotation [m]),
+position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist
+(mean of each section) reached.
+With --targets json is {scene, rows [as above]}, csv has a row for each target.
+With --history the pressures are those to go to in one direction from its last row, for the
+effective_pressure_pa that reach the target; response as in `forward`.
+An unreachable target gives the closest inputs found and exit code 1.)");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;
             return run(*arguments, global);

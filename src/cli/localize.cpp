@@ -63,10 +63,9 @@ std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
   if (options.free_bleed) {
     const double deviations = std::abs(fit.bleed) / options.bleed_prior;
     if (deviations > kLikely) {
-      suspicions.push_back(
-          {"bleed_m", deviations,
-           "check tags.size_m (the black border's outer edge) and the exposure, or "
-           "widen vision.bleed_prior_m"});
+      suspicions.push_back({"bleed_m", deviations,
+                            "check tags.size_m (the black border's outer edge) and the exposure, "
+                            "or widen vision.bleed_prior_m"});
     }
   }
   return suspicions;
@@ -218,7 +217,7 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
   json tags = json::array();
   for (const TagDetection& tag : frame.tags) {
     json corners = json::array();
-    for (int k = 0; k < 4; ++k) corners.push_back(toJson(Eigen::VectorXd(tag.corners.col(k))));
+    for (int k = 0; k < 4; ++k) corners.push_back(toJson(tag.corners.col(k)));
     tags.push_back({{"id", tag.id},
                     {"corners_px", corners},
                     {"hamming", tag.hamming},
@@ -226,7 +225,7 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
   }
   json result{{"file", frame.file},
               {"state", frame.state},
-              {"reason", frame.reason.empty() ? json() : json(frame.reason)},
+              {"reason", textOrNull(frame.reason)},
               {"tags", tags},
               {"unknown_tags", frame.unknown_tags},
               {"repeated_tags", frame.repeated_tags},
@@ -257,23 +256,21 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
   return result;
 }
 
-void printJsonResult(const io::Scene& scene, const statics::Solution& start,
-                     const std::vector<LocatedFrame>& frames) {
+json reportOf(const io::Scene& scene, const statics::Solution& start,
+              const std::vector<LocatedFrame>& frames) {
   json list = json::array();
   for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame, scene.vision.fit));
-  printJson({{"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", list}});
+  return {{"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", list}};
 }
 
-// Quoted by RFC 4180, since paths may contain commas.
-std::string quoted(const std::string& text) {
+// Quoted where needed, since paths may contain commas.
+std::string fileCell(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
-  std::string cell = "\"";
-  for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
-  return cell + "\"";
+  return quotedCell(text);
 }
 
 // One row per tag; a frame without tags has one row, and missing values are empty cells.
-void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+CsvTable csvTable(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   CsvTable table;
   for (const LocatedFrame& frame : frames) {
     CsvTable::Row fitted;
@@ -287,7 +284,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& fra
     }
     for (std::size_t i = 0; i < std::max<std::size_t>(frame.tags.size(), 1); ++i) {
       const TagDetection* tag = frame.tags.empty() ? nullptr : &frame.tags[i];
-      CsvTable::Row row{{"file", quoted(basics::printable(frame.file))},
+      CsvTable::Row row{{"file", fileCell(basics::printable(frame.file))},
                         {"state", frame.state},
                         {"tag", tag ? std::to_string(tag->id) : ""}};
       for (int k = 0; k < 4; ++k) {
@@ -299,7 +296,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& fra
       table.add(row);
     }
   }
-  table.print(std::cout);
+  return table;
 }
 
 void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
@@ -337,18 +334,15 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
 
 int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  const bool at_rest = options.pressure_kpa.empty() && options.input.empty();
-  const Eigen::VectorXd inputs =
-      at_rest ? scene.arm.inputAt(0)
-              : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
+  const Eigen::VectorXd inputs = inputsOrRest(scene, options.pressure_kpa, options.input);
   const statics::Solution start = scene.model.solve(inputs);
   Locator locator(scene, statics::startingShape(scene.model, start, inputs));
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
-  if (global.format == Format::kJson) printJsonResult(scene, start, frames);
-  if (global.format == Format::kCsv) printCsvResult(scene, frames);
-  if (global.format == Format::kText) printTextResult(scene, frames);
+  printResult(
+      global.format, reportOf(scene, start, frames), [&] { return csvTable(scene, frames); },
+      [&] { printTextResult(scene, frames); });
   const bool failed = std::any_of(frames.begin(), frames.end(),
                                   [](const LocatedFrame& frame) { return frame.failed; });
   return failed ? kNotPossible : kDone;
@@ -361,34 +355,30 @@ Subcommand addLocalize(CLI::App& app) {
       app.add_subcommand("localize", "find tags in pictures, and the twist of the arm from them");
   const auto options = std::make_shared<LocalizeOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command
-      ->add_option("IMAGE|VIDEO", options->pictures,
-                   "pictures, folders of pictures, or videos; the pictures of a video follow one "
-                   "another, all "
-                   "others are independent")
-      ->required();
-  command->add_option(
-      "--pressure-kpa", options->pressure_kpa,
-      "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; default: "
-      "at rest");
-  command->add_option(
-      "--input", options->input,
-      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  addOption(*command, "IMAGE|VIDEO", options->pictures,
+            "pictures, folders of pictures, or videos; the pictures of a video follow one another, "
+            "all others are independent",
+            kRequired);
+  addOption(*command, "--pressure-kpa", options->pressure_kpa,
+            "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; "
+            "default: at rest");
+  addOption(*command, "--input", options->input,
+            "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
   command->footer(
-      "Pixels: (0, 0) is the centre of the top-left one. Corners: bottom left, bottom right,\n"
-      "top right, top left as one reads the tag. Every tag of the scene's family is listed,\n"
-      "whether the scene has it or not.\n"
-      "json: scene, model_status (unless converged, the search began at the shape without\n"
-      "load), frames [{file, state, reason, tags [{id, corners_px, hamming, margin}],\n"
-      "unknown_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6),\n"
-      "covariance, rms_px, tip, tip_covariance (of its position), base and bleed_m (null unless\n"
-      "fitted), suspicious [{parameter, deviations, remedy}] (more than 3 standard deviations\n"
-      "from its prior)}].\n"
-      "state: measured, no_tags, too_few_tags, no_fit, tags_only (the scene has no camera or no\n"
-      "tags), wrong_size (not the camera's size; not searched) or unreadable.\n"
-      "csv: one row per tag.\n"
-      "Exit code 1 if a picture cannot be read, does not have the camera's size, holds no tags,\n"
-      "or holds tags of the scene that give no twist.");
+      R"(Pixels: (0, 0) is the centre of the top-left one. Corners: bottom left, bottom right,
+top right, top left as one reads the tag. Every tag of the scene's family is listed,
+whether the scene has it or not.
+json: scene, model_status (unless converged, the search began at the shape without
+load), frames [{file, state, reason, tags [{id, corners_px, hamming, margin}],
+unknown_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6),
+covariance, rms_px, tip, tip_covariance (of its position), base and bleed_m (null unless
+fitted), suspicious [{parameter, deviations, remedy}] (more than 3 standard deviations
+from its prior)}].
+state: measured, no_tags, too_few_tags, no_fit, tags_only (the scene has no camera or no
+tags), wrong_size (not the camera's size; not searched) or unreadable.
+csv: one row per tag.
+Exit code 1 if a picture cannot be read, does not have the camera's size, holds no tags,
+or holds tags of the scene that give no twist.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

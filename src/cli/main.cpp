@@ -11,11 +11,8 @@
 #include "helix_arm/io/fault_list.hpp"
 #include "output.hpp"
 
+namespace helix_arm::cli {
 namespace {
-
-using helix_arm::cli::Format;
-using helix_arm::cli::GlobalOptions;
-using helix_arm::cli::Subcommand;
 
 const char* const kFooter =
     "Units: pressures are gauge; kPa where an option says so, otherwise SI. Poses and twists\n"
@@ -47,8 +44,27 @@ void checkArguments(const std::vector<std::string>& arguments) {
     const bool sound = std::none_of(argument.begin(), argument.end(),
                                     [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; });
     if (sound) continue;
-    throw helix_arm::cli::CallerError("argument " + std::to_string(i + 1) + " is " + argument +
-                                      "; expected one without control characters");
+    throw CallerError("argument " + std::to_string(i + 1) + " is " + argument +
+                      "; expected one without control characters");
+  }
+}
+
+// The exit code where the call ends here: --help, --version and errors.
+std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
+  checkArguments(arguments);
+  arguments = joinBoardKind(std::move(arguments));
+  std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
+  try {
+    app.parse(std::move(arguments));
+    return std::nullopt;
+  } catch (const CLI::ParseError& error) {
+    const bool unknown_command = app.get_subcommands().empty() && !app.remaining().empty();
+    if (unknown_command) {
+      std::cerr << "there is no command " << app.remaining().front() << ": ";
+    }
+    if (app.exit(error) == 0) return kDone;  // --help and --version
+    tellSubcommands(app);
+    return kCallerErred;
   }
 }
 
@@ -60,7 +76,7 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   app.fallthrough();  // global options may follow the subcommand
   app.failure_message([](const CLI::App* failed, const CLI::Error& error) {
-    const std::string line = helix_arm::basics::printable(error.what());
+    const std::string line = basics::printable(error.what());
     return CLI::FailureMessage::simple(failed, CLI::Error(error.get_name(), line));
   });
 
@@ -68,59 +84,42 @@ int run(int argc, char** argv) {
   const std::map<std::string, Format> formats{
       {"text", Format::kText}, {"json", Format::kJson}, {"csv", Format::kCsv}};
   std::string format = "text";
-  app.add_option("--format", format, "output format: text, json or csv")
-      ->check(CLI::IsMember({"text", "json", "csv"}))
-      ->capture_default_str();
-  app.add_option("--set", global.overrides,
-                 "override a key of the scene, list entries by number from 0; repeatable")
-      ->type_name("KEY=VALUE")
+  addOption(app, "--format", format, "output format: text, json or csv",
+            CLI::IsMember({"text", "json", "csv"}), kShowDefault);
+  addOption(app, "--set", global.overrides,
+            "override a key of the scene, list entries by number from 0; repeatable",
+            TypeName{"KEY=VALUE"})
       ->allow_extra_args(false);
 
   const Subcommand subcommands[] = {
-      helix_arm::cli::addForward(app),   helix_arm::cli::addInverse(app),
-      helix_arm::cli::addEvaluate(app),  helix_arm::cli::addFit(app),
-      helix_arm::cli::addCalibrate(app), helix_arm::cli::addLocalize(app),
-      helix_arm::cli::addSimulate(app),  helix_arm::cli::addTrade(app),
-      helix_arm::cli::addWorkspace(app), helix_arm::cli::addPath(app),
-      helix_arm::cli::addFollow(app),    helix_arm::cli::addTags(app),
-      helix_arm::cli::addCamera(app),    helix_arm::cli::addCheck(app),
-      helix_arm::cli::addNew(app),       helix_arm::cli::addRegulator(app)};
-  if (argc > 1 && std::string(argv[1]) == helix_arm::cli::kCompleteOption) {
-    helix_arm::cli::printCompletions(app, {argv + 2, argv + argc}, std::cout);
-    return helix_arm::cli::kDone;
+      addForward(app),   addInverse(app),  addEvaluate(app), addFit(app),
+      addCalibrate(app), addLocalize(app), addSimulate(app), addTrade(app),
+      addWorkspace(app), addPath(app),     addFollow(app),   addTags(app),
+      addCamera(app),    addCheck(app),    addNew(app),      addRegulator(app)};
+  if (argc > 1 && std::string(argv[1]) == kCompleteOption) {
+    printCompletions(app, {argv + 2, argv + argc}, std::cout);
+    return kDone;
   }
-  try {
-    std::vector<std::string> arguments(argv + 1, argv + argc);
-    checkArguments(arguments);
-    arguments = helix_arm::cli::joinBoardKind(std::move(arguments));
-    std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
-    app.parse(std::move(arguments));
-  } catch (const CLI::ParseError& error) {
-    const bool unknown_command = app.get_subcommands().empty() && !app.remaining().empty();
-    if (unknown_command) {
-      std::cerr << "there is no command " << app.remaining().front() << ": ";
-    }
-    if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
-    tellSubcommands(app);
-    return helix_arm::cli::kCallerErred;
-  }
+  if (const auto exit_code = parse(app, {argv + 1, argv + argc})) return *exit_code;
   global.format = formats.at(format);
-  std::optional<helix_arm::cli::PrintableStream> for_people;
+  std::optional<PrintableStream> for_people;
   if (global.format == Format::kText) for_people.emplace(std::cout);
-  int exit_code = helix_arm::cli::kCallerErred;
+  int exit_code = kCallerErred;
   for (const Subcommand& subcommand : subcommands) {
     if (subcommand.app->parsed()) exit_code = subcommand.run(global);
   }
-  if (!std::cout.flush()) throw helix_arm::cli::CallerError("stdout cannot be written to");
+  if (!std::cout.flush()) throw CallerError("stdout cannot be written to");
   return exit_code;
 }
 
 }  // namespace
 
+}  // namespace helix_arm::cli
+
 int main(int argc, char** argv) {
   const helix_arm::cli::PrintableStream printable(std::cerr);
   try {
-    return run(argc, argv);
+    return helix_arm::cli::run(argc, argv);
   } catch (const helix_arm::io::DocumentError& faults) {  // a line each
     std::cerr << faults.what() << '\n';
   } catch (const std::exception& error) {

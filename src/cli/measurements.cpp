@@ -17,6 +17,10 @@
 namespace helix_arm::cli {
 namespace {
 
+// What forward and inverse print besides numbers, so that each reads what the other printed.
+const std::vector<std::string> kPrinted = {"tier",      "order",         "status",
+                                           "converged", "active_limits", "tip_error_percent"};
+
 std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   const std::string check =
       "; check that their positions are in metres and seen from the arm's base, and where the "
@@ -50,6 +54,12 @@ void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
   }
 }
 
+Eigen::VectorXd halfWidths(const model::Arm& arm) {
+  Eigen::VectorXd out(arm.actuatorCount());
+  for (int i = 0; i < out.size(); ++i) out[i] = arm.actuator(i).response.halfWidth();
+  return out;
+}
+
 }  // namespace
 
 void requirePressureDriven(const io::Scene& scene) {
@@ -57,10 +67,6 @@ void requirePressureDriven(const io::Scene& scene) {
   throw CallerError("scene " + scene.name +
                     " has tendons, but the data set gives pressures; expected a scene whose "
                     "actuators are all driven by pressure");
-}
-
-const char* modelTier(const io::Scene& scene) {
-  return statics::nameOf(scene.model.choice().setting.tier);
 }
 
 std::string reasonForNoShape(statics::SolveStatus status) {
@@ -177,16 +183,6 @@ std::string joined(const std::vector<int>& numbers) {
   return text;
 }
 
-namespace {
-
-Eigen::VectorXd halfWidths(const model::Arm& arm) {
-  Eigen::VectorXd out(arm.actuatorCount());
-  for (int i = 0; i < out.size(); ++i) out[i] = arm.actuator(i).response.halfWidth();
-  return out;
-}
-
-}  // namespace
-
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path) {
   requirePressureDriven(scene);
   return io::historyOf(io::loadDataSet(path), scene.arm.actuatorCount());
@@ -213,14 +209,6 @@ void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eige
   out["uncertainty_pa"] = toJson(response.uncertainty());
   out["note"] = rows > 0 ? nlohmann::json() : nlohmann::json(noteOnResponse(arm));
 }
-
-namespace {
-
-// What forward and inverse print besides numbers, so that each reads what the other printed.
-const std::vector<std::string> kPrinted = {"tier",      "order",         "status",
-                                           "converged", "active_limits", "tip_error_percent"};
-
-}  // namespace
 
 io::DataSet tableOf(const std::string& path) {
   return path == "-" ? io::readDataSet(std::cin, "stdin", kPrinted)

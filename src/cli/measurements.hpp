@@ -15,8 +15,6 @@ namespace helix_arm::cli {
 /// @throws CallerError where the scene has tendons: data sets give pressures.
 void requirePressureDriven(const io::Scene& scene);
 
-/// Name of the tier that computes the model's shapes.
-const char* modelTier(const io::Scene& scene);
 /// Why the model has no shape where its load finds no balance, as text of a result.
 std::string reasonForNoShape(statics::SolveStatus status);
 /// Where the search for a measured shape began, as text of a result; empty where at the model's.

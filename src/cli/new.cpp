@@ -24,6 +24,7 @@
 namespace helix_arm::cli {
 namespace {
 
+using nlohmann::json;
 using procedures::NewScene;
 
 struct NewArguments {
@@ -181,31 +182,31 @@ void interview(NewArguments& arguments) {
   interview.ask("--muscles", "number of muscles per section (3 to 24)", scene.muscles, in_range);
   interview.ask("--length-m", "length of a muscle without pressure, in m (0.02 to 5)", scene.length,
                 in_range);
-  interview.ask("--contraction",
-                "by how much it shortens at its highest pressure, as a part of its length (0.01 to "
-                "0.5)",
-                scene.contraction, in_range);
+  interview.ask(
+      "--contraction",
+      "by how much it shortens at its highest pressure, as a part of its length (0.01 to 0.5)",
+      scene.contraction, in_range);
   interview.ask("--radius-m", "from the arm's centre line to that of a muscle, in m (0.002 to 1)",
                 scene.radius, in_range);
-  interview.ask("--tilt-deg",
-                "tilt of the muscles, in degrees (-60 to 60; 0: along the arm, else wound around "
-                "it)",
-                scene.tilt_deg, in_range);
+  interview.ask(
+      "--tilt-deg",
+      "tilt of the muscles, in degrees (-60 to 60; 0: along the arm, else wound around it)",
+      scene.tilt_deg, in_range);
   interview.ask("--max-pressure-kpa", "highest gauge pressure, in kPa (1 to 2000)",
                 scene.max_pressure_kpa, in_range);
   proposeTags(arguments);
   fits();  // else the options do not fit the answers, which no question mends
-  interview.ask("--tag-size-m",
-                "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor "
-                "camera)",
-                scene.tag_size, fits);
+  interview.ask(
+      "--tag-size-m",
+      "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor camera)",
+      scene.tag_size, fits);
   if (scene.tag_size > 0) {
     interview.ask("--tags", "number of tags per muscle (2 to 20; 0: as many as fit, at most 7)",
                   scene.tags, fits);
-    interview.ask("--camera-distance-m",
-                  "from the arm to the camera, in m (0.1 to 10; 0: so that the arm fits the "
-                  "picture)",
-                  scene.camera_distance, fits);
+    interview.ask(
+        "--camera-distance-m",
+        "from the arm to the camera, in m (0.1 to 10; 0: so that the arm fits the picture)",
+        scene.camera_distance, fits);
   }
   interview.ask("--regulator", "pressure regulator: " + regulators() + ", or the path of a profile",
                 scene.regulator, [&scene] {
@@ -270,29 +271,23 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   io::writeFileAtomically(arguments.out, text);
   tellOfNoTags(arguments);
   const std::size_t tags = made.tags ? made.tags->tags.size() : 0;
-  if (global.format == Format::kJson) {
-    printJson({{"scene", made.name},
-               {"actuators", made.arm.actuatorCount()},
-               {"tags", tags},
-               {"regulator", scene.regulator},
-               {"out", arguments.out}});
-  }
-  if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add({{"scene", made.name},
-               {"actuators", std::to_string(made.arm.actuatorCount())},
-               {"tags", std::to_string(tags)},
-               {"regulator", scene.regulator},
-               {"out", arguments.out}});
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText) {
-    std::cout << "written: " << arguments.out << ", an arm with " << made.arm.actuatorCount()
-              << " muscles and " << tags << " tags\n"
-              << "Its contraction curve and stiffness are guesses: edit the file, then run "
-                 "helix_arm check "
-              << arguments.out << "\n";
-  }
+  const json report{{"scene", made.name},
+                    {"actuators", made.arm.actuatorCount()},
+                    {"tags", tags},
+                    {"regulator", scene.regulator},
+                    {"out", arguments.out}};
+  printResult(
+      global.format, report,
+      [&report] {
+        return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
+      },
+      [&] {
+        std::cout << "written: " << arguments.out << ", an arm with " << made.arm.actuatorCount()
+                  << " muscles and " << tags << " tags\n"
+                  << "Its contraction curve and stiffness are guesses: edit the file, then run "
+                     "helix_arm check "
+                  << arguments.out << "\n";
+      });
   return kDone;
 }
 
@@ -303,11 +298,10 @@ Subcommand addNew(CLI::App& app) {
   const auto arguments = std::make_shared<NewArguments>();
   arguments->command = command;
   NewScene& scene = arguments->scene;
-  command->add_option("--out", arguments->out, "scene file to write; its stem is the scene's name")
-      ->required()
-      ->type_name("FILE.yaml");
+  addOption(*command, "--out", arguments->out, "scene file to write; its stem is the scene's name",
+            kRequired, TypeName{"FILE.yaml"});
   const auto add = [command](const char* name, auto& value, const char* help) {
-    command->add_option(name, value, help)->capture_default_str();
+    addOption(*command, name, value, help, kShowDefault);
   };
   add("--sections", scene.sections, "sections in series, all alike, 1 to 16");
   add("--muscles", scene.muscles, "muscles per section, 3 to 24");
@@ -325,15 +319,15 @@ Subcommand addNew(CLI::App& app) {
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", scene.regulator,
       "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
-  offerProfiles(command->get_option("--regulator"), {"simulated", "none"});
+  offer(command->get_option("--regulator"), Offer::kProfile, {"simulated", "none"});
   add("--device", scene.device, "serial device of a regulator on a serial line");
   add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,
                     "ask nothing; without it, a terminal is asked for what no option gives");
   command->add_flag("--force", arguments->force, "replace FILE.yaml if it exists");
   command->footer(
-      "The arm hangs; a webcam looks at it from the side. Each muscle carries a row of tags.\n"
-      "json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.");
+      R"(The arm hangs; a webcam looks at it from the side. Each muscle carries a row of tags.
+json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

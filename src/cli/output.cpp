@@ -1,6 +1,7 @@
 #include "output.hpp"
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
@@ -19,11 +20,20 @@ using nlohmann::json;
 
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr int kOneLine = -1, kIndent = 2;
 
 std::string textOf(const json& value, int indent) {
   // File names may contain bytes that are not UTF-8.
   return value.dump(indent, ' ', false, json::error_handler_t::replace);
+}
+
+// Whether both paths name the same file, existing or not.
+bool samePlace(const std::string& one, const std::string& other) {
+  std::error_code error;
+  if (fs::equivalent(one, other, error)) return true;
+  return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
 }
 
 // Passes its text on in whole lines, and what there is of one when it is flushed, except for the
@@ -71,6 +81,17 @@ class PrintableBuffer : public std::streambuf {
   std::string waiting_;
 };
 
+std::string cellOf(const json& value) {
+  if (value.is_null()) return "";
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_boolean()) return value.get<bool>() ? "1" : "0";
+  if (value.is_number_float()) return exact(value.get<double>());
+  if (!value.is_array()) return value.dump();
+  std::string cell;
+  for (const json& entry : value) cell += (cell.empty() ? "" : " ") + cellOf(entry);
+  return cell;
+}
+
 }  // namespace
 
 PrintableStream::PrintableStream(std::ostream& stream)
@@ -89,22 +110,41 @@ json toJson(const Eigen::VectorXd& vector) {
 
 json rowsJson(const Eigen::MatrixXd& matrix) {
   json rows = json::array();
-  for (int i = 0; i < matrix.rows(); ++i) rows.push_back(toJson(Eigen::VectorXd(matrix.row(i))));
+  for (int i = 0; i < matrix.rows(); ++i) rows.push_back(toJson(matrix.row(i)));
   return rows;
 }
 
 json toJson(const std::optional<double>& number) { return number ? json(*number) : json(); }
 
+json finite(double number) { return std::isfinite(number) ? json(number) : json(); }
+
+json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
+
 json toJson(const lie::SE3& pose) {
-  return {{"position_m", toJson(Eigen::VectorXd(pose.translation))},
-          {"quaternion_xyzw", toJson(Eigen::VectorXd(quaternionXyzw(pose.rotation)))}};
+  return {{"position_m", toJson(pose.translation)},
+          {"quaternion_xyzw", toJson(quaternionXyzw(pose.rotation))}};
 }
 
-json toJson(const model::Twists& twists) {
-  json sections = json::array();
-  for (int k = 0; k < twists.cols(); ++k)
-    sections.push_back(toJson(Eigen::VectorXd(twists.col(k))));
-  return sections;
+json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
+
+std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(decimals);
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    text << (i > 0 ? ", " : "") << arm.actuator(i).name;
+    if (std::isfinite(pressure[i])) {
+      text << " " << pressure[i] / 1e3 << " kPa";
+    } else {
+      text << " no reading";
+    }
+  }
+  return text.str();
+}
+
+json readingsJson(const Eigen::VectorXd& pressure) {
+  json result = json::array();
+  for (const double each : pressure) result.push_back(finite(each));
+  return result;
 }
 
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
@@ -130,6 +170,10 @@ Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
   return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
 }
 
+CsvTable::CsvTable(const json& reports, const std::vector<const char*>& keys) {
+  for (const json& report : reports) rows_.push_back(cellsOf(report, keys));
+}
+
 void CsvTable::print(std::ostream& out) const {
   if (rows_.empty()) return;
   printNames(rows_.front(), out);
@@ -146,6 +190,29 @@ void CsvTable::printValues(const Row& row, std::ostream& out) {
   out << '\n';
 }
 
+CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) {
+  CsvTable::Row row;
+  for (const std::string key : keys) {
+    const json& value = report.at(key);
+    if (!value.is_array() || value.empty() || !value.front().is_number_float()) {
+      row.emplace_back(key, cellOf(value));
+      continue;
+    }
+    const std::size_t unit = key.rfind('_');
+    for (std::size_t i = 0; i < value.size(); ++i) {
+      row.emplace_back(key.substr(0, unit) + "_" + std::to_string(i + 1) + key.substr(unit),
+                       cellOf(value[i]));
+    }
+  }
+  return row;
+}
+
+std::string quotedCell(const std::string& text) {
+  std::string cell = "\"";
+  for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
+  return cell + "\"";
+}
+
 std::string exact(double value) {
   std::ostringstream text;
   text << std::setprecision(std::numeric_limits<double>::max_digits10) << value;
@@ -154,10 +221,6 @@ std::string exact(double value) {
 
 std::string exact(const std::optional<double>& value) {
   return value ? exact(*value) : std::string();
-}
-
-std::string orderCell(const statics::TierSetting& setting) {
-  return setting.tier == statics::Tier::kLoaded ? std::to_string(setting.order) : "";
 }
 
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
@@ -205,12 +268,12 @@ RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format
 }
 
 void RowPrinter::add(const std::function<json()>& report,
-                     const std::function<CsvTable::Row()>& cells) {
+                     const std::function<CsvTable::Row(const json&)>& cells) {
   if (format_ == Format::kJson) {
     std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
   }
   if (format_ == Format::kCsv) {
-    const CsvTable::Row row = cells();
+    const CsvTable::Row row = cells(report());
     if (!any_) CsvTable::printNames(row, std::cout);
     CsvTable::printValues(row, std::cout);
   }
@@ -221,20 +284,12 @@ void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
 }
 
-void printJson(const json& result) { std::cout << textOf(result, kIndent) << '\n'; }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-// Whether both paths name the same file, existing or not.
-bool samePlace(const std::string& one, const std::string& other) {
-  std::error_code error;
-  if (fs::equivalent(one, other, error)) return true;
-  return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
+void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
+                 const std::function<void()>& text) {
+  if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
+  if (format == Format::kCsv) table().print(std::cout);
+  if (format == Format::kText) text();
 }
-
-}  // namespace
 
 void drawJsonReport(const nlohmann::json& report, const std::string& picture,
                     const std::string& without) {

@@ -11,7 +11,6 @@
 
 #include "command.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/statics/tier.hpp"
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
@@ -19,12 +18,26 @@ namespace helix_arm::cli {
 /// {position_m [3], quaternion_xyzw [4]}, the quaternion with w >= 0.
 nlohmann::json toJson(const lie::SE3& pose);
 nlohmann::json toJson(const Eigen::VectorXd& vector);
+/// Of a vector of any size, or a row or column of a matrix.
+template <class Vector>
+nlohmann::json toJson(const Eigen::MatrixBase<Vector>& vector) {
+  return toJson(Eigen::VectorXd(vector));
+}
 /// Row by row.
 nlohmann::json rowsJson(const Eigen::MatrixXd& matrix);
 /// null where there is none.
 nlohmann::json toJson(const std::optional<double>& number);
+/// null where it is NaN or infinite.
+nlohmann::json finite(double number);
+/// null where it is empty.
+nlohmann::json textOrNull(const std::string& text);
 /// One array of six a section: [v; w].
 nlohmann::json toJson(const model::Twists& twists);
+
+/// Readings in kPa: "muscle_1 12.3 kPa, muscle_2 no reading".
+std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals = 1);
+/// Numbers, null where there is no reading.
+nlohmann::json readingsJson(const Eigen::VectorXd& pressure);
 
 /// Adds the inputs: `pressure_pa`, or, where there are tendons, `input` and `input_unit`.
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, nlohmann::json& result);
@@ -37,7 +50,12 @@ class CsvTable {
  public:
   /// A row: the same columns in the same order every time.
   using Row = std::vector<std::pair<std::string, std::string>>;
-  void add(const Row& row) { rows_.push_back(row); }
+  CsvTable() = default;
+  /// One row.
+  CsvTable(Row row) : rows_{std::move(row)} {}  // NOLINT(google-explicit-constructor)
+  /// cellsOf() each of the reports.
+  CsvTable(const nlohmann::json& reports, const std::vector<const char*>& keys);
+  void add(Row row) { rows_.push_back(std::move(row)); }
   void print(std::ostream& out) const;
   /// The names of a row's columns, or its values, as a line.
   static void printNames(const Row& row, std::ostream& out);
@@ -47,12 +65,17 @@ class CsvTable {
   std::vector<Row> rows_;
 };
 
+/// What a report has under these keys: numbers with all digits, true as 1, null as nothing, whole
+/// numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa` gives
+/// pressure_1_pa and so on.
+CsvTable::Row cellsOf(const nlohmann::json& report, const std::vector<const char*>& keys);
+/// A text in quotes, by RFC 4180.
+std::string quotedCell(const std::string& text);
+
 /// A number for csv: reads back as the same.
 std::string exact(double value);
 /// The same; empty where there is none.
 std::string exact(const std::optional<double>& value);
-/// The order of the loaded tier; empty of the others.
-std::string orderCell(const statics::TierSetting& setting);
 /// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
@@ -71,9 +94,9 @@ class RowPrinter {
  public:
   /// @param format  json or csv; of text nothing is printed.
   RowPrinter(Format format, const std::string& scene);
-  /// @param report, cells  give the row in each format; only that of the chosen one is called.
+  /// @param report, cells  give the row in each format; they are called where it needs them.
   void add(const std::function<nlohmann::json()>& report,
-           const std::function<CsvTable::Row()>& cells);
+           const std::function<CsvTable::Row(const nlohmann::json&)>& cells);
   void end();
 
  private:
@@ -96,8 +119,10 @@ class PrintableStream {
   std::streambuf* const bare_;
 };
 
-/// Prints a JSON document.
-void printJson(const nlohmann::json& result);
+/// Prints a result in the chosen format.
+/// @param table, text  of the result; only that of the chosen format is called, and text prints.
+void printResult(Format format, const nlohmann::json& report,
+                 const std::function<CsvTable()>& table, const std::function<void()>& text);
 
 /// Has plot_report draw a report as a picture: see procedures::drawReportText().
 void drawJsonReport(const nlohmann::json& report, const std::string& picture,

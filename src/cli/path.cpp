@@ -68,10 +68,10 @@ std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points
   return io::tipPathCsv(points, "Path of the tip, seen from the arm's base: " + describe(path));
 }
 
-json resultJson(const ShapedPath& path, const std::vector<TipWayPoint>& points,
-                const std::string& out) {
+json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
+              const std::string& out) {
   json result{{"shape", nameOf(path.shape)},
-              {"centre_m", toJson(Eigen::VectorXd(path.centre))},
+              {"centre_m", toJson(path.centre)},
               {"radius_m", path.radius},
               {"period_s", path.period},
               {"turns", path.turns},
@@ -88,19 +88,11 @@ json resultJson(const ShapedPath& path, const std::vector<TipWayPoint>& points,
   json times = json::array(), positions = json::array();
   for (const TipWayPoint& point : points) {
     times.push_back(point.time);
-    positions.push_back(toJson(Eigen::VectorXd(point.position)));
+    positions.push_back(toJson(point.position));
   }
   result["time_s"] = times;
   result["position_m"] = positions;
   return result;
-}
-
-CsvTable::Row summaryRow(const ShapedPath& path, const std::vector<TipWayPoint>& points,
-                         const std::string& out) {
-  return {{"shape", nameOf(path.shape)},
-          {"points", std::to_string(points.size())},
-          {"duration_s", exact(points.back().time)},
-          {"out", out}};
 }
 
 int run(const PathArguments& arguments, const GlobalOptions& global) {
@@ -111,18 +103,20 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
   const std::vector<TipWayPoint> points = control::wayPointsOf(path);
   const std::string& out = arguments.out;
   if (!out.empty()) io::writeFileAtomically(out, csvOf(path, points));
-  if (global.format == Format::kJson) {
-    printJson(resultJson(path, points, out));
-  } else if (out.empty()) {
+  if (out.empty() && global.format != Format::kJson) {
     std::cout << csvOf(path, points);
-  } else if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add(summaryRow(path, points, out));
-    table.print(std::cout);
-  } else {
-    std::cout << describe(path) << ": " << points.size() << " points from "
-              << bracketed(points.front().position) << " m in " << out << "\n";
+    return kDone;
   }
+  const json report = reportOf(path, points, out);
+  printResult(
+      global.format, report,
+      [&] {
+        return cellsOf(report, {"shape", "points", "duration_s", "out"});
+      },
+      [&] {
+        std::cout << describe(path) << ": " << points.size() << " points from "
+                  << bracketed(points.front().position) << " m in " << out << "\n";
+      });
   return kDone;
 }
 
@@ -132,41 +126,32 @@ Subcommand addPath(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("path", "write a path of the tip: a circle, a square or a lemniscate");
   const auto arguments = std::make_shared<PathArguments>();
-  command->add_option("SHAPE", arguments->shape, "circle, square or lemniscate")
-      ->required()
-      ->check(CLI::IsMember(namesOf(control::kTipShapes)));
-  command->add_option("--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z")
-      ->required();
-  command
-      ->add_option("--radius", arguments->radius,
-                   "largest distance from the centre along each axis of the plane [m]; the sides "
-                   "of a square have twice this length")
-      ->required()
-      ->type_name("M")
-      ->check(within(kRadius));
-  command->add_option("--period", arguments->period, "time of one turn [s]")
-      ->required()
-      ->type_name("S")
-      ->check(within(kPathPeriod));
-  command->add_option("--turns", arguments->turns, "number of turns")
-      ->check(CLI::Range(1, control::kMostTurns))
-      ->capture_default_str();
-  command
-      ->add_option("--plane", arguments->plane,
-                   "plane of the shape, by two axes of the base: xy, xz or yz")
-      ->check(CLI::IsMember(namesOf(control::kPathPlanes)))
-      ->capture_default_str();
-  command->add_option("--out", arguments->out, "path file to write; default: stdout")
-      ->type_name("FILE");
+  addOption(*command, "SHAPE", arguments->shape, "circle, square or lemniscate", kRequired,
+            CLI::IsMember(namesOf(control::kTipShapes)));
+  addOption(*command, "--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z",
+            kRequired);
+  addOption(*command, "--radius", arguments->radius,
+            "largest distance from the centre along each axis of the plane [m]; the sides of a "
+            "square have twice this length",
+            kRequired, TypeName{"M"}, within(kRadius));
+  addOption(*command, "--period", arguments->period, "time of one turn [s]", kRequired,
+            TypeName{"S"}, within(kPathPeriod));
+  addOption(*command, "--turns", arguments->turns, "number of turns",
+            CLI::Range(1, control::kMostTurns), kShowDefault);
+  addOption(*command, "--plane", arguments->plane,
+            "plane of the shape, by two axes of the base: xy, xz or yz",
+            CLI::IsMember(namesOf(control::kPathPlanes)), kShowDefault);
+  addOption(*command, "--out", arguments->out, "path file to write; default: stdout",
+            TypeName{"FILE"});
   command->footer(
-      "A path file has the columns time_s, x_m, y_m, z_m (seen from the arm's base), 200 rows a\n"
-      "turn. A cubic spline at rest at both ends joins them. Shapes run from the plane's first\n"
-      "axis to its second. Circle and lemniscate begin at the centre + radius along the first\n"
-      "axis and have a constant speed. The square begins at the corner centre + radius along\n"
-      "both and rests at each corner: its speed rises and falls for a fifth of a side's time.\n"
-      "json: shape, centre_m, radius_m, period_s, turns, plane, points (number), duration_s,\n"
-      "out (null if absent), time_s and position_m (of all points; null with --out).\n"
-      "text, csv: the path file; with --out a summary.");
+      R"(A path file has the columns time_s, x_m, y_m, z_m (seen from the arm's base), 200 rows a
+turn. A cubic spline at rest at both ends joins them. Shapes run from the plane's first
+axis to its second. Circle and lemniscate begin at the centre + radius along the first
+axis and have a constant speed. The square begins at the corner centre + radius along
+both and rests at each corner: its speed rises and falls for a fifth of a side's time.
+json: shape, centre_m, radius_m, period_s, turns, plane, points (number), duration_s,
+out (null if absent), time_s and position_m (of all points; null with --out).
+text, csv: the path file; with --out a summary.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

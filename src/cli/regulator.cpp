@@ -1,5 +1,3 @@
-#include "regulator.hpp"
-
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -25,6 +23,8 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -34,13 +34,469 @@
 namespace helix_arm::cli {
 namespace {
 
+using control::SafetyCause;
+using control::SafetyState;
 using control::Valve;
+using nlohmann::json;
 using regulator::steadyNow;
 using simulation::DeviceFault;
 
-constexpr double kBetweenReports = 1;  // [s]
+constexpr double kProbeSeconds = 1;
+constexpr double kStay = 5;            // [s]
+constexpr double kLongest = 86400;     // [s]
+constexpr double kBetweenReports = 1;  // of an emulated device [s]
+constexpr double kBetweenLines = 0.5;  // [s]
+constexpr double kLinkTime = 5;        // for a regulator to answer [s]
+constexpr double kTrying = 10;         // to vent [s]
 constexpr double kSupplyAbove = 1.25;  // relative to the largest pressure limit
 constexpr double kNoise = 500;         // [Pa]
+constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
+constexpr std::chrono::milliseconds kTurn(5);
+constexpr std::chrono::milliseconds kBetweenReadings(10);
+constexpr std::chrono::milliseconds kBetweenTries(50);
+
+struct RegulatorOptions {
+  std::string scene;
+  std::string pressure_kpa;       // set
+  std::optional<double> seconds;  // probe, set, emulate
+  bool yes = false;               // set: air may move
+  int realtime_priority = 0;      // guard: as regulator::scheduleRealtime() where it is allowed
+};
+
+// @throws CallerError where the scene has no regulator; as loadScene().
+io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOptions& global) {
+  io::Scene scene = loadScene(options.scene, global);
+  if (!scene.regulator) {
+    throw CallerError("scene " + scene.name +
+                      " has no regulator; add the section `regulator` to it");
+  }
+  return scene;
+}
+
+std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
+  return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
+}
+
+// A reading for csv, empty where there is none.
+std::string readingCell(double pressure) {
+  return std::isfinite(pressure) ? exact(pressure) : std::string();
+}
+
+// How venting went.
+struct Vented {
+  Eigen::VectorXd pressure;  // (channels) last readings, gauge, NaN without [Pa]
+  std::string reason;        // why it is not vented; empty: it is
+};
+
+// Vents through a driver that is connected, and goes on to, until no channel has pressure; for as
+// long as the scene's safety.vent_time_s at most. @throws regulator::LinkError.
+Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
+  const int channels = scene.arm.actuatorCount();
+  const control::SafetyRules& rules = scene.safety.rules;
+  Vented result{Eigen::VectorXd::Constant(channels, kNoReading), {}};
+  const double end = steadyNow() + rules.vent_time;
+  for (;;) {
+    std::string bad_reply;
+    try {
+      driver.vent();
+      regulator::Pressures pressures(channels);
+      driver.read(pressures);
+      result.pressure =
+          pressures.pressure.array().isNaN().select(result.pressure, pressures.pressure);
+    } catch (const regulator::BadReply& error) {
+      bad_reply = error.what();
+    }
+    int full = 0;
+    while (full < channels && std::abs(result.pressure[full]) <= rules.vented_below) ++full;
+    if (full == channels) return result;
+    if (steadyNow() >= end) {
+      std::ostringstream text;
+      text << scene.arm.actuator(full).name;
+      if (std::isnan(result.pressure[full])) {
+        text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
+      } else {
+        text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
+             << " s; shut the supply and check for a valve that does not close";
+      }
+      result.reason = text.str();
+      return result;
+    }
+    std::this_thread::sleep_for(kBetweenReadings);
+  }
+}
+
+struct Probe {
+  explicit Probe(int channels)
+      : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
+
+  Eigen::VectorXd pressure;   // last readings [Pa]
+  std::vector<int> readings;  // (channels)
+  double supply = kNoReading;
+  double seconds = 0;
+  std::string reason;  // cause of failure; empty on success
+};
+
+void readOnce(regulator::Driver& driver, Probe& probe) {
+  regulator::Pressures pressures(static_cast<int>(probe.pressure.size()));
+  driver.read(pressures);
+  for (Eigen::Index i = 0; i < probe.pressure.size(); ++i) {
+    if (!std::isfinite(pressures.pressure[i])) continue;
+    probe.pressure[i] = pressures.pressure[i];
+    ++probe.readings[static_cast<std::size_t>(i)];
+  }
+  if (std::isfinite(pressures.supply)) probe.supply = pressures.supply;
+}
+
+Probe probe(const io::Scene& scene, double seconds) {
+  const InterruptWatch watch;
+  Probe result(scene.arm.actuatorCount());
+  std::string bad_reply;
+  try {
+    const auto driver = makeDriver(scene);
+    driver->connect();
+    const double begin = steadyNow();
+    while (!interrupted() && steadyNow() - begin < seconds) {
+      try {
+        readOnce(*driver, result);
+      } catch (const regulator::BadReply& error) {
+        bad_reply = error.what();
+        std::this_thread::sleep_for(kBetweenReadings);
+      }
+    }
+    result.seconds = steadyNow() - begin;
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+    return result;
+  }
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    if (result.readings[static_cast<std::size_t>(i)] > 0 || !result.reason.empty()) continue;
+    result.reason = scene.arm.actuator(i).name + " gives no reading" +
+                    (bad_reply.empty() ? "; check its sensor and address" : ": " + bad_reply);
+  }
+  return result;
+}
+
+void printProbeText(const io::Scene& scene, const Probe& result) {
+  std::cout << regulator::describe(*scene.regulator)
+            << ": connected, which vents; nothing else was written\n"
+            << std::fixed;
+  // Without a line to a device, their rate is that of this computer.
+  const bool hardware = regulator::isHardware(*scene.regulator);
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const int readings = result.readings[static_cast<std::size_t>(i)];
+    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
+              << ": ";
+    if (readings == 0) {
+      std::cout << "no reading\n";
+    } else {
+      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
+      if (hardware) {
+        std::cout << ", " << std::setprecision(1) << readings / result.seconds
+                  << " readings a second";
+      }
+      std::cout << "\n";
+    }
+  }
+  if (std::isfinite(result.supply)) {
+    std::cout << "supply: " << std::setprecision(2) << result.supply / 1e3 << " kPa\n";
+  } else {
+    std::cout << "supply: not measured\n";
+  }
+}
+
+int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
+  const json pressure = readingsJson(result.pressure);
+  json channels = json::array();
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    channels.push_back({{"name", scene.arm.actuator(i).name},
+                        {"address", regulator::addressOf(*scene.regulator, i)},
+                        {"pressure_pa", pressure[i]},
+                        {"readings", result.readings[static_cast<std::size_t>(i)]},
+                        {"supply_pa", finite(result.supply)}});
+  }
+  const CsvTable table(channels, {"name", "address", "pressure_pa", "readings", "supply_pa"});
+  for (json& channel : channels) channel.erase("supply_pa");
+  const json report{{"regulator", regulator::describe(*scene.regulator)},
+                    {"channels", channels},
+                    {"supply_pa", finite(result.supply)},
+                    {"seconds", result.seconds},
+                    {"reason", textOrNull(result.reason)}};
+  printResult(
+      global.format, report, [&table] { return table; },
+      [&] {
+        if (result.seconds > 0) printProbeText(scene, result);
+      });
+  if (result.reason.empty()) return kDone;
+  std::cerr << result.reason << "\n";
+  return kNotPossible;
+}
+
+int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
+  try {
+    const auto driver = makeDriver(scene);
+    driver->connect();
+    result = ventAll(*driver, scene);
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+  }
+  const bool vented = result.reason.empty();
+  const json report{{"vented", vented},
+                    {"pressure_pa", readingsJson(result.pressure)},
+                    {"reason", textOrNull(result.reason)}};
+  const auto table = [&] {
+    CsvTable::Row row{{"vented", vented ? "true" : "false"}};
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      row.emplace_back("pressure_" + std::to_string(i + 1) + "_pa",
+                       readingCell(result.pressure[i]));
+    }
+    return row;
+  };
+  printResult(global.format, report, table, [&] {
+    if (!vented) return;
+    std::cout << "vented, to within " << scene.safety.rules.vented_below / 1e3
+              << " kPa of the atmosphere (safety.vented_below_kpa): "
+              << pressureText(scene.arm, result.pressure) << "\n";
+  });
+  if (vented) return kDone;
+  std::cerr << "not vented: " << result.reason << "\n";
+  return kNotPossible;
+}
+
+struct Outcome {
+  Eigen::VectorXd pressure;  // before it vented [Pa]
+  SafetyState state = SafetyState::kDisabled;
+  std::string reason;  // cause of failure; empty on success
+};
+
+class Session {
+ public:
+  // guard: null if none is needed.
+  Session(const io::Scene& scene, std::shared_ptr<const regulator::GuardProcess> guard, bool talks)
+      : scene_(scene),
+        guard_(std::move(guard)),
+        talks_(talks),
+        path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
+              std::make_unique<regulator::RegulatorIo>(makeDriver(scene), scene.arm.actuatorCount(),
+                                                       regulator::ioRulesOf(scene.safety.rules))) {
+    path_.guardedBy(guard_);
+  }
+
+  Outcome run(const Eigen::VectorXd& target, double seconds) {
+    Outcome outcome;
+    outcome.reason = enable();
+    if (outcome.reason.empty()) outcome.reason = stay(target, seconds);
+    outcome.pressure = path_.core().reading();
+    const std::string pressure_left = vent();
+    if (outcome.reason.empty()) outcome.reason = pressure_left;
+    outcome.state = path_.core().state();
+    return outcome;
+  }
+
+ private:
+  // Runs turns until the condition holds; false on a timeout.
+  template <class Condition>
+  bool turnUntil(double deadline, const Condition& condition) {
+    for (;;) {
+      path_.turn(steadyNow());
+      tell();
+      if (condition()) return true;
+      if (steadyNow() >= deadline) return false;
+      std::this_thread::sleep_for(kTurn);
+    }
+  }
+
+  // @return the reason for refusal; empty on success.
+  std::string enable() {
+    // Pressure that is left from before the connection is vented first.
+    const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
+    turnUntil(deadline, [this] {
+      const bool unguarded = guard_ && control::isGone(guard_->state());
+      return interrupted() || unguarded || path_.core().refusal(steadyNow()).empty();
+    });
+    if (interrupted()) return "interrupted";
+    return path_.enable(steadyNow());
+  }
+
+  // The time starts when the set points are reached.
+  std::string stay(const Eigen::VectorXd& target, double seconds) {
+    control::SafetyCore& core = path_.core();
+    double end = kNever;
+    turnUntil(kNever, [&] {
+      if (interrupted() || !core.target(steadyNow(), target)) return true;
+      if (end == kNever && core.orders().set_point == core.goal()) end = steadyNow() + seconds;
+      return steadyNow() >= end;
+    });
+    if (core.state() != SafetyState::kEnabled) return path_.reason();
+    return interrupted() ? "interrupted" : "";
+  }
+
+  std::string vent() {
+    path_.core().vent(steadyNow());
+    const control::SafetyRules& rules = scene_.safety.rules;
+    const bool vented =
+        turnUntil(steadyNow() + rules.vent_time + rules.hold_time + kLinkTime, [this] {
+          return path_.core().state() != SafetyState::kFault || path_.core().report().vent_overdue;
+        });
+    const bool overdue = path_.core().report().vent_overdue;
+    return vented && !overdue ? "" : path_.reason();
+  }
+
+  void tell() {
+    if (!talks_ || steadyNow() - told_ < kBetweenLines) return;
+    told_ = steadyNow();
+    const control::SafetyReport& report = path_.core().report();
+    const bool vents =
+        report.state == SafetyState::kFault && report.cause == SafetyCause::kVentRequested;
+    std::cout << (vents ? "vents" : control::nameOf(report.state)) << ": "
+              << pressureText(scene_.arm, path_.core().reading()) << std::endl;
+  }
+
+  const io::Scene& scene_;
+  const std::shared_ptr<const regulator::GuardProcess> guard_;
+  const bool talks_;
+  regulator::PressurePath path_;
+  double told_ = 0;
+};
+
+std::vector<std::string> guardCommand(const RegulatorOptions& options,
+                                      const GlobalOptions& global) {
+  std::vector<std::string> out = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                                  "regulator", options.scene, "guard"};
+  for (const std::string& change : global.overrides) {
+    out.insert(out.end(), {"--set", change});
+  }
+  return out;
+}
+
+int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const Eigen::VectorXd target =
+      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
+  if (regulator::isHardware(*scene.regulator) && !options.yes) {
+    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
+                      "; add --yes once nobody is within the arm's reach");
+  }
+  const InterruptWatch watch;
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
+  std::shared_ptr<regulator::GuardProcess> guard;
+  if (regulator::isHardware(*scene.regulator)) {
+    guard = std::make_shared<regulator::GuardProcess>(guardCommand(options, global));
+  }
+  const Outcome outcome = Session(scene, guard, global.format == Format::kText)
+                              .run(target, options.seconds.value_or(kStay));
+  const bool never_enabled = outcome.state == SafetyState::kDisabled;
+  if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();
+  const char* const state = control::nameOf(outcome.state);
+  const json report{{"target_pa", toJson(target)},
+                    {"pressure_pa", readingsJson(outcome.pressure)},
+                    {"state", state},
+                    {"reason", textOrNull(outcome.reason)}};
+  const auto table = [&] {
+    CsvTable rows;
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      rows.add({{"name", scene.arm.actuator(i).name},
+                {"target_pa", exact(target[i])},
+                {"pressure_pa", readingCell(outcome.pressure[i])},
+                {"state", state}});
+    }
+    return rows;
+  };
+  printResult(global.format, report, table, [&] {
+    std::cout << "reached " << pressureText(scene.arm, outcome.pressure) << ", then " << state
+              << "\n";
+  });
+  if (outcome.reason.empty()) return kDone;
+  std::cerr << outcome.reason << "\n";
+  return kNotPossible;
+}
+
+// How the process that moves the arm (the ward) ended.
+enum class End { kDismissesGuard, kIsGone, kStandsStill };
+
+// Reads and answers stdin until then. Counts whole periods without a beat rather than time, so that
+// a machine that was suspended has lost only one period.
+End awaitEnd() {
+  using regulator::GuardProcess;
+  constexpr int kBeatMs = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
+  bool beats = false;
+  int missed = 0;
+  for (;;) {
+    pollfd waited{STDIN_FILENO, POLLIN, 0};
+    const int ready = poll(&waited, 1, beats ? kBeatMs : -1);
+    if (ready == 0 && ++missed == GuardProcess::kMissedBeats) return End::kStandsStill;
+    if (ready <= 0) continue;
+    char bytes[64];
+    const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
+    if (size < 0 && errno == EINTR) continue;
+    if (size <= 0) return End::kIsGone;
+    // The answer is only for a ward behind a socket that reads it.
+    send(STDIN_FILENO, bytes, static_cast<std::size_t>(size), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
+      return End::kDismissesGuard;
+    }
+    beats = true;
+    missed = 0;
+  }
+}
+
+// The ward must neither keep the line nor wake up and move the arm.
+void endWard() {
+  ucred ward{};
+  socklen_t size = sizeof ward;
+  if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
+}
+
+// Connects and vents, for at most kTrying.
+Vented vent(regulator::Driver& driver, const io::Scene& scene) {
+  const double end = steadyNow() + kTrying;
+  for (;;) {
+    Vented result;
+    try {
+      driver.connect();
+      result = ventAll(driver, scene);
+    } catch (const regulator::LinkError& error) {
+      result.reason = error.what();
+    }
+    if (result.reason.empty() || steadyNow() >= end) return result;
+    std::this_thread::sleep_for(kBetweenTries);
+  }
+}
+
+int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const auto driver = makeDriver(scene);  // early, so that a fault shows before it is needed
+  driver->ignoreOthers();  // the ward may still be exiting and hold the lock of the device
+  // After the slow preparations. A refusal is not printed here: the node that started the guard
+  // prints its own.
+  regulator::scheduleRealtime(options.realtime_priority);
+  if (options.realtime_priority > 0) regulator::lockMemory();
+  const End end = awaitEnd();
+  if (end == End::kDismissesGuard) return kDone;
+  if (end == End::kStandsStill) endWard();
+  const double begin = steadyNow();
+  const Vented result = vent(*driver, scene);
+  std::ostringstream line;
+  line << "guard: the process that moved the arm "
+       << (end == End::kStandsStill ? "did not respond and was killed; "
+                                    : "ended without venting it; ")
+       << regulator::describe(*scene.regulator);
+  if (result.reason.empty()) {
+    line << " is vented, after " << steadyNow() - begin << " s\n";
+  } else {
+    line << " is NOT vented: " << result.reason
+         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
+            "`helix_arm regulator "
+         << options.scene << " vent`\n";
+  }
+  std::cerr << line.str();
+  return result.reason.empty() ? kDone : kNotPossible;
+}
 
 // An emulated device of either kind, through the functions that this command needs.
 struct Emulated {
@@ -163,8 +619,6 @@ class Lines {
   std::string begun_;
 };
 
-}  // namespace
-
 int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   if (global.format != Format::kText)
     throw CallerError("emulate prints only text; leave out --format");
@@ -174,8 +628,7 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
       std::visit([&scene](const auto& config) { return emulate(config, scene); }, *scene.regulator);
   std::cout << "emulates " << regulator::describe(*scene.regulator)
             << "; faults by name on stdin, Ctrl-C ends" << std::endl;
-  const double end =
-      steadyNow() + options.seconds.value_or(std::numeric_limits<double>::infinity());
+  const double end = steadyNow() + options.seconds.value_or(kNever);
   Lines lines;
   double next = steadyNow();
   while (!interrupted() && steadyNow() < end) {
@@ -190,504 +643,26 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
   return kDone;
 }
 
-namespace {
-
-using regulator::steadyNow;
-
-constexpr double kTrying = 10;  // [s]
-constexpr std::chrono::milliseconds kBetweenTries(50);
-
-// How the process that moves the arm (the ward) ended.
-enum class End { kDismissesGuard, kIsGone, kStandsStill };
-
-// Reads and answers stdin until then. Counts whole periods without a beat rather than time, so that
-// a machine that was suspended has lost only one period.
-End awaitEnd() {
-  using regulator::GuardProcess;
-  constexpr int kBeatMs = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
-  bool beats = false;
-  int missed = 0;
-  for (;;) {
-    pollfd waited{STDIN_FILENO, POLLIN, 0};
-    const int ready = poll(&waited, 1, beats ? kBeatMs : -1);
-    if (ready == 0 && ++missed == GuardProcess::kMissedBeats) return End::kStandsStill;
-    if (ready <= 0) continue;
-    char bytes[64];
-    const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
-    if (size < 0 && errno == EINTR) continue;
-    if (size <= 0) return End::kIsGone;
-    // The answer is only for a ward behind a socket that reads it.
-    send(STDIN_FILENO, bytes, static_cast<std::size_t>(size), MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
-      return End::kDismissesGuard;
-    }
-    beats = true;
-    missed = 0;
-  }
-}
-
-// The ward must neither keep the line nor wake up and move the arm.
-void endWard() {
-  ucred ward{};
-  socklen_t size = sizeof ward;
-  if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
-}
-
-// Connects and vents, for at most kTrying.
-Vented vent(regulator::Driver& driver, const io::Scene& scene) {
-  const double end = steadyNow() + kTrying;
-  for (;;) {
-    Vented result;
-    try {
-      driver.connect();
-      result = ventAll(driver, scene);
-    } catch (const regulator::LinkError& error) {
-      result.reason = error.what();
-    }
-    if (result.reason.empty() || steadyNow() >= end) return result;
-    std::this_thread::sleep_for(kBetweenTries);
-  }
+std::string footer() {
+  return R"(set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware
+moves only with --yes.
+guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it
+vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row
+are missing, it kills the process at the other end of its socket, then vents. Through a
+socket it sends back what it reads, to show that it is running.
+emulate takes names of faults on stdin, one per line. It prints set points, pressures
+and valves every second. A serial device holds its pressures if no line comes,
+unless its profile has watchdog_s, as generic has.
+faults: )" +
+         simulation::deviceFaultNames() + R"(
+json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa,
+seconds, reason;
+set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, reason.
+Exit code 0: done. 1: no link, no reading, a fault, or pressure that remains; the reason
+is in the result and on stderr. 2: the call is wrong.)";
 }
 
 }  // namespace
-
-int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
-  const io::Scene scene = loadRegulatedScene(options, global);
-  const auto driver = makeDriver(scene);  // early, so that a fault shows before it is needed
-  driver->ignoreOthers();  // the ward may still be exiting and hold the lock of the device
-  // After the slow preparations. A refusal is not printed here: the node that started the guard
-  // prints its own.
-  regulator::scheduleRealtime(options.realtime_priority);
-  if (options.realtime_priority > 0) regulator::lockMemory();
-  const End end = awaitEnd();
-  if (end == End::kDismissesGuard) return kDone;
-  if (end == End::kStandsStill) endWard();
-  const double begin = steadyNow();
-  const Vented result = vent(*driver, scene);
-  std::ostringstream line;
-  line << "guard: the process that moved the arm "
-       << (end == End::kStandsStill ? "did not respond and was killed; "
-                                    : "ended without venting it; ")
-       << regulator::describe(*scene.regulator);
-  if (result.reason.empty()) {
-    line << " is vented, after " << steadyNow() - begin << " s\n";
-  } else {
-    line << " is NOT vented: " << result.reason
-         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
-            "`helix_arm regulator "
-         << options.scene << " vent`\n";
-  }
-  std::cerr << line.str();
-  return result.reason.empty() ? kDone : kNotPossible;
-}
-
-namespace {
-
-using control::SafetyCause;
-using control::SafetyState;
-using nlohmann::json;
-using regulator::steadyNow;
-
-constexpr double kStay = 5;            // [s]
-constexpr double kBetweenLines = 0.5;  // [s]
-constexpr double kLinkTime = 5;        // for a regulator to answer [s]
-constexpr double kNever = std::numeric_limits<double>::infinity();
-constexpr std::chrono::milliseconds kTurn(5);
-
-struct Outcome {
-  Eigen::VectorXd pressure;  // before it vented [Pa]
-  SafetyState state = SafetyState::kDisabled;
-  std::string reason;  // cause of failure; empty on success
-};
-
-class Session {
- public:
-  // guard: null if none is needed.
-  Session(const io::Scene& scene, std::shared_ptr<const regulator::GuardProcess> guard, bool talks)
-      : scene_(scene),
-        guard_(std::move(guard)),
-        talks_(talks),
-        path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
-              std::make_unique<regulator::RegulatorIo>(makeDriver(scene), scene.arm.actuatorCount(),
-                                                       regulator::ioRulesOf(scene.safety.rules))) {
-    path_.guardedBy(guard_);
-  }
-
-  Outcome run(const Eigen::VectorXd& target, double seconds) {
-    Outcome outcome;
-    outcome.reason = enable();
-    if (outcome.reason.empty()) outcome.reason = stay(target, seconds);
-    outcome.pressure = path_.core().reading();
-    const std::string pressure_left = vent();
-    if (outcome.reason.empty()) outcome.reason = pressure_left;
-    outcome.state = path_.core().state();
-    return outcome;
-  }
-
- private:
-  // Runs turns until the condition holds; false on a timeout.
-  template <class Condition>
-  bool turnUntil(double deadline, const Condition& condition) {
-    for (;;) {
-      path_.turn(steadyNow());
-      tell();
-      if (condition()) return true;
-      if (steadyNow() >= deadline) return false;
-      std::this_thread::sleep_for(kTurn);
-    }
-  }
-
-  // @return the reason for refusal; empty on success.
-  std::string enable() {
-    // Pressure that is left from before the connection is vented first.
-    const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
-    turnUntil(deadline, [this] {
-      const bool unguarded = guard_ && control::isGone(guard_->state());
-      return interrupted() || unguarded || path_.core().refusal(steadyNow()).empty();
-    });
-    if (interrupted()) return "interrupted";
-    return path_.enable(steadyNow());
-  }
-
-  // The time starts when the set points are reached.
-  std::string stay(const Eigen::VectorXd& target, double seconds) {
-    control::SafetyCore& core = path_.core();
-    double end = kNever;
-    turnUntil(kNever, [&] {
-      if (interrupted() || !core.target(steadyNow(), target)) return true;
-      if (end == kNever && core.orders().set_point == core.goal()) end = steadyNow() + seconds;
-      return steadyNow() >= end;
-    });
-    if (core.state() != SafetyState::kEnabled) return path_.reason();
-    return interrupted() ? "interrupted" : "";
-  }
-
-  std::string vent() {
-    path_.core().vent(steadyNow());
-    const control::SafetyRules& rules = scene_.safety.rules;
-    const bool vented =
-        turnUntil(steadyNow() + rules.vent_time + rules.hold_time + kLinkTime, [this] {
-          return path_.core().state() != SafetyState::kFault || path_.core().report().vent_overdue;
-        });
-    const bool overdue = path_.core().report().vent_overdue;
-    return vented && !overdue ? "" : path_.reason();
-  }
-
-  void tell() {
-    if (!talks_ || steadyNow() - told_ < kBetweenLines) return;
-    told_ = steadyNow();
-    const control::SafetyReport& report = path_.core().report();
-    const bool vents =
-        report.state == SafetyState::kFault && report.cause == SafetyCause::kVentRequested;
-    std::cout << (vents ? "vents" : control::nameOf(report.state)) << ": "
-              << pressureText(scene_, path_.core().reading()) << std::endl;
-  }
-
-  const io::Scene& scene_;
-  const std::shared_ptr<const regulator::GuardProcess> guard_;
-  const bool talks_;
-  regulator::PressurePath path_;
-  double told_ = 0;
-};
-
-void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::VectorXd& target,
-                  Format format) {
-  if (format == Format::kJson) {
-    printJson({{"target_pa", toJson(target)},
-               {"pressure_pa", readingsJson(outcome.pressure)},
-               {"state", control::nameOf(outcome.state)},
-               {"reason", outcome.reason.empty() ? json(nullptr) : json(outcome.reason)}});
-  }
-  if (format == Format::kCsv) {
-    CsvTable table;
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      table.add({{"name", scene.arm.actuator(i).name},
-                 {"target_pa", exact(target[i])},
-                 {"pressure_pa", readingCell(outcome.pressure[i])},
-                 {"state", control::nameOf(outcome.state)}});
-    }
-    table.print(std::cout);
-  }
-  if (format == Format::kText) {
-    std::cout << "reached " << pressureText(scene, outcome.pressure) << ", then "
-              << control::nameOf(outcome.state) << "\n";
-  }
-}
-
-std::vector<std::string> guardCommand(const RegulatorOptions& options,
-                                      const GlobalOptions& global) {
-  std::vector<std::string> out = {std::filesystem::read_symlink("/proc/self/exe").string(),
-                                  "regulator", options.scene, "guard"};
-  for (const std::string& change : global.overrides) {
-    out.insert(out.end(), {"--set", change});
-  }
-  return out;
-}
-
-}  // namespace
-
-int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  const io::Scene scene = loadRegulatedScene(options, global);
-  const Eigen::VectorXd target =
-      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
-  if (regulator::isHardware(*scene.regulator) && !options.yes) {
-    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
-                      "; add --yes once nobody is within the arm's reach");
-  }
-  const InterruptWatch watch;
-  std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
-  std::shared_ptr<regulator::GuardProcess> guard;
-  if (regulator::isHardware(*scene.regulator)) {
-    guard = std::make_shared<regulator::GuardProcess>(guardCommand(options, global));
-  }
-  const Outcome outcome = Session(scene, guard, global.format == Format::kText)
-                              .run(target, options.seconds.value_or(kStay));
-  const bool never_enabled = outcome.state == SafetyState::kDisabled;
-  if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();
-  printOutcome(outcome, scene, target, global.format);
-  if (outcome.reason.empty()) return kDone;
-  std::cerr << outcome.reason << "\n";
-  return kNotPossible;
-}
-
-namespace {
-
-using nlohmann::json;
-using regulator::steadyNow;
-
-constexpr double kProbeSeconds = 1;
-constexpr double kLongest = 86400;  // [s]
-constexpr std::chrono::milliseconds kBetweenReadings(10);
-constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
-
-struct Probe {
-  explicit Probe(int channels)
-      : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
-
-  Eigen::VectorXd pressure;   // last readings [Pa]
-  std::vector<int> readings;  // (channels)
-  double supply = kNoReading;
-  double seconds = 0;
-  std::string reason;  // cause of failure; empty on success
-};
-
-void readOnce(regulator::Driver& driver, Probe& probe) {
-  regulator::Pressures pressures(static_cast<int>(probe.pressure.size()));
-  driver.read(pressures);
-  for (Eigen::Index i = 0; i < probe.pressure.size(); ++i) {
-    if (!std::isfinite(pressures.pressure[i])) continue;
-    probe.pressure[i] = pressures.pressure[i];
-    ++probe.readings[static_cast<std::size_t>(i)];
-  }
-  if (std::isfinite(pressures.supply)) probe.supply = pressures.supply;
-}
-
-Probe probe(const io::Scene& scene, double seconds) {
-  const InterruptWatch watch;
-  Probe result(scene.arm.actuatorCount());
-  std::string bad_reply;
-  try {
-    const auto driver = makeDriver(scene);
-    driver->connect();
-    const double begin = steadyNow();
-    while (!interrupted() && steadyNow() - begin < seconds) {
-      try {
-        readOnce(*driver, result);
-      } catch (const regulator::BadReply& error) {
-        bad_reply = error.what();
-        std::this_thread::sleep_for(kBetweenReadings);
-      }
-    }
-    result.seconds = steadyNow() - begin;
-  } catch (const regulator::LinkError& error) {
-    result.reason = error.what();
-    return result;
-  }
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    if (result.readings[static_cast<std::size_t>(i)] > 0 || !result.reason.empty()) continue;
-    result.reason = scene.arm.actuator(i).name + " gives no reading" +
-                    (bad_reply.empty() ? "; check its sensor and address" : ": " + bad_reply);
-  }
-  return result;
-}
-
-void printProbeText(const io::Scene& scene, const Probe& result) {
-  std::cout << regulator::describe(*scene.regulator)
-            << ": connected, which vents; nothing else was written\n"
-            << std::fixed;
-  // Without a line to a device, their rate is that of this computer.
-  const bool hardware = regulator::isHardware(*scene.regulator);
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const int readings = result.readings[static_cast<std::size_t>(i)];
-    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
-              << ": ";
-    if (readings == 0) {
-      std::cout << "no reading\n";
-    } else {
-      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
-      if (hardware) {
-        std::cout << ", " << std::setprecision(1) << readings / result.seconds
-                  << " readings a second";
-      }
-      std::cout << "\n";
-    }
-  }
-  if (std::isfinite(result.supply)) {
-    std::cout << "supply: " << std::setprecision(2) << result.supply / 1e3 << " kPa\n";
-  } else {
-    std::cout << "supply: not measured\n";
-  }
-}
-
-void printProbe(const io::Scene& scene, const Probe& result, Format format) {
-  json channels = json::array();
-  CsvTable table;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const std::string& name = scene.arm.actuator(i).name;
-    const std::string address = regulator::addressOf(*scene.regulator, i);
-    const int readings = result.readings[static_cast<std::size_t>(i)];
-    channels.push_back({{"name", name},
-                        {"address", address},
-                        {"pressure_pa", readingsJson(result.pressure)[i]},
-                        {"readings", readings}});
-    table.add({{"name", name},
-               {"address", address},
-               {"pressure_pa", readingCell(result.pressure[i])},
-               {"readings", std::to_string(readings)},
-               {"supply_pa", readingCell(result.supply)}});
-  }
-  if (format == Format::kText && result.seconds > 0) printProbeText(scene, result);
-  if (format == Format::kCsv) table.print(std::cout);
-  if (format == Format::kJson) {
-    printJson({{"regulator", regulator::describe(*scene.regulator)},
-               {"channels", channels},
-               {"supply_pa", std::isfinite(result.supply) ? json(result.supply) : json(nullptr)},
-               {"seconds", result.seconds},
-               {"reason", result.reason.empty() ? json(nullptr) : json(result.reason)}});
-  }
-}
-
-}  // namespace
-
-io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOptions& global) {
-  io::Scene scene = loadScene(options.scene, global);
-  if (!scene.regulator) {
-    throw CallerError("scene " + scene.name +
-                      " has no regulator; add the section `regulator` to it");
-  }
-  return scene;
-}
-
-std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
-  return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
-}
-
-Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
-  const int channels = scene.arm.actuatorCount();
-  const control::SafetyRules& rules = scene.safety.rules;
-  Vented result{Eigen::VectorXd::Constant(channels, kNoReading), {}};
-  const double end = steadyNow() + rules.vent_time;
-  for (;;) {
-    std::string bad_reply;
-    try {
-      driver.vent();
-      regulator::Pressures pressures(channels);
-      driver.read(pressures);
-      result.pressure =
-          pressures.pressure.array().isNaN().select(result.pressure, pressures.pressure);
-    } catch (const regulator::BadReply& error) {
-      bad_reply = error.what();
-    }
-    int full = 0;
-    while (full < channels && std::abs(result.pressure[full]) <= rules.vented_below) ++full;
-    if (full == channels) return result;
-    if (steadyNow() >= end) {
-      std::ostringstream text;
-      text << scene.arm.actuator(full).name;
-      if (std::isnan(result.pressure[full])) {
-        text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
-      } else {
-        text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
-             << " s; shut the supply and check for a valve that does not close";
-      }
-      result.reason = text.str();
-      return result;
-    }
-    std::this_thread::sleep_for(kBetweenReadings);
-  }
-}
-
-std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure, int decimals) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(decimals);
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    text << (i > 0 ? ", " : "") << scene.arm.actuator(i).name;
-    if (std::isfinite(pressure[i])) {
-      text << " " << pressure[i] / 1e3 << " kPa";
-    } else {
-      text << " no reading";
-    }
-  }
-  return text.str();
-}
-
-json readingsJson(const Eigen::VectorXd& pressure) {
-  json result = json::array();
-  for (const double each : pressure) {
-    result.push_back(std::isfinite(each) ? json(each) : json(nullptr));
-  }
-  return result;
-}
-
-std::string readingCell(double pressure) {
-  return std::isfinite(pressure) ? exact(pressure) : std::string();
-}
-
-int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  const io::Scene scene = loadRegulatedScene(options, global);
-  const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
-  printProbe(scene, result, global.format);
-  if (result.reason.empty()) return kDone;
-  std::cerr << result.reason << "\n";
-  return kNotPossible;
-}
-
-int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  const io::Scene scene = loadRegulatedScene(options, global);
-  Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
-  try {
-    const auto driver = makeDriver(scene);
-    driver->connect();
-    result = ventAll(*driver, scene);
-  } catch (const regulator::LinkError& error) {
-    result.reason = error.what();
-  }
-  const bool vented = result.reason.empty();
-  if (global.format == Format::kJson) {
-    printJson({{"vented", vented},
-               {"pressure_pa", readingsJson(result.pressure)},
-               {"reason", vented ? json(nullptr) : json(result.reason)}});
-  }
-  if (global.format == Format::kCsv) {
-    CsvTable::Row row{{"vented", vented ? "true" : "false"}};
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      row.emplace_back("pressure_" + std::to_string(i + 1) + "_pa",
-                       readingCell(result.pressure[i]));
-    }
-    CsvTable table;
-    table.add(row);
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText && vented) {
-    std::cout << "vented, to within " << scene.safety.rules.vented_below / 1e3
-              << " kPa of the atmosphere (safety.vented_below_kpa): "
-              << pressureText(scene, result.pressure) << "\n";
-  }
-  if (vented) return kDone;
-  std::cerr << "not vented: " << result.reason << "\n";
-  return kNotPossible;
-}
 
 Subcommand addRegulator(CLI::App& app) {
   CLI::App* command = app.add_subcommand("regulator", "commission the scene's pressure regulator");
@@ -705,19 +680,17 @@ Subcommand addRegulator(CLI::App& app) {
     return actions.back().app;
   };
   const auto addSeconds = [&options](CLI::App* action, const char* help) {
-    action->add_option("--seconds", options->seconds, help)
-        ->type_name("S")
-        ->check(CLI::Range(0.01, kLongest));
+    addOption(*action, "--seconds", options->seconds, help, TypeName{"S"},
+              CLI::Range(0.01, kLongest));
   };
   addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
                  probeRegulator),
              "time to read [s], default 1");
   CLI::App* set =
       add("set", "go to pressures within limits and slew, hold them, and vent", setRegulator);
-  set->add_option("--pressure-kpa", options->pressure_kpa,
-                  "gauge pressures [kPa], one per actuator, separated by commas")
-      ->required()
-      ->type_name("A,B,..");
+  addOption(*set, "--pressure-kpa", options->pressure_kpa,
+            "gauge pressures [kPa], one per actuator, separated by commas", kRequired,
+            TypeName{"A,B,.."});
   set->add_flag("--yes", options->yes, "confirms that air may move and the arm is clear of people");
   addSeconds(set, "time to hold the set points once they are reached [s], default 5");
   add("vent",
@@ -733,25 +706,7 @@ Subcommand addRegulator(CLI::App& app) {
       ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
   addSeconds(add("emulate", "emulate the device at its address on this machine", emulateRegulator),
              "time to run [s], default: until Ctrl-C");
-  command->footer(
-      "set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware\n"
-      "moves only with --yes.\n"
-      "guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it\n"
-      "vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row\n"
-      "are missing, it kills the process at the other end of its socket, then vents. Through a\n"
-      "socket it sends back what it reads, to show that it is running.\n"
-      "emulate takes names of faults on stdin, one per line. It prints set points, pressures\n"
-      "and valves every second. A serial device holds its pressures if no line comes,\n"
-      "unless its profile has watchdog_s, as generic has.\n"
-      "faults: " +
-      simulation::deviceFaultNames() +
-      "\n"
-      "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa,\n"
-      "seconds, reason;\n"
-      "set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, "
-      "reason.\n"
-      "Exit code 0: done. 1: no link, no reading, a fault, or pressure that remains; the reason\n"
-      "is in the result and on stderr. 2: the call is wrong.");
+  command->footer(footer());
   return {command, [options, actions](const GlobalOptions& global) {
             for (const Action& action : actions) {
               if (action.app->parsed()) return action.run(*options, global);

@@ -195,8 +195,7 @@ std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
 std::string truthComment(const io::Scene& scene) {
   return "# Truth of the simulated arm of scene " + scene.name +
          ": twists of its sections (their means where it is loaded) and its tip, seen from its "
-         "base. "
-         "Gauge pressure [kPa].\n";
+         "base. Gauge pressure [kPa].\n";
 }
 
 std::string poseComment(const io::Scene& scene) {
@@ -299,6 +298,23 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
           rig.hasCamera()};
 }
 
+void printText(const SimulatedSet& set, bool arm) {
+  const std::string pictures = pictureName(1) + " to " + pictureName(set.captures) + "\n";
+  std::cout << set.captures << (arm ? " captures in " : " pictures of the calibration board in ")
+            << set.directory.string() << ": ";
+  if (!arm) {
+    std::cout << pictures;
+    return;
+  }
+  std::cout << "scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
+  if (set.pictures) {
+    std::cout << ", tag_corners.csv, " << pictures;
+  } else {
+    std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
+              << "\n";
+  }
+}
+
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && options.rest) {
@@ -309,41 +325,22 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   const auto pathOf = [&set](const char* file, bool written) {
     return written ? json((set.directory / file).string()) : json(nullptr);
   };
-  const int pictures = set.pictures ? set.captures : 0;
-  if (global.format == Format::kJson) {
-    printJson({{"out", set.directory.string()},
-               {"seed", options.seed},
-               {"captures", set.captures},
-               {"pictures", pictures},
-               {"tags", set.tags},
-               {"scene", pathOf("scene.yaml", !options.board.given())},
-               {"truth", pathOf("truth.csv", !options.board.given())},
-               {"tag_poses", pathOf("tag_poses.csv", !options.board.given() && set.tags > 0)},
-               {"tag_corners", pathOf("tag_corners.csv", !options.board.given() && set.pictures)}});
-  }
-  if (global.format == Format::kCsv) {
-    CsvTable table;
-    table.add({{"out", set.directory.string()},
-               {"seed", std::to_string(options.seed)},
-               {"captures", std::to_string(set.captures)},
-               {"pictures", std::to_string(pictures)},
-               {"tags", std::to_string(set.tags)}});
-    table.print(std::cout);
-  }
-  if (global.format == Format::kText && options.board.given()) {
-    std::cout << set.captures << " pictures of the calibration board in " << set.directory.string()
-              << ": " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
-  } else if (global.format == Format::kText) {
-    std::cout << set.captures << " captures in " << set.directory.string()
-              << ": scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
-    if (set.pictures) {
-      std::cout << ", tag_corners.csv, " << pictureName(1) << " to " << pictureName(set.captures)
-                << "\n";
-    } else {
-      std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
-                << "\n";
-    }
-  }
+  const bool arm = !options.board.given();
+  const json report{{"out", set.directory.string()},
+                    {"seed", options.seed},
+                    {"captures", set.captures},
+                    {"pictures", set.pictures ? set.captures : 0},
+                    {"tags", set.tags},
+                    {"scene", pathOf("scene.yaml", arm)},
+                    {"truth", pathOf("truth.csv", arm)},
+                    {"tag_poses", pathOf("tag_poses.csv", arm && set.tags > 0)},
+                    {"tag_corners", pathOf("tag_corners.csv", arm && set.pictures)}};
+  printResult(
+      global.format, report,
+      [&report] {
+        return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
+      },
+      [&] { printText(set, arm); });
   return kDone;
 }
 
@@ -354,29 +351,26 @@ Subcommand addSimulate(CLI::App& app) {
       "simulate", "write a simulated data set and pictures with their true shapes");
   const auto options = std::make_shared<SimulateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command->add_option("--out", options->out, "folder to write to; must be empty or absent")
-      ->required()
-      ->type_name("DIR");
-  command->add_option("--count", options->count, "number of captures")
-      ->check(CLI::Range(1, kMostCaptures))
-      ->capture_default_str();
-  command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
-      ->capture_default_str();
+  addOption(*command, "--out", options->out, "folder to write to; must be empty or absent",
+            kRequired, TypeName{"DIR"});
+  addOption(*command, "--count", options->count, "number of captures", CLI::Range(1, kMostCaptures),
+            kShowDefault);
+  addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
+            kShowDefault);
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
-  addBoardFlag(
-      *command, options->board,
-      "instead, pictures of the calibration board (helix_arm tags --board) in the hands of "
-      "a person, by the scene's camera: tags (default) or charuco");
+  addBoardFlag(*command, options->board,
+               "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
+               "of a person, by the scene's camera: tags (default) or charuco");
   command->footer(
-      "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
-      "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"
-      "its key simulation.mounts.\n"
-      "DIR gets scene.yaml (with the changes of --set), truth.csv (twists and tip),\n"
-      "tag_poses.csv (all tags, with the noise of vision.tag_position_noise_m; if the scene has\n"
-      "tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the\n"
-      "detector finds in them).\n"
-      "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and\n"
-      "tag_corners (null if absent). With --board: pictures alone.");
+      R"(The arm deviates from the scene's as its key simulation.arm says, at rest at random
+pressures, under its key load as computed by tier exact. Camera and tags are placed by
+its key simulation.mounts.
+DIR gets scene.yaml (with the changes of --set), truth.csv (twists and tip),
+tag_poses.csv (all tags, with the noise of vision.tag_position_noise_m; if the scene has
+tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the
+detector finds in them).
+json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and
+tag_corners (null if absent). With --board: pictures alone.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

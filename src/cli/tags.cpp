@@ -1,9 +1,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
-#include <iterator>
 #include <memory>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -17,13 +15,6 @@
 #include "output.hpp"
 
 namespace helix_arm::cli {
-
-/// The bytes of a PDF with these pages. Everything in it is drawn by lines and areas, exact to
-/// 2 um, and its fonts are embedded.
-/// @param title  of the document, as viewers show it.
-/// @throws std::runtime_error if the PDF library fails.
-std::string pdfOf(const std::vector<procedures::Page>& pages, const procedures::Paper& paper,
-                  const std::string& title);
 
 namespace {
 
@@ -108,8 +99,8 @@ void draw(const Page& page, cairo_t* to) {
   cairo_show_page(to);
 }
 
-}  // namespace
-
+// The bytes of a PDF with these pages. Everything in it is drawn by lines and areas, exact to 2 um,
+// and its fonts are embedded. @throws std::runtime_error if the PDF library fails.
 std::string pdfOf(const std::vector<Page>& pages, const procedures::Paper& paper,
                   const std::string& title) {
   std::string bytes;
@@ -133,11 +124,8 @@ std::string pdfOf(const std::vector<Page>& pages, const procedures::Paper& paper
   return bytes;
 }
 
-namespace {
-
 using nlohmann::json;
 using procedures::kPapers;
-using procedures::Page;
 using procedures::Paper;
 
 struct TagsArguments {
@@ -145,7 +133,7 @@ struct TagsArguments {
   BoardArguments board;
 };
 
-/// What was printed.
+// What was printed.
 struct Print {
   std::optional<io::Scene> scene;
   std::optional<CalibrationBoard> board;
@@ -183,7 +171,7 @@ std::vector<Page> pagesOf(const Print& print) {
   return pages;
 }
 
-json toJson(const Print& print) {
+json reportOf(const Print& print) {
   json result{{"scene", nullptr},
               {"family", nullptr},
               {"size_m", nullptr},
@@ -203,17 +191,11 @@ json toJson(const Print& print) {
   return result;
 }
 
-CsvTable toCsv(const Print& print) {
-  const bool scene = print.scene.has_value();
-  CsvTable table;
-  table.add({{"scene", scene ? print.scene->name : ""},
-             {"tags", std::to_string(scene ? print.scene->tags->tags.size() : 0)},
-             {"size_m", scene ? exact(print.scene->tags->size) : ""},
-             {"board", print.board ? "1" : "0"},
-             {"paper", print.paper.name},
-             {"pages", std::to_string(print.pages)},
-             {"out", print.out}});
-  return table;
+CsvTable toCsv(const Print& print, const json& report) {
+  CsvTable::Row row = cellsOf(report, {"scene", "size_m", "paper", "pages", "out"});
+  row.insert(row.begin() + 1, {"tags", std::to_string(report["ids"].size())});
+  row.insert(row.begin() + 3, {"board", print.board ? "1" : "0"});
+  return row;
 }
 
 void printText(const Print& print) {
@@ -255,9 +237,9 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   io::writeFileAtomically(
       print.out, pdfOf(pages, print.paper,
                        print.scene ? "Tags of " + print.scene->name : "Calibration board"));
-  if (global.format == Format::kJson) printJson(toJson(print));
-  if (global.format == Format::kCsv) toCsv(print).print(std::cout);
-  if (global.format == Format::kText) printText(print);
+  const json report = reportOf(print);
+  printResult(
+      global.format, report, [&] { return toCsv(print, report); }, [&] { printText(print); });
   return kDone;
 }
 
@@ -269,24 +251,22 @@ Subcommand addTags(CLI::App& app) {
   const auto arguments = std::make_shared<TagsArguments>();
   addScene(*command, "SCENE", arguments->scene,
            "needed unless --board is given: scene file with tags");
-  command->add_option("--out", arguments->out, "PDF file to write")
-      ->required()
-      ->type_name("FILE.pdf");
-  command->add_option("--paper", arguments->paper, "paper: a4 or letter")
-      ->check(CLI::IsMember(paperNames()))
-      ->capture_default_str();
+  addOption(*command, "--out", arguments->out, "PDF file to write", kRequired,
+            TypeName{"FILE.pdf"});
+  addOption(*command, "--paper", arguments->paper, "paper: a4 or letter",
+            CLI::IsMember(paperNames()), kShowDefault);
   addBoardFlag(*command, arguments->board,
                "also a board for the calibration of a camera: tags (default), whose size does not "
                "depend on --paper, or charuco");
   command->footer(
-      "Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up\n"
-      "mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of\n"
-      "each tag. Print at 100 % (\"actual size\"): two rulers of 100 mm show whether the printer\n"
-      "keeps to it.\n"
-      "json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,\n"
-      "rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,\n"
-      "rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.\n"
-      "csv: a row of scene, tags, size_m, board, paper, pages, out.");
+      R"(Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up
+mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of
+each tag. Print at 100 % ("actual size"): two rulers of 100 mm show whether the printer
+keeps to it.
+json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,
+rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,
+rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.
+csv: a row of scene, tags, size_m, board, paper, pages, out.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

@@ -37,49 +37,19 @@
 #include "nlohmann/json.hpp"
 #include "output.hpp"
 
-namespace helix_arm::cli {
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "its PLY files are little-endian");
 
-/// What a file of points says of them.
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+
+// What a file of points says of them.
 struct CloudOrigin {
   std::string scene, tier;
   std::uint64_t seed = 1;
   bool sensitivity = false;
 };
-
-/// Points as a PLY (binary, little-endian; tips and sensitivity as float32) or a CSV (inputs, tips
-/// and sensitivity, with units in the header), by the end of its name; written piece by piece.
-class CloudFile {
- public:
-  /// @throws CallerError on another end of the name, io::FileError where it cannot be written.
-  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin);
-
-  /// Points as they stand in the file. From any thread.
-  std::string encode(const statics::WorkspacePoints& points) const;
-
-  /// Appends so many encoded points. @throws io::FileError.
-  void write(const std::string& encoded, std::uint64_t points);
-
-  /// Puts the file in its place, not before. @throws io::FileError.
-  void finish();
-
- private:
-  std::string plyHeader() const;
-  std::string csvHeader() const;
-  std::string encodePly(const statics::WorkspacePoints& points) const;
-  std::string encodeCsv(const statics::WorkspacePoints& points) const;
-
-  const model::Arm& arm_;
-  const CloudOrigin origin_;
-  const bool ply_;
-  std::uint64_t points_ = 0;
-  io::AtomicFile file_;
-};
-
-}  // namespace helix_arm::cli
-
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "its PLY files are little-endian");
-namespace helix_arm::cli {
-namespace {
 
 constexpr std::size_t kCountWidth = 20;  // digits of the largest count
 
@@ -110,113 +80,117 @@ void append(double value, int digits, char end, std::string& out) {
                        std::snprintf(text, sizeof text, "%.*g%c", digits, value, end)));
 }
 
-}  // namespace
-
-CloudFile::CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
-    : arm_(arm), origin_(origin), ply_(isPly(path)), file_(path) {
-  file_.write(ply_ ? plyHeader() : csvHeader());
-}
-
-std::string CloudFile::plyHeader() const {
-  const std::string count = std::to_string(points_);
-  std::ostringstream out;
-  // The count is only known at the end; padding keeps the length of the header constant.
-  out << "ply\nformat binary_little_endian 1.0\n"
-      << "comment tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
-      << origin_.seed << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
-      << std::string(kCountWidth - count.size(), ' ') << "\nelement vertex " << count
-      << "\nproperty float x\nproperty float y\nproperty float z\n";
-  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-    out << "property float " << statics::kSensitivityNames[k] << "\n";
+// Points as a PLY (binary, little-endian; tips and sensitivity as float32) or a CSV (inputs, tips
+// and sensitivity, with units in the header), by the end of its name; written piece by piece.
+class CloudFile {
+ public:
+  // @throws CallerError on another end of the name, io::FileError where it cannot be written.
+  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
+      : arm_(arm), origin_(origin), ply_(isPly(path)), file_(path) {
+    file_.write(ply_ ? plyHeader() : csvHeader());
   }
-  out << "end_header\n";
-  return out.str();
-}
 
-std::string CloudFile::csvHeader() const {
-  std::ostringstream out;
-  out << "# tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
-      << origin_.seed << "\n# x, y, z seen from the arm's base, x along the arm\n";
-  if (origin_.sensitivity) {
-    out << "# tip displacement for an error of 1 kPa in every pressure, of 1 mm in every free "
-           "length, of 1 % in the stiffness\n";
+  // Points as they stand in the file. From any thread.
+  std::string encode(const statics::WorkspacePoints& points) const {
+    return ply_ ? encodePly(points) : encodeCsv(points);
   }
-  for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    const model::DriveUnit unit = model::unitOf(arm_.actuator(i).drive);
-    out << unit.quantity << "_" << i + 1 << "_" << unit.suffix << ",";
-  }
-  out << "x_m,y_m,z_m";
-  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-    out << "," << statics::kSensitivityNames[k];
-  }
-  out << "\n";
-  return out.str();
-}
 
-std::string CloudFile::encode(const statics::WorkspacePoints& points) const {
-  return ply_ ? encodePly(points) : encodeCsv(points);
-}
+  // Appends so many encoded points. @throws io::FileError.
+  void write(const std::string& encoded, std::uint64_t points) {
+    file_.write(encoded);
+    points_ += points;
+  }
 
-std::string CloudFile::encodePly(const statics::WorkspacePoints& points) const {
-  std::string out;
-  const auto columns = points.tips.cols() + (origin_.sensitivity ? points.sensitivity.cols() : 0);
-  out.reserve(static_cast<std::size_t>(points.count() * columns) * sizeof(float));
-  for (int row = 0; row < points.count(); ++row) {
-    for (int k = 0; k < 3; ++k) append(static_cast<float>(points.tips(row, k)), out);
+  // Puts the file in its place, not before. @throws io::FileError.
+  void finish() {
+    if (ply_) file_.writeOver(0, plyHeader());
+    file_.commit();
+  }
+
+ private:
+  std::string plyHeader() const {
+    const std::string count = std::to_string(points_);
+    std::ostringstream out;
+    // The count is only known at the end; padding keeps the length of the header constant.
+    out << "ply\nformat binary_little_endian 1.0\n"
+        << "comment tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier
+        << ", seed " << origin_.seed
+        << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
+        << std::string(kCountWidth - count.size(), ' ') << "\nelement vertex " << count
+        << "\nproperty float x\nproperty float y\nproperty float z\n";
     for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-      append(static_cast<float>(points.sensitivity(row, k)), out);
+      out << "property float " << statics::kSensitivityNames[k] << "\n";
     }
+    out << "end_header\n";
+    return out.str();
   }
-  return out;
-}
 
-std::string CloudFile::encodeCsv(const statics::WorkspacePoints& points) const {
-  constexpr int kInputDigits = 17;  // they read back as the same value
-  constexpr int kTipDigits = 12;
-  constexpr int kSensitivityDigits = 9;
-  std::string out;
-  for (int row = 0; row < points.count(); ++row) {
+  std::string csvHeader() const {
+    std::ostringstream out;
+    out << "# tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
+        << origin_.seed << "\n# x, y, z seen from the arm's base, x along the arm\n";
+    if (origin_.sensitivity) {
+      out << "# tip displacement for an error of 1 kPa in every pressure, of 1 mm in every free "
+             "length, of 1 % in the stiffness\n";
+    }
     for (int i = 0; i < arm_.actuatorCount(); ++i) {
-      const double scale = model::unitOf(arm_.actuator(i).drive).scale;
-      append(points.inputs(row, i) / scale, kInputDigits, ',', out);
+      const model::DriveUnit unit = model::unitOf(arm_.actuator(i).drive);
+      out << unit.quantity << "_" << i + 1 << "_" << unit.suffix << ",";
     }
-    for (int k = 0; k < 3; ++k) {
-      append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);
-    }
+    out << "x_m,y_m,z_m";
     for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-      append(points.sensitivity(row, k), kSensitivityDigits,
-             k + 1 == statics::kSensitivities ? '\n' : ',', out);
+      out << "," << statics::kSensitivityNames[k];
     }
+    out << "\n";
+    return out.str();
   }
-  return out;
-}
 
-void CloudFile::write(const std::string& encoded, std::uint64_t points) {
-  file_.write(encoded);
-  points_ += points;
-}
+  std::string encodePly(const statics::WorkspacePoints& points) const {
+    std::string out;
+    const auto columns = points.tips.cols() + (origin_.sensitivity ? points.sensitivity.cols() : 0);
+    out.reserve(static_cast<std::size_t>(points.count() * columns) * sizeof(float));
+    for (int row = 0; row < points.count(); ++row) {
+      for (int k = 0; k < 3; ++k) append(static_cast<float>(points.tips(row, k)), out);
+      for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+        append(static_cast<float>(points.sensitivity(row, k)), out);
+      }
+    }
+    return out;
+  }
 
-void CloudFile::finish() {
-  if (ply_) file_.writeOver(0, plyHeader());
-  file_.commit();
-}
+  std::string encodeCsv(const statics::WorkspacePoints& points) const {
+    constexpr int kInputDigits = 17;  // they read back as the same value
+    constexpr int kTipDigits = 12;
+    constexpr int kSensitivityDigits = 9;
+    std::string out;
+    for (int row = 0; row < points.count(); ++row) {
+      for (int i = 0; i < arm_.actuatorCount(); ++i) {
+        const double scale = model::unitOf(arm_.actuator(i).drive).scale;
+        append(points.inputs(row, i) / scale, kInputDigits, ',', out);
+      }
+      for (int k = 0; k < 3; ++k) {
+        append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);
+      }
+      for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+        append(points.sensitivity(row, k), kSensitivityDigits,
+               k + 1 == statics::kSensitivities ? '\n' : ',', out);
+      }
+    }
+    return out;
+  }
 
-/// A tip and, where it was asked for, its sensitivity.
-struct CloudPoint {
-  Eigen::Vector3d tip;          ///< base frame [m]
-  Eigen::Vector3d sensitivity;  ///< [m]
+  const model::Arm& arm_;
+  const CloudOrigin origin_;
+  const bool ply_;
+  std::uint64_t points_ = 0;
+  io::AtomicFile file_;
 };
 
-/// What plot_report draws of points: their number and, with sensitivity, the medians of it, over
-/// square cells of the planes x-z, y-z and x-y; planes that they have no width in are left out.
-///
-/// One entry a map: {quantity, title, unit, across, up, extent [left, right, bottom, top] in m,
-/// cells (rows from the bottom; null where there is no point)}.
-nlohmann::json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity);
-
-namespace {
-
-using nlohmann::json;
+// A tip and, where it was asked for, its sensitivity.
+struct CloudPoint {
+  Eigen::Vector3d tip;          // base frame [m]
+  Eigen::Vector3d sensitivity;  // [m]
+};
 
 constexpr int kMostCells = 80;        // along the longest side
 constexpr double kLeastWidth = 1e-3;  // of a plane, as a part of the longest side
@@ -293,8 +267,11 @@ json named(json map, const char* quantity, const char* title, const char* unit) 
   return map;
 }
 
-}  // namespace
-
+// What plot_report draws of points: their number and, with sensitivity, the medians of it, over
+// square cells of the planes x-z, y-z and x-y; planes that they have no width in are left out.
+//
+// One entry a map: {quantity, title, unit, across, up, extent [left, right, bottom, top] in m,
+// cells (rows from the bottom; null where there is no point)}.
 json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
   json maps = json::array();
   Eigen::AlignedBox3d bounds;
@@ -323,10 +300,10 @@ json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
   return maps;
 }
 
-inline constexpr std::uint64_t kUsualCount = 10000000;
-inline constexpr std::uint64_t kUsualSensitiveCount = 200000;
+constexpr std::uint64_t kUsualCount = 10000000;
+constexpr std::uint64_t kUsualSensitiveCount = 200000;
 
-/// What a user asks of `workspace`.
+// What a user asks of `workspace`.
 struct WorkspaceArguments {
   std::string scene, out, png;
   std::optional<std::uint64_t> count;
@@ -340,7 +317,7 @@ struct WorkspaceArguments {
   }
 };
 
-/// What the sampled points say.
+// What the sampled points say.
 struct WorkspaceSummary {
   std::uint64_t inputs = 0, unbalanced = 0;
   double seconds = 0.0;
@@ -351,35 +328,79 @@ struct WorkspaceSummary {
   bool whole = false;  // not interrupted
 
   std::uint64_t points() const { return inputs - unbalanced; }
-  /// Of sensitivity k over the kept points [m]; there is at least one.
-  double median(int k) const;
+  // Of sensitivity k over the kept points [m]; there is at least one.
+  double median(int k) const {
+    std::vector<double> values;
+    for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
+    return basics::medianOf(std::move(values));
+  }
 };
 
-/// Samples on all threads and takes the pieces in their order, so that the result does not tell how
-/// many threads there were. Ends early when interrupted.
-/// @param file  for the points, finished if it is whole and has any; or null.
-/// @throws io::FileError where the file cannot be written.
-WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
-                                 const WorkspaceArguments& arguments, CloudFile* file);
+constexpr double kRewritePeriod = 0.2;  // [s]
+const char* const kEraseToEnd = "\x1b[K";
 
-/// "8.74 million points/s".
-std::string rateText(double points_per_second);
+std::string durationText(double seconds) {
+  const auto whole = static_cast<long>(std::ceil(seconds));
+  std::ostringstream text;
+  if (whole >= 3600) text << whole / 3600 << " h ";
+  if (whole >= 60) text << whole / 60 % 60 << " min ";
+  if (whole < 3600) text << whole % 60 << " s ";
+  return text.str() + "left";
+}
 
-/// Tells on stderr how far the points are, how fast they come and how long the rest takes: on a
-/// terminal one line that is rewritten, else a line every 10 %.
+// "8.74 million points/s".
+std::string rateText(double points_per_second) {
+  std::ostringstream text;
+  if (points_per_second >= 1e6) {
+    text << std::setprecision(3) << points_per_second / 1e6 << " million";
+  } else {
+    text << std::fixed << std::setprecision(0) << points_per_second;
+  }
+  return text.str() + " points/s";
+}
+
+// Tells on stderr how far the points are, how fast they come and how long the rest takes: on a
+// terminal one line that is rewritten, else a line every 10 %.
 class Progress {
  public:
-  /// @param total  points, > 0.
-  explicit Progress(std::uint64_t total);
-  /// Ends the line.
-  ~Progress();
+  // @param total  points, > 0.
+  explicit Progress(std::uint64_t total)
+      : total_(total),
+        terminal_(::isatty(STDERR_FILENO) == 1),
+        start_(std::chrono::steady_clock::now()) {}
+  // Ends the line.
+  ~Progress() {
+    if (written_) std::cerr << "\n";
+  }
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// So many are done now.
-  void reached(std::uint64_t done);
-  /// Since it was made [s].
-  double seconds() const;
+  // So many are done now.
+  void reached(std::uint64_t done) {
+    const double now = seconds();
+    const auto tenths =
+        static_cast<int>(10.0 * static_cast<double>(done) / static_cast<double>(total_));
+    const bool due = terminal_ ? now - last_ >= kRewritePeriod || done == total_ : tenths > tenths_;
+    if (!due) return;
+    last_ = now;
+    tenths_ = tenths;
+    const double rate = static_cast<double>(done) / std::max(now, 1e-9);
+    std::ostringstream text;
+    text << std::setw(3) << 100 * done / total_ << " %, " << rateText(rate) << ", "
+         << durationText(static_cast<double>(total_ - done) / std::max(rate, 1e-9));
+    if (terminal_) {
+      // Past std::cerr, which escapes control characters.
+      std::fputs(("\r" + text.str() + kEraseToEnd).c_str(), stderr);
+      written_ = true;
+    } else {
+      std::cerr << text.str() << "\n";
+    }
+  }
+
+  // Since it was made [s].
+  double seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
 
  private:
   const std::uint64_t total_;
@@ -389,8 +410,6 @@ class Progress {
   int tenths_ = 0;        // that were told
   bool written_ = false;  // something stands on the terminal's line
 };
-
-namespace {
 
 // Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
 // represent all.
@@ -413,14 +432,10 @@ void add(const statics::WorkspacePoints& points, bool keep, WorkspaceSummary& su
   }
 }
 
-}  // namespace
-
-double WorkspaceSummary::median(int k) const {
-  std::vector<double> values;
-  for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
-  return basics::medianOf(std::move(values));
-}
-
+// Samples on all threads and takes the pieces in their order, so that the result does not tell how
+// many threads there were. Ends early when interrupted.
+// @param file  for the points, finished if it is whole and has any; or null.
+// @throws io::FileError where the file cannot be written.
 WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
                                  const WorkspaceArguments& arguments, CloudFile* file) {
   struct Piece {
@@ -461,87 +476,13 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
   return summary;
 }
 
-namespace {
-
-constexpr double kRewritePeriod = 0.2;  // [s]
-const char* const kEraseToEnd = "\x1b[K";
-
-std::string durationText(double seconds) {
-  const auto whole = static_cast<long>(std::ceil(seconds));
-  std::ostringstream text;
-  if (whole >= 3600) text << whole / 3600 << " h ";
-  if (whole >= 60) text << whole / 60 % 60 << " min ";
-  if (whole < 3600) text << whole % 60 << " s ";
-  return text.str() + "left";
-}
-
-}  // namespace
-
-std::string rateText(double points_per_second) {
-  std::ostringstream text;
-  if (points_per_second >= 1e6) {
-    text << std::setprecision(3) << points_per_second / 1e6 << " million";
-  } else {
-    text << std::fixed << std::setprecision(0) << points_per_second;
-  }
-  return text.str() + " points/s";
-}
-
-Progress::Progress(std::uint64_t total)
-    : total_(total),
-      terminal_(::isatty(STDERR_FILENO) == 1),
-      start_(std::chrono::steady_clock::now()) {}
-
-Progress::~Progress() {
-  if (written_) std::cerr << "\n";
-}
-
-double Progress::seconds() const {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-}
-
-void Progress::reached(std::uint64_t done) {
-  const double now = seconds();
-  const auto tenths =
-      static_cast<int>(10.0 * static_cast<double>(done) / static_cast<double>(total_));
-  const bool due = terminal_ ? now - last_ >= kRewritePeriod || done == total_ : tenths > tenths_;
-  if (!due) return;
-  last_ = now;
-  tenths_ = tenths;
-  const double rate = static_cast<double>(done) / std::max(now, 1e-9);
-  std::ostringstream text;
-  text << std::setw(3) << 100 * done / total_ << " %, " << rateText(rate) << ", "
-       << durationText(static_cast<double>(total_ - done) / std::max(rate, 1e-9));
-  if (terminal_) {
-    // Past std::cerr, which escapes control characters.
-    std::fputs(("\r" + text.str() + kEraseToEnd).c_str(), stderr);
-    written_ = true;
-  } else {
-    std::cerr << text.str() << "\n";
-  }
-}
-
-/// Why there are no points; empty where there are some.
-std::string workspaceFailure(const WorkspaceSummary& summary);
-
-/// The summary as `workspace` gives it, in each format; its footer names the keys.
-/// @param setting  the tier that computed the points.
-nlohmann::json toJson(const io::Scene& scene, const statics::TierSetting& setting,
-                      const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
-CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
-/// On stdout.
-void printText(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const WorkspaceSummary& summary);
-
-using nlohmann::json;
-
+// Why there are no points; empty where there are some.
 std::string workspaceFailure(const WorkspaceSummary& summary) {
   return summary.points() > 0 ? "" : "no shape balances the load at any sampled input";
 }
 
-json toJson(const io::Scene& scene, const statics::TierSetting& setting,
-            const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
+json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
+              const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
   const bool some = summary.points() > 0;
   json sensitivity;
   for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
@@ -549,10 +490,8 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
                                                   {"max", summary.worst[k]}};
   }
   const auto bounds = [](const Eigen::AlignedBox3d& box) {
-    return json{{"min", cli::toJson(Eigen::VectorXd(box.min()))},
-                {"max", cli::toJson(Eigen::VectorXd(box.max()))}};
+    return json{{"min", toJson(box.min())}, {"max", toJson(box.max())}};
   };
-  const std::string failure = workspaceFailure(summary);
   const bool bounded = some && std::isfinite(summary.extremes.reachBound());
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
@@ -560,7 +499,7 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
                 {"seed", arguments.seed},
                 {"count", summary.inputs},
                 {"unbalanced", summary.unbalanced},
-                {"failure", failure.empty() ? json() : json(failure)},
+                {"failure", textOrNull(workspaceFailure(summary))},
                 {"seconds", summary.seconds},
                 {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
                 {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
@@ -570,47 +509,39 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
                 {"reach_certified", summary.extremes.certified()},
                 {"sampled_bounds_m", some ? bounds(summary.sampled.bounds()) : json()},
                 {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
-                {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
-                {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
+                {"out", some ? textOrNull(arguments.out) : json()},
+                {"png", some ? textOrNull(arguments.png) : json()},
                 {"sensitivity", sensitivity}};
   addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
   return document;
 }
 
-CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
-  const bool some = summary.points() > 0;
-  CsvTable::Row row{{"scene", scene.name},
-                    {"tier", statics::nameOf(setting.tier)},
-                    {"order", orderCell(setting)},
-                    {"seed", std::to_string(arguments.seed)},
-                    {"count", std::to_string(summary.inputs)},
-                    {"unbalanced", std::to_string(summary.unbalanced)},
-                    {"seconds", exact(summary.seconds)}};
-  const auto addExtremes = [some, &row](const std::string& prefix,
-                                        const statics::WorkspaceExtremes& extremes) {
-    const char* const axes[] = {"x_m", "y_m", "z_m"};
-    const Eigen::AlignedBox3d bounds = extremes.bounds();
-    for (int i = 0; i < 3; ++i) {
-      const std::string name = axes[i];
-      row.emplace_back(prefix + "min_" + name, some ? exact(bounds.min()[i]) : "");
-      row.emplace_back(prefix + "max_" + name, some ? exact(bounds.max()[i]) : "");
+// One row, from the report.
+CsvTable csvTable(const json& report) {
+  CsvTable::Row row =
+      cellsOf(report, {"scene", "tier", "order", "seed", "count", "unbalanced", "seconds"});
+  const auto addExtremes = [&](const std::string& prefix) {
+    const json& bounds = report[prefix + "bounds_m"];
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (const char* const end : {"min", "max"}) {
+        row.emplace_back(prefix + end + "_" + kAxes[i] + "_m",
+                         bounds.is_null() ? "" : exact(bounds[end][i].get<double>()));
+      }
     }
-    row.emplace_back(prefix + "reach_m", some ? exact(extremes.reach()) : "");
+    row.push_back(cellsOf(report, {(prefix + "reach_m").c_str()}).front());
   };
-  addExtremes("", summary.extremes);
-  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
+  addExtremes("");
+  for (int k = 0; k < statics::kSensitivities && !report["sensitivity"].is_null(); ++k) {
     const std::string name = statics::kSensitivityNames[k];
-    row.emplace_back("median_" + name, exact(summary.median(k)));
-    row.emplace_back("max_" + name, exact(summary.worst[k]));
+    for (const char* const figure : {"median", "max"}) {
+      row.emplace_back(figure + ("_" + name),
+                       exact(report["sensitivity"][name][figure].get<double>()));
+    }
   }
-  addExtremes("sampled_", summary.sampled);
-  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
-  row.emplace_back("reach_bound_m", bounded ? exact(summary.extremes.reachBound()) : "");
-  row.emplace_back("reach_certified", summary.extremes.certified() ? "true" : "false");
-  CsvTable table;
-  table.add(row);
-  return table;
+  addExtremes("sampled_");
+  row.push_back(cellsOf(report, {"reach_bound_m"}).front());
+  row.emplace_back("reach_certified", report["reach_certified"].get<bool>() ? "true" : "false");
+  return row;
 }
 
 void printText(const io::Scene& scene, const statics::TierSetting& setting,
@@ -649,10 +580,6 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
     if (!file.empty()) std::cout << "wrote " << file << "\n";
   }
 }
-
-namespace {
-
-using nlohmann::json;
 
 constexpr std::uint64_t kMostCount = 10000000000;
 constexpr int kMostThreads = 256;
@@ -725,9 +652,10 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     fault = std::current_exception();
     arguments.png.clear();
   }
-  if (global.format == Format::kJson) printJson(toJson(scene, setting, arguments, summary));
-  if (global.format == Format::kCsv) toCsv(scene, setting, arguments, summary).print(std::cout);
-  if (global.format == Format::kText) printText(scene, setting, arguments, summary);
+  const json report = reportOf(scene, setting, arguments, summary);
+  printResult(
+      global.format, report, [&report] { return csvTable(report); },
+      [&] { printText(scene, setting, arguments, summary); });
   if (fault) std::rethrow_exception(fault);
   return summary.points() > 0 ? kDone : kNotPossible;
 }
@@ -739,46 +667,41 @@ Subcommand addWorkspace(CLI::App& app) {
       app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
   const auto arguments = std::make_shared<WorkspaceArguments>();
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  command->add_option(
-      "--out", arguments->out,
-      "file for the points: .ply (binary, float32) or .csv (with the inputs); default: summary "
-      "only");
-  command->add_option("--png", arguments->png, "picture file for maps of the points");
-  command
-      ->add_option("--count", arguments->count,
-                   "number of inputs to sample, evenly within their limits; default 10000000, or "
-                   "200000 with "
-                   "--sensitivity")
-      ->check(checkCount);
+  addOption(*command, "--out", arguments->out,
+            "file for the points: .ply (binary, float32) or .csv (with the inputs); default: "
+            "summary only");
+  addOption(*command, "--png", arguments->png, "picture file for maps of the points");
+  addOption(*command, "--count", arguments->count,
+            "number of inputs to sample, evenly within their limits; default 10000000, or 200000 "
+            "with --sensitivity",
+            checkCount);
   command->add_flag(
       "--sensitivity", arguments->sensitivity,
       "also the tip displacement [m] per error of pressure, length and stiffness, at every point");
-  command->add_option("--seed", arguments->seed, "seed of the inputs")->capture_default_str();
-  command
-      ->add_option("--threads", arguments->threads,
-                   "number of sampling threads, 0: one per core; the points do not depend on it")
-      ->check(CLI::Range(0, kMostThreads))
-      ->capture_default_str();
+  addOption(*command, "--seed", arguments->seed, "seed of the inputs", kShowDefault);
+  addOption(*command, "--threads", arguments->threads,
+            "number of sampling threads, 0: one per core; the points do not depend on it",
+            CLI::Range(0, kMostThreads), kShowDefault);
   addTierOptions(*command, arguments->tier);
   command->footer(
-      "bounds_m and reach_m are the largest values of a search from the sampled points and from\n"
-      "corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a\n"
-      "tip position of the arm. outer_bounds_m and reach_bound_m: no tip is beyond them, proven\n"
-      "by branch and bound; null under load and with a taper. reach_certified: whether\n"
-      "reach_bound_m is at most 0.1 % above reach_m. sampled_*: of the sampled points alone.\n"
-      "Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),\n"
-      "of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under\n"
-      "load also K_eps (per_percent_K_m).\n"
-      "The errors are independent: roots of sums of squares. Not for arms with tendons.\n"
-      "json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no\n"
-      "shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure\n"
-      "(null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m\n"
-      "(largest distance from the base), outer_bounds_m, reach_bound_m, reach_certified,\n"
-      "sampled_bounds_m, sampled_reach_m, out, png,\n"
-      "sensitivity (null, or for each {median, max}; medians and maps are of the first 2\n"
-      "million points). csv: one row of the same. Progress is printed on stderr.\n"
-      "A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
-      "code 1 if no input balances the load.");
+      R"(bounds_m and reach_m are the largest values of a search from the sampled points and from
+corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a
+tip position of the arm. outer_bounds_m and reach_bound_m: no tip is beyond them, proven
+by branch and bound; null under load and with a taper. reach_certified: whether
+reach_bound_m is at most 0.1 % above reach_m. sampled_*: of the sampled points alone.
+Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),
+of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under
+load also K_eps (per_percent_K_m).
+The errors are independent: roots of sums of squares. Not for arms with tendons.
+json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no
+shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure
+(null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m
+(largest distance from the base), outer_bounds_m, reach_bound_m, reach_certified,
+sampled_bounds_m, sampled_reach_m, out, png,
+sensitivity (null, or for each {median, max}; medians and maps are of the first 2
+million points). csv: one row of the same. Progress is printed on stderr.
+A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit
+code 1 if no input balances the load.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

@@ -20,6 +20,13 @@ py::object forget(PyObject* converted) {
   return py::reinterpret_steal<py::object>(converted);
 }
 
+constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
+
+bool isFloat64(const py::array& array) {
+  const py::dtype wanted = py::dtype::of<double>();
+  return array.dtype().is(wanted) || array.dtype().equal(wanted);
+}
+
 }  // namespace
 
 void refuseType(const py::handle& given, const char* name, const char* expected) {
@@ -72,17 +79,6 @@ std::size_t threadCount(const py::handle& given) {
   return std::max(1u, std::thread::hardware_concurrency());
 }
 
-namespace {
-
-constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
-
-bool isFloat64(const py::array& array) {
-  const py::dtype wanted = py::dtype::of<double>();
-  return array.dtype().is(wanted) || array.dtype().equal(wanted);
-}
-
-}  // namespace
-
 std::string shapeText(const py::array& array) {
   std::ostringstream text;
   text << "(";
@@ -109,9 +105,9 @@ py::array arrayOf(const py::handle& given, const char* name) {
       return py::array_t<double, py::array::c_style | py::array::forcecast>(any);
     }
     PyErr_Clear();
-    throw py::type_error(std::string(name) +
-                         " is a list that is no table of numbers; expected equally long rows of "
-                         "floats");
+    throw py::type_error(
+        std::string(name) +
+        " is a list that is no table of numbers; expected equally long rows of floats");
   }
   refuseType(given, name, "a numpy array of float64");
 }
@@ -142,8 +138,8 @@ py::ssize_t Rows::numbersOf(py::ssize_t per_row) const {
   const py::ssize_t most = kMostBytes / static_cast<py::ssize_t>(sizeof(double)) / per_row;
   if (rows_ > most) {
     throw TooManyRows(name_ + " has " + std::to_string(rows_) +
-                      " rows, whose results take more than the 128 TiB that a process can "
-                      "address; expected at most " +
+                      " rows, whose results take more than the 128 TiB that a process can address; "
+                      "expected at most " +
                       std::to_string(most) + ", and no more than the memory holds");
   }
   return rows_ * per_row;
@@ -160,9 +156,9 @@ std::vector<py::ssize_t> Rows::shapeOf(const std::vector<py::ssize_t>& entry) co
 }
 
 void Rows::refuseChange() const {
-  throw py::value_error(name_ +
-                        " changed during the call; expected an array that no thread writes until "
-                        "the call returns");
+  throw py::value_error(
+      name_ +
+      " changed during the call; expected an array that no thread writes until the call returns");
 }
 
 void requireFinite(const Rows& rows) {

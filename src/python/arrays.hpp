@@ -36,8 +36,6 @@ std::size_t threadCount(const py::handle& given);
 /// Ends a call whose argument is of the wrong type.
 [[noreturn]] void refuseType(const py::handle& given, const char* name, const char* expected);
 
-namespace py = pybind11;
-
 /// More rows than results can have. Python raises MemoryError.
 class TooManyRows : public std::bad_alloc {
  public:

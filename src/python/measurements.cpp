@@ -2,7 +2,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <optional>
 #include <sstream>
 #include <variant>
 
@@ -22,11 +21,6 @@
 #include "helix_arm/vision/arm_localizer.hpp"
 
 namespace helix_arm::python {
-
-/// A data set of an argument: a file, or a dict of columns (arrays of equal length), in the units
-/// of their names as in a file.
-/// @throws DocumentError with the faults of a file; TypeError or ValueError naming the argument.
-io::DataSet dataSetOf(const py::handle& given, const std::string& name);
 
 namespace {
 
@@ -61,8 +55,9 @@ io::DataSet tableOf(const py::dict& columns, const std::string& name) {
   return out;
 }
 
-}  // namespace
-
+// A data set of an argument: a file, or a dict of columns (arrays of equal length), in the units of
+// their names as in a file.
+// @throws DocumentError with the faults of a file; TypeError or ValueError naming the argument.
 io::DataSet dataSetOf(const py::handle& given, const std::string& name) {
   if (py::isinstance<py::str>(given)) return io::loadDataSet(textOf(given, name.c_str()));
   if (py::isinstance<py::dict>(given)) {
@@ -71,48 +66,37 @@ io::DataSet dataSetOf(const py::handle& given, const std::string& name) {
   refuseType(given, name.c_str(), "the path of a data set, or a dict of its columns");
 }
 
-/// Fitted shapes, one per row; rows that are not set hold NaN.
-class FitArrays {
- public:
-  FitArrays(int sections, std::size_t count);
-  void set(std::size_t row, const estimation::TwistFit& fit);
+// Fitted shapes, one per row; rows that are not set hold NaN.
+struct FitArrays {
+  FitArrays(int section_count, py::ssize_t count)
+      : sections(section_count),
+        twists(Shape{count, sections, 6}),
+        covariances(Shape{count, 6 * sections, 6 * sections}),
+        tips(Shape{count, 3}),
+        quaternions(Shape{count, 4}),
+        tip_covariances(Shape{count, 3, 3}),
+        rms(count) {
+    for (auto* array : {&twists, &covariances, &tips, &quaternions, &tip_covariances, &rms}) {
+      std::fill_n(array->mutable_data(), array->size(), std::numeric_limits<double>::quiet_NaN());
+    }
+  }
+  void set(std::size_t row, const estimation::TwistFit& fit) {
+    const int size = 6 * sections;
+    std::copy_n(fit.twists.data(), size, twists.mutable_data() + row * size);
+    Eigen::MatrixXd::Map(covariances.mutable_data() + row * size * size, size, size) =
+        fit.covariance;  // symmetric
+    Eigen::Matrix3d::Map(tip_covariances.mutable_data() + 9 * row) = fit.tip_covariance;
+    setPose(fit.X_B0B * model::tipPose(fit.shape), true, tips.mutable_data() + 3 * row,
+            quaternions.mutable_data() + 4 * row);
+    rms.mutable_at(static_cast<py::ssize_t>(row)) = fit.rms;
+  }
 
- private:
-  int sections_;
-
- public:
+  using Shape = std::vector<py::ssize_t>;
+  int sections;
   py::array_t<double> twists, covariances, tips, quaternions, tip_covariances, rms;
 };
 
-/// Ids of the tags that do not fit, ascending.
-py::list outliersOf(const estimation::TwistFit& fit, const estimation::TagLayout& layout);
-
-FitArrays::FitArrays(int sections, std::size_t count)
-    : sections_(sections),
-      twists(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), sections, 6}),
-      covariances(
-          std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 6 * sections, 6 * sections}),
-      tips(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 3}),
-      quaternions(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 4}),
-      tip_covariances(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 3, 3}),
-      rms(static_cast<py::ssize_t>(count)) {
-  for (py::array_t<double>* array :
-       {&twists, &covariances, &tips, &quaternions, &tip_covariances, &rms}) {
-    std::fill_n(array->mutable_data(), array->size(), std::numeric_limits<double>::quiet_NaN());
-  }
-}
-
-void FitArrays::set(std::size_t row, const estimation::TwistFit& fit) {
-  const int size = 6 * sections_;
-  std::copy_n(fit.twists.data(), size, twists.mutable_data() + row * size);
-  Eigen::MatrixXd::Map(covariances.mutable_data() + row * size * size, size, size) =
-      fit.covariance;  // symmetric
-  Eigen::Matrix3d::Map(tip_covariances.mutable_data() + 9 * row) = fit.tip_covariance;
-  setPose(fit.X_B0B * model::tipPose(fit.shape), true, tips.mutable_data() + 3 * row,
-          quaternions.mutable_data() + 4 * row);
-  rms.mutable_at(static_cast<py::ssize_t>(row)) = fit.rms;
-}
-
+// Ids of the tags that do not fit, ascending.
 py::list outliersOf(const estimation::TwistFit& fit, const estimation::TagLayout& layout) {
   std::vector<int> ids;
   for (const estimation::TagResidual& tag : fit.tags) {
@@ -121,8 +105,6 @@ py::list outliersOf(const estimation::TwistFit& fit, const estimation::TagLayout
   std::sort(ids.begin(), ids.end());
   return py::cast(ids);
 }
-
-namespace {
 
 // Pressures of tag poses outside the limits count as at them: they are but a start.
 std::vector<estimation::Capture> capturesOf(const io::Scene& scene, const io::DataSet& data) {
@@ -153,7 +135,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
           !std::holds_alternative<estimation::CurvatureReading>(measured.front().reading),
       "captures holds curvatures, which give no shape; expected tag poses or tag corners");
 
-  FitArrays arrays(scene.arm.sectionCount(), measured.size());
+  FitArrays arrays(scene.arm.sectionCount(), static_cast<py::ssize_t>(measured.size()));
   std::vector<int> numbers;
   std::vector<std::string> status;
   Eigen::MatrixXd pressures(static_cast<Eigen::Index>(measured.size()), scene.arm.actuatorCount());
@@ -197,12 +179,6 @@ py::dict fit(const Scene& self, const py::object& captures) {
   return out;
 }
 
-}  // namespace
-
-void bindFit(py::class_<Scene>& scene) { scene.def("_fit", fit, py::arg("captures")); }
-
-namespace {
-
 // Gray pictures of one size.
 struct Pictures {
   Pictures(const py::handle& given, const estimation::Camera& camera) {
@@ -211,8 +187,8 @@ struct Pictures {
         py::reinterpret_borrow<py::array>(given).dtype().is(py::dtype::of<std::uint8_t>());
     if (!bytes) {
       throw py::type_error(
-          "image is no array of bytes; expected a gray picture of dtype uint8, as "
-          "of image.mean(axis=2).astype(np.uint8)");
+          "image is no array of bytes; expected a gray picture of dtype uint8, as of "
+          "image.mean(axis=2).astype(np.uint8)");
     }
     const auto any = py::reinterpret_borrow<py::array>(given);
     const py::ssize_t n = any.ndim();
@@ -301,14 +277,6 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
   }
   return out;
 }
-
-}  // namespace
-
-void bindLocalize(py::class_<Scene>& scene) {
-  scene.def("_localize", localize, py::arg("image"), py::arg("pressures_pa"));
-}
-
-namespace {
 
 py::list parameterList(const procedures::CalibrationOutcome& outcome) {
   py::list parameters;
@@ -426,6 +394,12 @@ py::dict calibrate(const Scene& self, const py::list& data, const py::list& fit,
 }
 
 }  // namespace
+
+void bindFit(py::class_<Scene>& scene) { scene.def("_fit", fit, py::arg("captures")); }
+
+void bindLocalize(py::class_<Scene>& scene) {
+  scene.def("_localize", localize, py::arg("image"), py::arg("pressures_pa"));
+}
 
 void bindCalibrate(py::class_<Scene>& scene) {
   scene.def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),

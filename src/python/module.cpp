@@ -60,10 +60,7 @@ void refuseUnmade(py::module_& module) {
   }
 }
 
-}  // namespace
-
-PYBIND11_MODULE(_core, module) {
-  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+void translateExceptions(py::module_& module) {
   // Never freed: the interpreter may be gone by then.
   static auto& document_error =
       *new py::exception<io::DocumentError>(module, "DocumentError", PyExc_ValueError);
@@ -78,14 +75,20 @@ PYBIND11_MODULE(_core, module) {
     } catch (const TooManyRows& error) {
       PyErr_SetString(PyExc_MemoryError, error.what());
     } catch (const std::bad_alloc&) {
-      PyErr_SetString(PyExc_MemoryError,
-                      "the rows and their results need more memory than there is; pass fewer rows "
-                      "at a time");
+      PyErr_SetString(
+          PyExc_MemoryError,
+          "the rows and their results need more memory than there is; pass fewer rows at a time");
     } catch (const std::out_of_range& error) {
       PyErr_SetString(PyExc_ValueError, error.what());
     }
   });
+}
 
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+  translateExceptions(module);
   py::class_<Scene> scene(module, "Scene");
   scene
       .def(py::init([](const py::object& path, const py::object& overrides) {
@@ -106,9 +109,9 @@ PYBIND11_MODULE(_core, module) {
       .def_property_readonly(
           "sections", [](const Scene& self) { return self.arm().sectionCount(); },
           "Number of sections.")
-      .def_property_readonly("limits_pa", limitsOf,
-                             "(n, 2) lower and upper limit of each pressure [Pa]; of a tendon its "
-                             "angle [rad].")
+      .def_property_readonly(
+          "limits_pa", limitsOf,
+          "(n, 2) lower and upper limit of each pressure [Pa]; of a tendon its angle [rad].")
       .def_property_readonly(
           "length_m", [](const Scene& self) { return self.arm().restLength(); },
           "Length of the base curve at rest [m].")

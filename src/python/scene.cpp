@@ -18,6 +18,9 @@ bool same(const statics::InverseOptions& a, const statics::InverseOptions& b) {
          a.position_tolerance == b.position_tolerance;
 }
 
+// Rows of a batch that are judged for kPa, spread evenly: all would take as long as their tips.
+constexpr py::ssize_t kJudgedRows = 64;
+
 }  // namespace
 
 Solvers::Solvers(const statics::ArmModel& model) : model_(model) {
@@ -53,13 +56,6 @@ void Solvers::giveBack(const statics::InverseOptions& options,
   }
   kept_.push_back({options, std::move(solver)});
 }
-
-namespace {
-
-// Rows of a batch that are judged for kPa, spread evenly: all would take as long as their tips.
-constexpr py::ssize_t kJudgedRows = 64;
-
-}  // namespace
 
 Scene::Scene(const std::string& path, const std::vector<io::Override>& overrides)
     : path_(path),

@@ -13,6 +13,34 @@ namespace {
 constexpr std::int64_t kMostPoints = 100'000'000;
 constexpr std::int64_t kMostSeed = std::numeric_limits<std::int64_t>::max();
 
+// The points of all pieces, in their order.
+statics::WorkspacePoints sample(const statics::Workspace& workspace, bool sensitivity,
+                                std::size_t count, std::size_t threads) {
+  const auto size = static_cast<std::size_t>(workspace.pieceSize());
+  std::vector<statics::WorkspacePoints> pieces((count + size - 1) / size);
+  inPieces(pieces.size(), 1, threads, [&](std::size_t first, std::size_t end) {
+    for (std::size_t i = first; i < end; ++i) {
+      pieces[i] = workspace.sample(i * size, static_cast<int>(std::min(size, count - i * size)));
+    }
+  });
+  statics::WorkspacePoints all;
+  Eigen::Index kept = 0;
+  for (const statics::WorkspacePoints& piece : pieces) kept += piece.count();
+  all.inputs.resize(kept, workspace.model().arm().actuatorCount());
+  all.tips.resize(kept, 3);
+  all.sensitivity.resize(sensitivity ? kept : 0, statics::kSensitivities);
+  Eigen::Index row = 0;
+  for (statics::WorkspacePoints& piece : pieces) {
+    all.inputs.middleRows(row, piece.count()) = piece.inputs;
+    all.tips.middleRows(row, piece.count()) = piece.tips;
+    if (sensitivity) all.sensitivity.middleRows(row, piece.count()) = piece.sensitivity;
+    all.unbalanced += piece.unbalanced;
+    row += piece.count();
+    piece = {};
+  }
+  return all;
+}
+
 py::dict workspace(const Scene& scene, const py::handle& point_count, const py::handle& seed,
                    const py::handle& with_sensitivity, const py::handle& with_extremes,
                    const py::handle& threads) {
@@ -26,29 +54,8 @@ py::dict workspace(const Scene& scene, const py::handle& point_count, const py::
   std::optional<statics::WorkspaceExtremes> farthest;
   {
     const OthersRun others_run;
-    const statics::Workspace workspace(scene.model(), {first_seed, sensitivity});
-    const auto size = static_cast<std::size_t>(workspace.pieceSize());
-    const auto count = static_cast<std::size_t>(points);
-    std::vector<statics::WorkspacePoints> pieces((count + size - 1) / size);
-    inPieces(pieces.size(), 1, thread_count, [&](std::size_t first, std::size_t end) {
-      for (std::size_t i = first; i < end; ++i) {
-        pieces[i] = workspace.sample(i * size, static_cast<int>(std::min(size, count - i * size)));
-      }
-    });
-    Eigen::Index kept = 0;
-    for (const statics::WorkspacePoints& piece : pieces) kept += piece.count();
-    all.inputs.resize(kept, n);
-    all.tips.resize(kept, 3);
-    all.sensitivity.resize(sensitivity ? kept : 0, statics::kSensitivities);
-    Eigen::Index row = 0;
-    for (statics::WorkspacePoints& piece : pieces) {
-      all.inputs.middleRows(row, piece.count()) = piece.inputs;
-      all.tips.middleRows(row, piece.count()) = piece.tips;
-      if (sensitivity) all.sensitivity.middleRows(row, piece.count()) = piece.sensitivity;
-      all.unbalanced += piece.unbalanced;
-      row += piece.count();
-      piece = {};
-    }
+    all = sample(statics::Workspace(scene.model(), {first_seed, sensitivity}), sensitivity,
+                 static_cast<std::size_t>(points), thread_count);
     if (extremes) {
       farthest.emplace();
       farthest->add(all);
