@@ -228,22 +228,5 @@ TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
   expect(calibrate(scene, {back.path()}, {"--fit", "response"}).err, "time_s goes back");
 }
 
-// Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence): a lag, and no
-// play.
-TEST(CalibrateResponse, ARealArmOfTwoSectionsLags) {
-  const std::string data =
-      std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/two_section_steps.csv";
-  if (!std::ifstream(data)) GTEST_SKIP() << "no " << data;
-  const Outcome outcome = calibrate(scenePath("spatial_50"), {data},
-                                    {"--fit", "response", "--set", "arm.sections.0.ring.count=6"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  const json response = outcome.json()["response"];
-  std::printf("[  FIGURE  ] tip across: static %.1f mm, with a lag %.1f mm\n",
-              1e3 * response["static_rms_m"].get<double>(), 1e3 * response["rms_m"].get<double>());
-  EXPECT_EQ(response["lag"]["verdict"], "found");
-  EXPECT_EQ(response["play"]["verdict"], "none");
-  EXPECT_LT(response["rms_m"].get<double>(), 0.5 * response["static_rms_m"].get<double>());
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -261,14 +261,6 @@ TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
   EXPECT_FALSE(fs::exists(out));
 }
 
-TEST(CameraCalibrate, AWebcamThatIsNotThereIsAReasonNotAHang) {
-  const Outcome outcome = runCommand({"camera", "calibrate", "--source", "webcam", "--device",
-                                      "/dev/no_such_camera", "--format", "json"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  EXPECT_NE(outcome.err.find("/dev/no_such_camera: "), std::string::npos) << outcome.err;
-  EXPECT_NE(outcome.err.find("plug the camera in"), std::string::npos) << outcome.err;
-}
-
 TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
   const TemporaryFolder folder;
   const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
@@ -437,32 +429,6 @@ TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
   EXPECT_EQ(reason({"camera", "calibrate", "--source", "webcam", "--seconds", "0.2", "--device",
                     "/dev/no_such_camera", "--format", "json"}),
             expected);
-}
-
-// As docs/first_arm.md does it: some of the boards hang over the border, which cuts tags.
-TEST(CameraCalibrate, UsesEveryRenderedPictureOfTheTutorial) {
-  const TemporaryFolder folder;
-  const std::string rig = folder / "my_rig.yaml", pictures = folder / "pictures";
-  ASSERT_EQ(runCommand({"new", "--out", rig, "--defaults", "--camera-distance-m", "0.6"}).exit_code,
-            0);
-  ASSERT_EQ(runCommand({"simulate", rig, "--board", "--count", "25", "--out", pictures}).exit_code,
-            0);
-  const Outcome outcome =
-      runCommand({"camera", "calibrate", "--source", pictures, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json result = outcome.json();
-  ASSERT_EQ(result["views"].size(), 25u);
-  for (const json& view : result["views"]) EXPECT_TRUE(view["used"]) << view["reason"];
-  const estimation::Camera truth = io::loadScene(rig).camera->model;
-  const json& parameters = result["parameters"];
-  for (const auto& [name, expected] : {std::pair("fx", truth.fx), std::pair("fy", truth.fy),
-                                       std::pair("cx", truth.cx), std::pair("cy", truth.cy)}) {
-    const double value = parameters[name]["value"], error = parameters[name]["standard_error"];
-    EXPECT_NEAR(value, expected, 3 * error) << name;
-  }
-  EXPECT_NEAR(parameters["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
-  EXPECT_NEAR(parameters["fy"]["value"].get<double>() / truth.fy, 1, 0.005);
-  EXPECT_LT(result["rms_px"], 0.1);
 }
 
 TEST(Camera, WithoutASubcommandIsRefused) {

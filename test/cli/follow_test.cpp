@@ -89,23 +89,6 @@ TEST(Follow, EndsWithTheErrorBudgetAsATable) {
   EXPECT_EQ(rows, 7U) << outcome.err;
 }
 
-TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
-  const TemporaryFolder folder;
-  const std::string path = circle(folder, "8");
-  const auto rms = [&path](std::vector<std::string> more) {
-    more.insert(more.end(), {"--path", path, "--seconds", "12"});
-    const Outcome outcome = follow(more);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    const json result = outcome.json();
-    EXPECT_EQ(result["steady_rms_m"], json::array());
-    EXPECT_GE(result["path_max_m"], result["path_rms_m"]);
-    return result["path_rms_m"].get<double>();
-  };
-  const double closed = rms({}), open = rms({"--open"});
-  EXPECT_LT(closed, 0.001);
-  EXPECT_GT(open, 10 * closed);
-}
-
 // A scene that knows its rig, and one that does not.
 TEST(Follow, TheRigMayBeThatOfAnotherScene) {
   const TemporaryFolder folder;

@@ -59,21 +59,6 @@ TEST(Path, ACircleIsPrintedAsAPathFile) {
   }
 }
 
-TEST(Path, SquareAndLemniscateBeginWhereTheHelpSays) {
-  const auto square = pointsOf(path("square").out);
-  ASSERT_EQ(square.size(), 201u);
-  expectPoint(square[0], 0, 0.35, 0.03, 0.0);
-  expectPoint(square[50], 2, 0.35, -0.01, 0.0);
-  expectPoint(square[100], 4, 0.35, -0.01, -0.04);
-  expectPoint(square[150], 6, 0.35, 0.03, -0.04);
-  expectPoint(square[200], 8, 0.35, 0.03, 0.0);
-  const auto lemniscate = pointsOf(path("lemniscate").out);
-  ASSERT_EQ(lemniscate.size(), 201u);
-  expectPoint(lemniscate[0], 0, 0.35, 0.03, -0.02);
-  expectPoint(lemniscate[50], 2, 0.35, 0.01, -0.02);
-  expectPoint(lemniscate[100], 4, 0.35, -0.01, -0.02);
-}
-
 TEST(Path, TurnsAndPlaneAreThoseAskedFor) {
   const auto points = pointsOf(path("circle", {"--turns", "3", "--plane", "xz"}).out);
   ASSERT_EQ(points.size(), 601u);

@@ -196,21 +196,6 @@ TEST(Simulate, TheTruthIsTheArmOfTheScene) {
   EXPECT_EQ(pressures.size(), 12u);
 }
 
-TEST(Simulate, TheArmDeviatesAsTheSceneSays) {
-  const TemporaryFolder folder;
-  const std::string shorter = folder / "shorter", longer = folder / "longer";
-  const auto simulateLength = [](const std::string& out, const std::string& scale) {
-    return simulate(scenePath("demo"), out,
-                    {"--count", "1", "--set", "simulation.arm.length_scale=" + scale});
-  };
-  ASSERT_EQ(simulateLength(shorter, "1").exit_code, 0);
-  ASSERT_EQ(simulateLength(longer, "1.1").exit_code, 0);
-  for (const char* entry : {"section_1_vx_m", "section_1_wx_rad"}) {  // lengths scale the twist
-    const double twist = tableOf(shorter + "/truth.csv")[0].at(entry);
-    EXPECT_NEAR(tableOf(longer + "/truth.csv")[0].at(entry), 1.1 * twist, 1e-9) << entry;
-  }
-}
-
 TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
   const TemporaryFolder folder;
   const std::string noise = "vision.tag_position_noise_m=1e-6";

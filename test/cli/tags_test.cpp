@@ -235,18 +235,6 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
   EXPECT_EQ(scenes, 4);
 }
 
-TEST(Tags, OtherFamiliesAndSizesAreReadBackToo) {
-  const std::string path = scenePath("helical_50");
-  for (const char* family : {"25h9", "36h10", "Circle21h7", "Standard41h12"}) {
-    for (const char* size : {"0.0123", "0.06"}) {
-      SCOPED_TRACE(std::string(family) + " of " + size);
-      const Printed printed({path, "--set", std::string("tags.family=") + family, "--set",
-                             std::string("tags.size_m=") + size});
-      EXPECT_EQ(idsRead(printed, family, 1e3 * std::stod(size)), idsOf(io::loadScene(path)));
-    }
-  }
-}
-
 TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
   const vision::TagBoard board;
   for (const auto& [paper, size] : kPaperSizes) {

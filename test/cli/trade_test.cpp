@@ -68,13 +68,6 @@ TEST(Trade, ErrorsFallWithTheOrderUnderLoad) {
   }
 }
 
-TEST(Trade, WithoutLoadTheClosedFormIsExact) {
-  for (const json& row : rowsOf("helical_50")) {
-    if (row["part"] != "model") continue;
-    EXPECT_LT(row["tip_error_percent"].get<double>(), 1e-10) << row;
-  }
-}
-
 TEST(Trade, NothingBeatsARowOfTheFrontier) {
   const json rows = rowsOf("loaded");
   std::map<std::string, int> on_frontier;

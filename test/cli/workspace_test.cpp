@@ -127,21 +127,6 @@ TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
   }
 }
 
-// Without pressure a straight arm is as long as its muscles, which no sample hits.
-TEST(Workspace, TheReachIsThatOfTheVentedArm) {
-  const io::Scene scene = io::loadScene(scenePath("spatial_50"));
-  const Eigen::VectorXd vented = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
-  const double length = scene.arm.lengths(vented)[0];
-  const nlohmann::json result = workspace(scenePath("spatial_50"), {"--count", "300"}).json();
-  EXPECT_NEAR(result["reach_m"].get<double>(), length, 1e-12);
-  EXPECT_NEAR(result["bounds_m"]["max"][0].get<double>(), length, 1e-12);
-  EXPECT_LT(result["sampled_reach_m"].get<double>(), length - 1e-5);
-  EXPECT_EQ(result["reach_certified"], true);
-  EXPECT_GE(result["reach_bound_m"].get<double>(), length);
-  EXPECT_LE(result["reach_bound_m"].get<double>(), 1.001 * length);
-  EXPECT_GE(result["outer_bounds_m"]["max"][0].get<double>(), length);
-}
-
 TEST(Workspace, UnderLoadTheReachIsNotCertified) {
   const std::vector<std::string> options{"--count", "50", "--tier", "loaded"};
   const nlohmann::json result = workspace(scenePath("loaded"), options).json();
