@@ -1,7 +1,6 @@
 // Calibrations of the response: readings in the order taken.
 
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <sstream>
 
@@ -91,11 +90,9 @@ std::string tipSeries(unsigned seed) {
 
 Outcome calibrate(const std::string& scene, const std::vector<std::string>& data,
                   const std::vector<std::string>& more) {
-  std::vector<std::string> arguments{"calibrate", scene};
+  std::vector<std::string> arguments{"calibrate", scene, "--format", "json"};
   arguments.insert(arguments.end(), data.begin(), data.end());
-  arguments.insert(arguments.end(), more.begin(), more.end());
-  arguments.insert(arguments.end(), {"--format", "json"});
-  return runCommand(arguments);
+  return runCommand(arguments, more);
 }
 
 void expectWithin(const json& estimate, double truth, double most) {
@@ -110,8 +107,7 @@ double cycleError(const std::string& scene, const model::Response& truth) {
   rows << "pressure_1_kpa\n";
   for (const double kpa : cycles()) rows << kpa << "\n";
   const TemporaryFile history(rows.str());
-  const json result =
-      runCommand({"forward", scene, "--history", history.path(), "--format", "json"}).json();
+  const json result = resultOf({"forward", scene, "--history", history.path()});
   model::ResponseState state(truth);
   double sum = 0;
   std::size_t row = 0;
@@ -121,9 +117,8 @@ double cycleError(const std::string& scene, const model::Response& truth) {
     std::ostringstream at;
     at.precision(12);
     at << effective / 1e3 << ",0";
-    const json shape = runCommand({"forward", scene, "--pressure-kpa", at.str(), "--set",
-                                   "contractions.planar_muscle.response={}", "--format", "json"})
-                           .json();
+    const json shape = resultOf({"forward", scene, "--pressure-kpa", at.str(), "--set",
+                                 "contractions.planar_muscle.response={}"});
     sum += std::pow(shape["lengths_m"][0].get<double>() - lengthAt(state.effective()), 2);
   }
   return std::sqrt(sum / static_cast<double>(row));

@@ -67,10 +67,8 @@ std::vector<double> matrixOf(const std::string& text, const std::string& name) {
 
 TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
   const std::string out = board() / "camera.yaml";
-  const Outcome outcome = runCommand({"camera", "calibrate", "--source", board().path(), "--board",
-                                      "tags", "--out", out, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json result = outcome.json();
+  const json result = resultOf(
+      {"camera", "calibrate", "--source", board().path(), "--board", "tags", "--out", out});
   const json& parameters = result["parameters"];
   const double fx = parameters["fx"]["value"], fy = parameters["fy"]["value"];
   std::cout << "fx off by " << 100 * (fx / boardCamera().fx - 1) << " %, fy by "
@@ -116,10 +114,8 @@ void expectFocalLength(const json& result) {
 
 TEST(CameraCalibrate, FocalLengthOfACharucoBoardIsWithinHalfAPercent) {
   const std::string out = charuco() / "camera.yaml";
-  const Outcome outcome = runCommand({"camera", "calibrate", "--source", charuco().path(),
-                                      "--board", "charuco", "--out", out, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json result = outcome.json();
+  const json result = resultOf(
+      {"camera", "calibrate", "--source", charuco().path(), "--board", "charuco", "--out", out});
   expectFocalLength(result);
   EXPECT_EQ(result["board"], "charuco");
   EXPECT_EQ(result["charuco"]["dictionary"], "DICT_4X4_50");
@@ -216,11 +212,8 @@ TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
 
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
   const std::string out = board() / "scene.yaml";
-  const Outcome outcome =
-      runCommand({"camera", "calibrate", "--source", board().path(), "--scene", scenePath("demo"),
-                  "--out", out, "--set", "tags.size_m=0.03", "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json result = outcome.json();
+  const json result = resultOf({"camera", "calibrate", "--source", board().path(), "--scene",
+                                scenePath("demo"), "--out", out, "--set", "tags.size_m=0.03"});
   EXPECT_EQ(result["scene"], "demo");
   const io::Scene before = io::loadScene(scenePath("demo")), after = io::loadScene(out);
   const json& parameters = result["parameters"];
@@ -319,10 +312,8 @@ TEST(CameraPlace, FindsTheCameraOfARenderedRigWithinThreeStandardErrors) {
     rig.photograph(folder / ("rest_" + std::to_string(i) + ".jpg"), static_cast<std::uint32_t>(i));
   }
   const std::string out = folder / "placed.yaml";
-  const Outcome outcome = runCommand({"camera", "place", scenePath("demo"), "--source",
-                                      folder.path(), "--out", out, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  const json result = outcome.json();
+  const json result =
+      resultOf({"camera", "place", scenePath("demo"), "--source", folder.path(), "--out", out});
   EXPECT_EQ(result["pictures"], 3);
   EXPECT_GE(result["tags"].size(), 5u);
   const auto position = numbersOf(result["position_m"]);

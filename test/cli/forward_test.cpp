@@ -165,10 +165,7 @@ TEST(Forward, TextIsForPeople) {
 
 TEST(Forward, TendonsTakeRadians) {
   const TemporaryFile scene(kPulledScene);
-  const Outcome outcome =
-      runCommand({"--format", "json", "forward", scene.path(), "--input", "2,0"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json result = outcome.json();
+  const nlohmann::json result = resultOf({"forward", scene.path(), "--input", "2,0"});
   EXPECT_NEAR(result["twist"][0][5].get<double>(), PlanarArc(0.28, 0.3, 0.03, 2e-4).w, 1e-13);
   EXPECT_FALSE(result.contains("pressure_pa"));
   EXPECT_EQ(numbersOf(result["input"]), (std::vector<double>{2, 0}));
@@ -297,16 +294,13 @@ TEST(Forward, RowsOfATableAreAsSingleCalls) {
       "# made up\npressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n"
       "200,0,50\n0,310.5,0\n",
       ".csv");
-  const Outcome outcome = runCommand(
-      {"forward", scenePath("helical_50"), "--inputs", table.path(), "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json rows = outcome.json()["rows"];
+  const nlohmann::json rows =
+      resultOf({"forward", scenePath("helical_50"), "--inputs", table.path()})["rows"];
   ASSERT_EQ(rows.size(), 2U);
   const char* const inputs[] = {"200,0,50", "0,310.5,0"};
   for (std::size_t k = 0; k < 2; ++k) {
-    const nlohmann::json single = runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
-                                              inputs[k], "--format", "json"})
-                                      .json();
+    const nlohmann::json single =
+        resultOf({"forward", scenePath("helical_50"), "--pressure-kpa", inputs[k]});
     EXPECT_EQ(rows[k], single) << inputs[k];
   }
   const Outcome csv =

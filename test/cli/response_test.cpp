@@ -17,8 +17,7 @@ constexpr double kHalfWidth = 0.25 * 10e3 + 0.5 * 40e3;  // [Pa]
 Outcome run(const std::string& command, std::vector<std::string> options,
             const std::vector<std::string>& response = kPlays) {
   options.insert(options.begin(), {command, scenePath("planar_76"), "--format", "json"});
-  options.insert(options.end(), response.begin(), response.end());
-  return runCommand(options);
+  return runCommand(options, response);
 }
 
 // The second muscle stays at 50 kPa: its memory is not known.

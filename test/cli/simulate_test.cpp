@@ -47,9 +47,7 @@ std::set<std::string> namesIn(const std::string& folder) {
 
 Outcome simulate(const std::string& scene, const std::string& out,
                  const std::vector<std::string>& more = {}) {
-  std::vector<std::string> arguments{"simulate", scene, "--out", out, "--format", "json"};
-  arguments.insert(arguments.end(), more.begin(), more.end());
-  return runCommand(arguments);
+  return runCommand({"simulate", scene, "--out", out, "--format", "json"}, more);
 }
 
 // Tags of a rod.
@@ -156,9 +154,11 @@ TEST(Simulate, TagPosesAreThoseOfTheTrueTags) {
   const std::string asked = folder / "asked", moved = folder / "moved";
   const std::vector<std::string> exact{"--count", "1", "--set", "vision.tag_position_noise_m=1e-6"};
   ASSERT_EQ(simulate(scene.path(), asked, exact).exit_code, 0);
-  std::vector<std::string> more = exact;
-  more.insert(more.end(), {"--set", "simulation.mounts.tag_translation_m=0.01"});
-  ASSERT_EQ(simulate(scene.path(), moved, more).exit_code, 0);
+  ASSERT_EQ(runCommand({"simulate", scene.path(), "--out", moved, "--set",
+                        "simulation.mounts.tag_translation_m=0.01"},
+                       exact)
+                .exit_code,
+            0);
   const auto a = tableOf(asked + "/tag_poses.csv"), b = tableOf(moved + "/tag_poses.csv");
   EXPECT_NEAR(a[0].at("z_m"), b[0].at("z_m"), 1e-5);
   EXPECT_GT(std::abs(a[1].at("z_m") - b[1].at("z_m")) + std::abs(a[1].at("y_m") - b[1].at("y_m")),
@@ -183,9 +183,7 @@ TEST(Simulate, TheTruthIsTheArmOfTheScene) {
       EXPECT_LE(kpa.back(), 413.6856);
       pressures.insert(kpa.back());
     }
-    const json model = runCommand({"forward", scenePath("demo"), "--pressure-kpa", commaList(kpa),
-                                   "--format", "json"})
-                           .json();
+    const json model = resultOf({"forward", scenePath("demo"), "--pressure-kpa", commaList(kpa)});
     const auto twist = numbersOf(model["twist"][0]);
     for (int k = 0; k < 6; ++k) EXPECT_NEAR(row.at("section_1_" + entries[k]), twist[k], 1e-9);
     const auto tip = numbersOf(model["tip"]["position_m"]);
@@ -201,10 +199,7 @@ TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
   const std::string noise = "vision.tag_position_noise_m=1e-6";
   ASSERT_EQ(simulate(scenePath("demo"), folder.path(), {"--count", "3", "--set", noise}).exit_code,
             0);
-  const Outcome outcome = runCommand(
-      {"fit", scenePath("demo"), folder / "tag_poses.csv", "--set", noise, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json fits = outcome.json();
+  const json fits = resultOf({"fit", scenePath("demo"), folder / "tag_poses.csv", "--set", noise});
   const auto truth = tableOf(folder / "truth.csv");
   ASSERT_EQ(fits["captures"].size(), truth.size());
   for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -216,7 +211,6 @@ TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
   }
 }
 
-// 3 axes of 2 tags in 400 captures: 4 standard errors of their mean and of their deviation.
 // A camera of another focal length than the file says: the scene that is written knows it.
 TEST(Simulate, TheWrittenSceneDescribesThePictures) {
   const TemporaryFolder folder;
@@ -238,6 +232,7 @@ TEST(Simulate, TheWrittenSceneDescribesThePictures) {
   }
 }
 
+// 3 axes of 2 tags in 400 captures: 4 standard errors of their mean and of their deviation.
 TEST(Simulate, PositionsHaveTheNoiseOfTheScene) {
   const TemporaryFile scene(kBareRodScene + kTags);
   const TemporaryFolder folder;
