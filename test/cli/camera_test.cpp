@@ -65,17 +65,22 @@ std::vector<double> matrixOf(const std::string& text, const std::string& name) {
   return numbersOf(json::parse(text.substr(begin, text.find(']', begin) + 1 - begin)));
 }
 
+void expectFocalLength(const json& result) {
+  for (const auto& [name, truth] : {std::pair("fx", boardCamera().fx), {"fy", boardCamera().fy}}) {
+    const json& found = result["parameters"][name];
+    std::cout << name << " off by " << 100 * (found["value"].get<double>() / truth - 1) << " % +- "
+              << 100 * found["standard_error"].get<double>() / truth << " %\n";
+    EXPECT_NEAR(found["value"].get<double>() / truth, 1, 0.005);
+    EXPECT_GT(found["standard_error"], 0);
+  }
+}
+
 TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
   const std::string out = board() / "camera.yaml";
   const json result = resultOf(
       {"camera", "calibrate", "--source", board().path(), "--board", "tags", "--out", out});
+  expectFocalLength(result);
   const json& parameters = result["parameters"];
-  const double fx = parameters["fx"]["value"], fy = parameters["fy"]["value"];
-  std::cout << "fx off by " << 100 * (fx / boardCamera().fx - 1) << " %, fy by "
-            << 100 * (fy / boardCamera().fy - 1) << " %, RMS " << result["rms_px"] << " px\n";
-  EXPECT_NEAR(fx / boardCamera().fx, 1, 0.005);
-  EXPECT_NEAR(fy / boardCamera().fy, 1, 0.005);
-  EXPECT_GT(parameters["fx"]["standard_error"], 0);
   EXPECT_EQ(parameters["fx"]["unit"], "px");
   EXPECT_EQ(parameters["k1"]["unit"], "");
   EXPECT_EQ(parameters.size(), 9u);
@@ -94,22 +99,12 @@ TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
   EXPECT_NE(info.find("distortion_model: plumb_bob"), std::string::npos);
   const auto K = matrixOf(info, "camera_matrix");
   ASSERT_EQ(K.size(), 9u);
-  EXPECT_EQ(K[0], fx);
-  EXPECT_EQ(K[4], fy);
+  EXPECT_EQ(K[0], parameters["fx"]["value"].get<double>());
+  EXPECT_EQ(K[4], parameters["fy"]["value"].get<double>());
   EXPECT_EQ(K[2], parameters["cx"]["value"].get<double>());
   EXPECT_EQ(K[8], 1);
   EXPECT_EQ(matrixOf(info, "distortion_coefficients").size(), 5u);
   EXPECT_EQ(matrixOf(info, "projection_matrix").size(), 12u);
-}
-
-void expectFocalLength(const json& result) {
-  for (const auto& [name, truth] : {std::pair("fx", boardCamera().fx), {"fy", boardCamera().fy}}) {
-    const json& found = result["parameters"][name];
-    std::cout << name << " off by " << 100 * (found["value"].get<double>() / truth - 1) << " % +- "
-              << 100 * found["standard_error"].get<double>() / truth << " %\n";
-    EXPECT_NEAR(found["value"].get<double>() / truth, 1, 0.005);
-    EXPECT_GT(found["standard_error"], 0);
-  }
 }
 
 TEST(CameraCalibrate, FocalLengthOfACharucoBoardIsWithinHalfAPercent) {
@@ -138,18 +133,15 @@ TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
       "camera",       "calibrate",    "--source",        lab.path(), "--board",         "charuco",
       "--squares",    "8,6",          "--square-size-m", "0.03",     "--marker-size-m", "0.022",
       "--dictionary", "DICT_5X5_100", "--format",        "json"};
-  std::vector<std::string> legacy = call;
-  legacy.emplace_back("--legacy-pattern");
-  const Outcome outcome = runCommand(legacy);
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  expectFocalLength(outcome.json());
-  EXPECT_EQ(outcome.json()["charuco"], (json{{"dictionary", "DICT_5X5_100"},
-                                             {"columns", 8},
-                                             {"rows", 6},
-                                             {"square_size_m", 0.03},
-                                             {"marker_size_m", 0.022},
-                                             {"legacy_pattern", true}}));
-  const Outcome black = runCommand(call);
+  const Outcome legacy = runCommand(call, {"--legacy-pattern"}), black = runCommand(call);
+  ASSERT_EQ(legacy.exit_code, 0) << legacy.err << legacy.out;
+  expectFocalLength(legacy.json());
+  EXPECT_EQ(legacy.json()["charuco"], (json{{"dictionary", "DICT_5X5_100"},
+                                            {"columns", 8},
+                                            {"rows", 6},
+                                            {"square_size_m", 0.03},
+                                            {"marker_size_m", 0.022},
+                                            {"legacy_pattern", true}}));
   EXPECT_EQ(black.exit_code, 1);
   EXPECT_NE(black.json()["reason"].get<std::string>().find("give --legacy-pattern"),
             std::string::npos)
@@ -160,20 +152,19 @@ TEST(CameraCalibrate, PicturesThatSimulateRendersGiveTheCameraOfTheScene) {
   const TemporaryFolder folder;
   const estimation::Camera truth = io::loadScene(scenePath("demo")).camera->model;
   const auto calibrated = [&](const std::string& name, const std::vector<std::string>& options) {
-    std::vector<std::string> simulate{"simulate", "demo",        "--count",  "12",
-                                      "--out",    folder / name, "--format", "json"};
-    simulate.insert(simulate.end(), options.begin(), options.end());
-    const Outcome pictures = runCommand(simulate);
-    EXPECT_EQ(pictures.exit_code, 0) << pictures.err;
-    EXPECT_EQ(pictures.json()["pictures"], 12);
-    EXPECT_TRUE(pictures.json()["truth"].is_null());
-    std::vector<std::string> calibrate{"camera",      "calibrate", "--source",
-                                       folder / name, "--format",  "json"};
-    calibrate.insert(calibrate.end(), options.begin(), options.end());
-    const Outcome outcome = runCommand(calibrate);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-    EXPECT_NEAR(outcome.json()["parameters"]["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
-    return pictures.json()["tags"].get<int>();
+    const auto result = [&options](const std::vector<std::string>& call) {
+      const Outcome outcome = runCommand(call, options);
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+      return outcome.json();
+    };
+    const json pictures =
+        result({"simulate", "demo", "--count", "12", "--out", folder / name, "--format", "json"});
+    EXPECT_EQ(pictures["pictures"], 12);
+    EXPECT_TRUE(pictures["truth"].is_null());
+    const json camera =
+        result({"camera", "calibrate", "--source", folder / name, "--format", "json"});
+    EXPECT_NEAR(camera["parameters"]["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
+    return pictures["tags"].get<int>();
   };
   EXPECT_EQ(calibrated("tags", {"--board", "tags"}), 30);
   EXPECT_EQ(calibrated("charuco", {"--board", "charuco", "--squares", "5,7", "--square-size-m",
@@ -183,12 +174,11 @@ TEST(CameraCalibrate, PicturesThatSimulateRendersGiveTheCameraOfTheScene) {
 
 TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
   const auto reason = [](const BoardPictures& pictures, const std::vector<std::string>& more) {
-    std::vector<std::string> call{"camera", "calibrate", "--format", "json"};
+    std::vector<std::string> call{"camera", "calibrate", "--format", "json", "--source"};
     for (const char* picture : {"101", "103", "105", "107", "109", "111"}) {
-      call.insert(call.end(), {"--source", pictures.path() + "/" + picture + ".jpg"});
+      call.push_back(pictures.path() + "/" + picture + ".jpg");
     }
-    call.insert(call.end(), more.begin(), more.end());
-    const Outcome outcome = runCommand(call);
+    const Outcome outcome = runCommand(call, more);
     EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
     return outcome.json()["reason"].get<std::string>();
   };
@@ -200,14 +190,6 @@ TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
             "0 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
             "tags --board and take 15 pictures or more; a ChArUco board is read with --board "
             "charuco");
-  const std::string dictionary =
-      reason(charuco(), {"--board", "charuco", "--dictionary", "DICT_7X7_50"});
-  EXPECT_NE(dictionary.find("and 0 of DICT_7X7_50: give --dictionary DICT_4X4_50"),
-            std::string::npos)
-      << dictionary;
-  const std::string squares = reason(charuco(), {"--board", "charuco", "--squares", "9,7"});
-  EXPECT_NE(squares.find("as on a board of 7 squares across"), std::string::npos) << squares;
-  EXPECT_NE(squares.find("give --squares ACROSS,DOWN"), std::string::npos) << squares;
 }
 
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
@@ -256,30 +238,28 @@ TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
 
 TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
   const TemporaryFolder folder;
-  const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
-    arguments.insert(arguments.begin(), {"camera", "calibrate"});
-    expectCallerError(runCommand(arguments), message);
-  };
   const std::string pictures = board().path();
-  refused({}, "--source is required");
-  refused({"--source", "webcam", pictures}, "--source has webcam beside files; give either");
-  refused({"--source", folder / "none"}, "none");
-  refused({"--source", pictures, "--board", "chessboard"},
-          "--board: chessboard not in {tags,charuco}");
-  refused({"--source", pictures, "--dictionary", "DICT_4X4_50"},
-          "--dictionary is of a ChArUco board, and --board is tags; add --board charuco");
-  refused({"--source", pictures, "--board", "charuco", "--squares", "7,1"},
-          "ChArUco board: the number of squares down is 1; expected 3 to 100");
-  refused({"--source", pictures, "--set", "name=x"}, "none is given; leave out --set");
-  refused({"--source", pictures, "--size", "640,480"}, "go with --source webcam");
-  refused({"--source", "webcam", "--size", "640,0"},
-          "--size is 640,0; expected whole numbers from 1 to 32767");
-  refused({"--source", pictures, "--scene", scenePath("planar_50")},
-          "scene planar_50 has no camera; add the section camera");
-  refused({"--source", pictures, "--coefficients", "3"}, "--coefficients");
   save(folder / "small.jpg", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128)));
-  refused({"--source", pictures, folder / "small.jpg"},
-          "small.jpg is not of the first picture's size, 1280 x 720 px");
+  expectCallerErrors(
+      {"camera", "calibrate"},
+      {{{}, "--source is required"},
+       {{"--source", "webcam", pictures}, "--source has webcam beside files; give either"},
+       {{"--source", folder / "none"}, "none"},
+       {{"--source", "webcam", "--size", "640,0"},
+        "--size is 640,0; expected whole numbers from 1 to 32767"}});
+  expectCallerErrors(
+      {"camera", "calibrate", "--source", pictures},
+      {{{"--board", "chessboard"}, "--board: chessboard not in {tags,charuco}"},
+       {{"--dictionary", "DICT_4X4_50"},
+        "--dictionary is of a ChArUco board, and --board is tags; add --board charuco"},
+       {{"--board", "charuco", "--squares", "7,1"},
+        "ChArUco board: the number of squares down is 1; expected 3 to 100"},
+       {{"--set", "name=x"}, "none is given; leave out --set"},
+       {{"--size", "640,480"}, "go with --source webcam"},
+       {{"--scene", scenePath("planar_50")},
+        "scene planar_50 has no camera; add the section camera"},
+       {{"--coefficients", "3"}, "--coefficients"},
+       {{folder / "small.jpg"}, "small.jpg is not of the first picture's size, 1280 x 720 px"}});
 }
 
 // The demo rig at rest, seen by a camera that is not where the scene has it.
@@ -389,16 +369,14 @@ TEST(CameraPlace, ADamagedPictureIsNamedOnce) {
 
 TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
   const TemporaryFolder folder;
-  const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
-    arguments.insert(arguments.begin(), {"camera", "place"});
-    expectCallerError(runCommand(arguments), message);
-  };
-  refused({scenePath("planar_50"), "--source", folder.path()},
-          "scene planar_50 has no camera; expected a scene with the sections camera and tags");
-  refused({scenePath("demo"), "--source", "webcam"},
-          "scene demo has no camera.webcam; add it, or give pictures as --source");
-  refused({scenePath("demo")}, "--source is required");
-  refused({"--source", "webcam"}, "SCENE is required");
+  expectCallerErrors(
+      {"camera", "place"},
+      {{{scenePath("planar_50"), "--source", folder.path()},
+        "scene planar_50 has no camera; expected a scene with the sections camera and tags"},
+       {{scenePath("demo"), "--source", "webcam"},
+        "scene demo has no camera.webcam; add it, or give pictures as --source"},
+       {{scenePath("demo")}, "--source is required"},
+       {{"--source", "webcam"}, "SCENE is required"}});
 }
 
 TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {

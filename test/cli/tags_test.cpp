@@ -370,59 +370,45 @@ TEST(Tags, FormatsTellWhatWasPrinted) {
 
 TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
   const TemporaryFolder folder;
-  const std::string out = folder / "tags.pdf";
-  const auto refused = [&](std::vector<std::string> arguments, const std::string& message) {
-    arguments.insert(arguments.begin(), "tags");
-    expectCallerError(runCommand(arguments), message);
-    EXPECT_TRUE(fs::is_empty(folder.path()));
-  };
-  refused({scenePath("demo")}, "--out is required");
-  refused({"--out", out}, "nothing to print: give a SCENE with tags, --board or both");
-  refused({scenePath("planar_50"), "--out", out},
-          "scene planar_50 has no tags; expected a scene with a section tags");
-  refused({scenePath("demo"), "--out", out, "--set", "tags.size_m=0.19"},
-          "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
-          "179 mm; expected at most 0.14 m");
-  refused({scenePath("demo"), "--out", out, "--paper", "a5"}, "--paper: a5 not in {a4,letter}");
-  refused({scenePath("demo"), "--out", folder / "tags.png"}, "tags.png does not end in .pdf");
-  refused({scenePath("demo"), "--out", folder / "none/tags.pdf"}, "none/tags.pdf");
-  refused({"--board", "--out", out, "--set", "tags.size_m=0.02"},
-          "which is not given; leave out --set");
-  refused({"--board=chess", "--out", out}, "--board: chess not in {tags,charuco}");
-  refused({"--board", "--out", out, "--squares", "5,7"},
-          "--squares is of a ChArUco board, and --board is tags; add --board charuco, or leave out "
-          "--squares");
-  refused({scenePath("demo"), "--out", out, "--legacy-pattern"},
-          "--legacy-pattern is of a ChArUco board, and --board is not given; add --board charuco");
-  const auto charuco = [&](const std::vector<std::string>& more, const std::string& message) {
-    std::vector<std::string> arguments{"--board", "charuco", "--out", out};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    refused(arguments, message);
-  };
-  charuco({"--squares", "7"}, "--squares");
-  charuco({"--squares", "7,9.5"}, "--squares is 7,9.5; expected two whole numbers: across,down");
-  charuco({"--squares", "2,9"}, "the number of squares across is 2; expected 3 to 100");
-  charuco({"--squares", "9,12"},
-          "ChArUco board: 9 x 12 squares take 54 markers, but DICT_4X4_50 has 50; expected fewer "
-          "squares or a larger dictionary");
-  charuco({"--square-size-m", "0"}, "the side of a square [m] is 0; expected a finite value > 0");
-  charuco({"--marker-size-m", "0.024"},
-          "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
-          "0.024");
-  charuco(
-      {"--marker-size-m", "0.001"},
-      "the side of a marker [m] is 0.001; expected 0.0072 or more, 0.3 of the side of a square");
-  charuco({"--square-size-m", "0.002"},
-          "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more");
-  charuco({"--square-size-m", "0.005", "--marker-size-m", "0.0029"}, "has bits of 0.48 mm");
-  charuco({"--dictionary", "4X4"},
-          "dictionary of markers: 4X4 is not known; expected one of "
-          "DICT_4X4_50, DICT_4X4_100,");
-  charuco({"--square-size-m", "0.03"},
-          "a board of 210 x 270 mm; expected at most 179 x 249 mm, the printable area of a4");
+  const std::string out = folder / "tags.pdf", demo = scenePath("demo");
+  expectCallerErrors({"tags"},
+                     {{{demo}, "--out is required"},
+                      {{demo, "--out", folder / "tags.png"}, "tags.png does not end in .pdf"},
+                      {{demo, "--out", folder / "none/tags.pdf"}, "none/tags.pdf"}});
+  expectCallerErrors(
+      {"tags", "--out", out},
+      {{{}, "nothing to print: give a SCENE with tags, --board or both"},
+       {{scenePath("planar_50")},
+        "scene planar_50 has no tags; expected a scene with a section tags"},
+       {{demo, "--set", "tags.size_m=0.19"},
+        "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
+        "179 mm; expected at most 0.14 m"},
+       {{demo, "--paper", "a5"}, "--paper: a5 not in {a4,letter}"},
+       {{"--board", "--set", "tags.size_m=0.02"}, "which is not given; leave out --set"},
+       {{"--board=chess"}, "--board: chess not in {tags,charuco}"},
+       {{"--board", "--squares", "5,7"},
+        "--squares is of a ChArUco board, and --board is tags; add --board charuco, or leave out "
+        "--squares"},
+       {{demo, "--legacy-pattern"},
+        "--legacy-pattern is of a ChArUco board, and --board is not given; add --board charuco"}});
+  expectCallerErrors(
+      {"tags", "--board", "charuco", "--out", out},
+      {{{"--squares", "7"}, "--squares"},
+       {{"--squares", "7,9.5"}, "--squares is 7,9.5; expected two whole numbers: across,down"},
+       {{"--squares", "2,9"}, "the number of squares across is 2; expected 3 to 100"},
+       {{"--square-size-m", "0"}, "the side of a square [m] is 0; expected a finite value > 0"},
+       {{"--marker-size-m", "0.024"},
+        "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
+        "0.024"},
+       {{"--square-size-m", "0.002"},
+        "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more"},
+       {{"--dictionary", "4X4"},
+        "dictionary of markers: 4X4 is not known; expected one of DICT_4X4_50, DICT_4X4_100,"},
+       {{"--square-size-m", "0.03"},
+        "a board of 210 x 270 mm; expected at most 179 x 249 mm, the printable area of a4"}});
+  EXPECT_TRUE(fs::is_empty(folder.path()));
   fs::create_directory(folder / "folder.pdf");
-  expectCallerError(runCommand({"tags", scenePath("demo"), "--out", folder / "folder.pdf"}),
-                    "folder.pdf");
+  expectCallerError(runCommand({"tags", demo, "--out", folder / "folder.pdf"}), "folder.pdf");
 }
 
 }  // namespace
