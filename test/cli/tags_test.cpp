@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <regex>
 
 #include <gtest/gtest.h>
 #include <opencv2/aruco.hpp>
@@ -29,7 +28,6 @@ using vision::TagDetection;
 constexpr double kDotsPerInch = 300;
 constexpr double kMillimetresPerPixel = 25.4 / kDotsPerInch;
 constexpr double kTolerance = 0.2;  // of sizes on paper [mm]
-constexpr double kRuler = 100;      // [mm]
 
 const std::map<std::string, cv::Size2d> kPaperSizes = {{"a4", {210, 297}},
                                                        {"letter", {215.9, 279.4}}};
@@ -113,93 +111,11 @@ std::vector<int> idsRead(const Printed& printed, const std::string& family, doub
   return ids;
 }
 
-// Places of the dark lines that cross a row of pixels [px]: the middles of their darkness.
-std::vector<double> darkLines(const cv::Mat& row) {
-  constexpr int kDark = 64;  // below white [gray levels]
-  std::vector<double> lines;
-  double weight = 0, moment = 0;
-  for (int x = 0; x <= row.cols; ++x) {
-    const int darkness = x < row.cols ? 255 - row.at<unsigned char>(0, x) : 0;
-    if (darkness >= kDark) {
-      weight += darkness;
-      moment += static_cast<double>(darkness) * x;
-    } else if (weight > 0) {
-      lines.push_back(moment / weight);
-      weight = moment = 0;
-    }
-  }
-  return lines;
-}
-
-// Length of a ruler with its long ticks upright in this part of a page [mm]; 0 if there is none. A
-// row of pixels that crosses long ticks alone finds eleven lines at equal distances.
-double rulerIn(const cv::Mat& part) {
-  constexpr std::size_t kLongTicks = 11;
-  for (int y = 0; y < part.rows; ++y) {
-    const std::vector<double> lines = darkLines(part.row(y));
-    if (lines.size() != kLongTicks) continue;
-    const double length = lines.back() - lines.front();
-    double uneven = 0;
-    for (std::size_t i = 0; i < kLongTicks; ++i) {
-      uneven =
-          std::max(uneven, std::abs(lines[i] - lines[0] - length * static_cast<double>(i) / 10));
-    }
-    if (uneven < 2) return length * kMillimetresPerPixel;
-  }
-  return 0;
-}
-
-// The part of a page between these edges [mm].
-cv::Mat part(const cv::Mat& page, double left, double top, double right, double bottom) {
-  const auto pixel = [](double place) {
-    return static_cast<int>(std::lround(place / kMillimetresPerPixel));
-  };
-  return page(cv::Rect(cv::Point(pixel(left), pixel(top)), cv::Point(pixel(right), pixel(bottom))));
-}
-
-void expectRulers(const cv::Mat& page, const cv::Size2d& paper) {
-  const double across = rulerIn(part(page, 10, paper.height - 21, 125, paper.height - 10));
-  const double upright = rulerIn(part(page, 10, paper.height - 130, 20.5, paper.height - 20).t());
-  std::cout << "rulers of " << across << " mm and " << upright << " mm\n";
-  EXPECT_NEAR(across, kRuler, kTolerance);
-  EXPECT_NEAR(upright, kRuler, kTolerance);
-}
-
 std::vector<int> idsOf(const io::Scene& scene) {
   std::vector<int> ids;
   for (const auto& tag : scene.tags->tags) ids.push_back(tag.id);
   std::sort(ids.begin(), ids.end());
   return ids;
-}
-
-// The actuator of the tag's section at the least distance.
-std::string muscleOf(const io::Scene& scene, const estimation::TagPlacement& tag) {
-  std::map<double, std::string> by_distance;
-  const int first = scene.arm.firstActuator(tag.section);
-  for (int i = first; i < scene.arm.firstActuator(tag.section + 1); ++i) {
-    const Eigen::Vector3d apart = scene.arm.actuator(i).X_O.translation - tag.X_ST.translation;
-    by_distance.emplace(apart.tail<2>().norm(), scene.arm.actuator(i).name);
-  }
-  return by_distance.begin()->second;
-}
-
-// s as on paper: up to four digits after the point, none of them a 0 at the end.
-std::string shortS(double s) {
-  std::string text = std::to_string(std::round(s * 1e4) / 1e4);
-  text.erase(text.find_last_not_of('0') + 1);
-  if (text.back() == '.') text.pop_back();
-  return text;
-}
-
-void expectPlacement(const io::Scene& scene, const std::string& text) {
-  for (const auto& tag : scene.tags->tags) {
-    const std::string muscle = muscleOf(scene, tag), s = shortS(tag.s);
-    // The table: id, s, from base, muscle, and numbers.
-    const std::regex row("\n +" + std::to_string(tag.id) + " +" + s + " +-?[0-9.]+ +" + muscle +
-                         " +[0-9.]+ +");
-    EXPECT_TRUE(std::regex_search(text, row)) << tag.id << " " << s << " " << muscle;
-    EXPECT_NE(text.find(muscle + ", s " + s), std::string::npos) << "strip of " << tag.id;
-  }
 }
 
 std::vector<std::string> shippedScenes() {
@@ -226,10 +142,8 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
         EXPECT_NEAR(page.cols * kMillimetresPerPixel, size.width, 0.1);
         EXPECT_NEAR(page.rows * kMillimetresPerPixel, size.height, 0.1);
       }
-      expectRulers(printed.pages.front(), size);
       EXPECT_EQ(idsRead(printed, scene.vision.detector.family, 1e3 * scene.tags->size),
                 idsOf(scene));
-      expectPlacement(scene, printed.text());
     }
   }
   EXPECT_EQ(scenes, 4);
@@ -240,7 +154,6 @@ TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
   for (const auto& [paper, size] : kPaperSizes) {
     const Printed printed({"--board", "--paper", paper});
     ASSERT_EQ(printed.pages.size(), 1u);
-    expectRulers(printed.pages[0], size);
     vision::DetectorConfig config;
     config.family = board.family;
     const auto tags = vision::TagDetector(config).detect(printed.pages[0]);
@@ -297,7 +210,6 @@ TEST(Tags, TheCharucoBoardIsReadBackFromThePrintOnBothPapers) {
   for (const auto& [paper, size] : kPaperSizes) {
     const Printed printed({"--board", "charuco", "--paper", paper});
     ASSERT_EQ(printed.pages.size(), 1u);
-    expectRulers(printed.pages[0], size);
     expectCharuco(printed.pages[0], {}, cv::aruco::DICT_4X4_50);
     EXPECT_EQ(printed.report["board"], (json{{"dictionary", "DICT_4X4_50"},
                                              {"columns", 7},
