@@ -315,57 +315,26 @@ TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
   EXPECT_EQ(device.writes(), before);
 }
 
-// A process that holds the guard's stdin is killed, as the node would be.
 TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
   ModbusDevice device(deviceConfig());
   fill(device);
-  int line[2];
-  ASSERT_EQ(pipe(line), 0);
-  const pid_t parent = getpid();
-  const pid_t writer = fork();
-  if (writer == 0) {
-    endWith(parent);
-    close(line[0]);
-    for (;;) pause();
-  }
-  const TemporaryFolder folder;
-  const std::string errors = folder / "errors";
-  std::vector<std::string> call = words(at(device.port(), {"guard"}));
-  std::vector<char*> pointers;
-  for (std::string& word : call) pointers.push_back(word.data());
-  pointers.push_back(nullptr);
-  const pid_t guard = fork();
-  if (guard == 0) {
-    endWith(parent);
-    dup2(line[0], STDIN_FILENO);
-    close(line[0]);
-    close(line[1]);
-    const int file = open(errors.c_str(), O_WRONLY | O_CREAT, 0600);
-    dup2(file, STDERR_FILENO);
-    execv(pointers.front(), pointers.data());
-    _exit(127);
-  }
-  close(line[0]);
-  close(line[1]);
+  Process guard(words(at(device.port(), {"guard"})));
   // It is ready once it ignores the signals that would end it.
-  const auto ignores = [guard] {
-    const std::string status = contentOf("/proc/" + std::to_string(guard) + "/status");
+  const auto ignores = [&guard] {
+    const std::string status = contentOf("/proc/" + std::to_string(guard.id()) + "/status");
     const std::size_t found = status.find("SigIgn:");
     if (found == std::string::npos) return false;
     return (std::stoull(status.substr(found + 7), nullptr, 16) >> (SIGTERM - 1) & 1) == 1;
   };
   ASSERT_TRUE(eventually(ignores));
-  for (const int number : {SIGINT, SIGTERM, SIGHUP}) kill(guard, number);
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) guard.signal(number);
+  EXPECT_EQ(guard.exitCode(0.3), -1);
   EXPECT_GT(fullest(device), 1.9e5);
 
-  ASSERT_EQ(kill(writer, SIGKILL), 0);
-  waitpid(writer, nullptr, 0);
+  guard.endInput();  // as of a process that is killed
   ASSERT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 5.0));
-  int status = 0;
-  ASSERT_EQ(waitpid(guard, &status, 0), guard);
-  EXPECT_TRUE(WIFEXITED(status));
-  EXPECT_EQ(WEXITSTATUS(status), 0);
-  const std::string said = contentOf(errors);
+  EXPECT_EQ(guard.exitCode(), 0);
+  const std::string said = guard.outputNow();
   EXPECT_EQ(
       said.find(
           "guard: the process that moved the arm ended without venting it; modbus_tcp festo_vtem"),
