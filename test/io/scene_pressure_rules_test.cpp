@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
+#include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::io {
@@ -36,12 +37,7 @@ const std::string kModbusScene = kPlanarScene +
 void write(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
 
 std::string faultsOfFile(const std::string& path) {
-  try {
-    loadScene(path);
-  } catch (const DocumentError& error) {
-    return error.what();
-  }
-  return "";
+  return test::refusal<DocumentError>([&path] { loadScene(path); });
 }
 
 const BrokenValue kSafetyValues[] = {

@@ -207,7 +207,6 @@ TEST(CalibrationRun, ItsReturnDoesNotWaitForPicturesButForTheCommand) {
 TEST(CalibrationRun, StalePressuresAbortAtOnceAndRampDown) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
-  const auto follow = [&](double now, const Eigen::VectorXd& command) { return arm(now, command); };
   Record before = play(run, kRest, std::ref(arm), 60);
   ASSERT_EQ(run.phase(), RunPhase::kSettling);
   const Record after = play(run, before.commands.back(), [](double, const Eigen::VectorXd&) {
