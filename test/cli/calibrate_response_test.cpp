@@ -1,7 +1,6 @@
 // Calibrations of the response: readings in the order taken.
 
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <sstream>
 
@@ -91,11 +90,9 @@ std::string tipSeries(unsigned seed) {
 
 Outcome calibrate(const std::string& scene, const std::vector<std::string>& data,
                   const std::vector<std::string>& more) {
-  std::vector<std::string> arguments{"calibrate", scene};
+  std::vector<std::string> arguments{"calibrate", scene, "--format", "json"};
   arguments.insert(arguments.end(), data.begin(), data.end());
-  arguments.insert(arguments.end(), more.begin(), more.end());
-  arguments.insert(arguments.end(), {"--format", "json"});
-  return runCommand(arguments);
+  return runCommand(arguments, more);
 }
 
 void expectWithin(const json& estimate, double truth, double most) {
@@ -110,8 +107,7 @@ double cycleError(const std::string& scene, const model::Response& truth) {
   rows << "pressure_1_kpa\n";
   for (const double kpa : cycles()) rows << kpa << "\n";
   const TemporaryFile history(rows.str());
-  const json result =
-      runCommand({"forward", scene, "--history", history.path(), "--format", "json"}).json();
+  const json result = resultOf({"forward", scene, "--history", history.path()});
   model::ResponseState state(truth);
   double sum = 0;
   std::size_t row = 0;
@@ -121,9 +117,8 @@ double cycleError(const std::string& scene, const model::Response& truth) {
     std::ostringstream at;
     at.precision(12);
     at << effective / 1e3 << ",0";
-    const json shape = runCommand({"forward", scene, "--pressure-kpa", at.str(), "--set",
-                                   "contractions.planar_muscle.response={}", "--format", "json"})
-                           .json();
+    const json shape = resultOf({"forward", scene, "--pressure-kpa", at.str(), "--set",
+                                 "contractions.planar_muscle.response={}"});
     sum += std::pow(shape["lengths_m"][0].get<double>() - lengthAt(state.effective()), 2);
   }
   return std::sqrt(sum / static_cast<double>(row));
@@ -226,23 +221,6 @@ TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
   expect(mixed.err, "expected times in all of them or none");
   const TemporaryFile back("time_s,pressure_kpa,length_m\n1,0,0.44\n0,10,0.43\n");
   expect(calibrate(scene, {back.path()}, {"--fit", "response"}).err, "time_s goes back");
-}
-
-// Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence): a lag, and no
-// play.
-TEST(CalibrateResponse, ARealArmOfTwoSectionsLags) {
-  const std::string data =
-      std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/two_section_steps.csv";
-  if (!std::ifstream(data)) GTEST_SKIP() << "no " << data;
-  const Outcome outcome = calibrate(scenePath("spatial_50"), {data},
-                                    {"--fit", "response", "--set", "arm.sections.0.ring.count=6"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  const json response = outcome.json()["response"];
-  std::printf("[  FIGURE  ] tip across: static %.1f mm, with a lag %.1f mm\n",
-              1e3 * response["static_rms_m"].get<double>(), 1e3 * response["rms_m"].get<double>());
-  EXPECT_EQ(response["lag"]["verdict"], "found");
-  EXPECT_EQ(response["play"]["verdict"], "none");
-  EXPECT_LT(response["rms_m"].get<double>(), 0.5 * response["static_rms_m"].get<double>());
 }
 
 }  // namespace

@@ -17,9 +17,7 @@ json findingOf(const json& result, const std::string& check) {
 }
 
 TEST(Check, ASoundRigPassesAndTellsWhatIsSeen) {
-  const Outcome outcome = runCommand({"check", scenePath("demo"), "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json result = outcome.json();
+  const json result = resultOf({"check", scenePath("demo")});
   EXPECT_EQ(result["scene"], "demo");
   EXPECT_TRUE(result["passed"]);
   EXPECT_EQ(result["sight"]["measured"], 1.0);
@@ -51,19 +49,14 @@ TEST(Check, AFaultExitsWithOneInEveryFormat) {
 }
 
 TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
-  const std::vector<std::string> quiet{
-      "check",    scenePath("demo_serial"),
-      "--set",    "regulator.ascii_serial.device=/tmp/no_such_regulator",
-      "--format", "json"};
-  EXPECT_EQ(runCommand(quiet).exit_code, 0);
-  std::vector<std::string> probed = quiet;
-  probed.push_back("--probe");
-  const Outcome outcome = runCommand(probed);
-  EXPECT_EQ(outcome.exit_code, 1);
-  const json finding = findingOf(outcome.json(), "no_answer");
-  ASSERT_FALSE(finding.is_null()) << outcome.out;
+  const std::string scene = scenePath("demo_serial"),
+                    device = "regulator.ascii_serial.device=/tmp/no_such_regulator";
+  EXPECT_EQ(runCommand({"check", scene, "--set", device}).exit_code, 0);
+  const json result = resultOf({"check", scene, "--set", device, "--probe"}, 1);
+  const json finding = findingOf(result, "no_answer");
+  ASSERT_FALSE(finding.is_null()) << result;
   EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
-  EXPECT_TRUE(outcome.json()["probed"]);
+  EXPECT_TRUE(result["probed"]);
 }
 
 // What a probe says of an emulated device with this fault.
@@ -83,11 +76,11 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
   text.insert(text.find(key) + key.size(), "  atmosphere_kpa: 200\n");
   const TemporaryFile profile(text);
   const EmulatedRegulator device(EmulatedRegulator::Line::kModbus);
-  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json",
-                                      "--set", "regulator.modbus_tcp.profile=" + profile.path()});
-  EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-  const json finding = findingOf(outcome.json(), "bad_reply");
-  ASSERT_FALSE(finding.is_null()) << outcome.out;
+  const json result = resultOf({"check", device.scene(), "--probe", "--set",
+                                "regulator.modbus_tcp.profile=" + profile.path()},
+                               1);
+  const json finding = findingOf(result, "bad_reply");
+  ASSERT_FALSE(finding.is_null()) << result;
   EXPECT_EQ(finding["severity"], "fault");
   EXPECT_NE(finding["culprit"].get<std::string>().find(" at 127.0.0.1:"), std::string::npos);
   EXPECT_NE(finding["value"].get<std::string>().find("atmosphere_kpa"), std::string::npos);

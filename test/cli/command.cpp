@@ -41,6 +41,25 @@ Outcome runCommand(const std::vector<std::string>& arguments) {
   return outcome;
 }
 
+Outcome runCommand(std::vector<std::string> arguments, const std::vector<std::string>& more) {
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return runCommand(arguments);
+}
+
+nlohmann::json resultOf(const std::vector<std::string>& arguments, int exit_code) {
+  const Outcome outcome = runCommand(arguments, {"--format", "json"});
+  EXPECT_EQ(outcome.exit_code, exit_code) << outcome.err << outcome.out;
+  return outcome.json();
+}
+
+void expectCallerErrors(const std::vector<std::string>& begin,
+                        const std::vector<Refusal>& refusals) {
+  for (const auto& [arguments, message] : refusals) {
+    SCOPED_TRACE(testing::PrintToString(arguments));
+    expectCallerError(runCommand(begin, arguments), message);
+  }
+}
+
 void expectCallerError(const Outcome& outcome, const std::string& message) {
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_EQ(outcome.out, "");
@@ -49,6 +68,10 @@ void expectCallerError(const Outcome& outcome, const std::string& message) {
 
 std::string scenePath(const std::string& name) {
   return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml";
+}
+
+std::string measured(const std::string& name) {
+  return std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/" + name;
 }
 
 std::vector<double> numbersOf(const nlohmann::json& array) {
@@ -79,6 +102,17 @@ std::vector<std::vector<std::string>> csvRows(const std::string& text) {
     for (std::string cell; std::getline(cells, cell, ',');) rows.back().push_back(cell);
   }
   return rows;
+}
+
+std::vector<std::string> csvColumn(const std::string& text, const std::string& name) {
+  const auto rows = csvRows(text);
+  std::vector<std::string> cells;
+  for (std::size_t column = 0; column < rows.at(0).size(); ++column) {
+    if (rows[0][column] != name) continue;
+    for (std::size_t row = 1; row < rows.size(); ++row) cells.push_back(rows[row].at(column));
+    return cells;
+  }
+  throw std::runtime_error("no column " + name);
 }
 
 }  // namespace helix_arm::test

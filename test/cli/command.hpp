@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "nlohmann/json.hpp"
@@ -18,11 +19,28 @@ struct Outcome {
 /// Runs helix_arm with these arguments, as a shell would.
 Outcome runCommand(const std::vector<std::string>& arguments);
 
+/// The same with more arguments.
+Outcome runCommand(std::vector<std::string> arguments, const std::vector<std::string>& more);
+
+/// What it prints with --format json; expects this exit code.
+nlohmann::json resultOf(const std::vector<std::string>& arguments, int exit_code = 0);
+
 /// Expects exit code 2, nothing on stdout and this on stderr.
 void expectCallerError(const Outcome& outcome, const std::string& message);
 
+/// Arguments that are refused, and what is said.
+using Refusal = std::pair<std::vector<std::string>, std::string>;
+
+/// Expects it of each call that begins with the same arguments.
+void expectCallerErrors(const std::vector<std::string>& begin,
+                        const std::vector<Refusal>& refusals);
+
 /// Path of a shipped scene.
 std::string scenePath(const std::string& name);
+
+/// Path of a measurement. They carry no licence and are not part of the project: tests that read
+/// one are skipped where it is absent.
+std::string measured(const std::string& name);
 
 /// The doubles of a JSON array.
 std::vector<double> numbersOf(const nlohmann::json& array);
@@ -35,5 +53,8 @@ std::string contentOf(const std::string& path);
 
 /// A CSV as rows of cells; `#` lines are left out.
 std::vector<std::vector<std::string>> csvRows(const std::string& text);
+
+/// The cells below a name in the first row of a CSV. @throws std::runtime_error when it has none.
+std::vector<std::string> csvColumn(const std::string& text, const std::string& name);
 
 }  // namespace helix_arm::test

@@ -10,24 +10,10 @@
 namespace helix_arm::test {
 namespace {
 
-// Measurements carry no licence and are not part of the project: where they are absent there is
-// nothing to test.
-std::string measurementPath(const std::string& name) {
-  return std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/" + name;
-}
-
-Outcome evaluate(const std::string& scene, const std::string& data,
-                 const std::string& format = "json") {
-  return runCommand({"evaluate", scenePath(scene), data, "--format", format});
-}
-
 void expectRmsWithin(const std::string& scene, const std::string& measurement, double bound) {
-  const std::string path = measurementPath(measurement);
+  const std::string path = measured(measurement);
   if (!std::ifstream(path)) GTEST_SKIP() << path << " is absent";
-  const Outcome outcome = evaluate(scene, path);
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.err, "");
-  const nlohmann::json result = outcome.json();
+  const nlohmann::json result = resultOf({"evaluate", scenePath(scene), path});
   double sum = 0, max = 0;
   ASSERT_EQ(result["points"].size(), 12u);
   for (const nlohmann::json& point : result["points"]) {
@@ -54,9 +40,7 @@ TEST(Evaluate, ComparesEveryRowWithTheModel) {
   const TemporaryFile scene(kFlatScene);
   const TemporaryFile data(
       "# two rows\npressure_1_kpa,pressure_2_kpa,curvature_rad\n50,0,1\n20,80,0.5\n");
-  const Outcome outcome = runCommand({"evaluate", scene.path(), data.path(), "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json result = outcome.json();
+  const nlohmann::json result = resultOf({"evaluate", scene.path(), data.path()});
   ASSERT_EQ(result["points"].size(), 2u);
   const double per_metre = 0.03 / (2 * (0.03 * 0.03 + 1e-4));
   const double model[] = {per_metre * 0.05, per_metre * 0.06},
@@ -89,10 +73,8 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
                            "5,0,1,0.08,0.05,0,0,0,0,1\n5,0,2,0.16,0.05,0,0,0,0,1\n"
                            "5,0,3,0.32,0.05,0,0,0,0,1\n5,0,4,0.08,0,0.05,0,0,0,1\n"
                            "5,0,5,0.16,0,0.05,0,0,0,1\n5,0,6,0.32,0,0.05,0,0,0,1\n");
-  const Outcome outcome = runCommand({"evaluate", scene.path(), data.path(), "--format", "json",
-                                      "--set", "vision.tag_position_noise_m=1e-5"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json result = outcome.json();
+  const nlohmann::json result = resultOf(
+      {"evaluate", scene.path(), data.path(), "--set", "vision.tag_position_noise_m=1e-5"});
   ASSERT_EQ(result["captures"].size(), 1u);
   const nlohmann::json& capture = result["captures"][0];
   EXPECT_EQ(capture["capture"], 5);
@@ -115,22 +97,6 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
   EXPECT_NE(text.out.find("6.7 % of the arm"), std::string::npos) << text.out;
 }
 
-TEST(Evaluate, RealTagPosesHaveWrongTagsInTheKnownCaptures) {
-  const std::string path = measurementPath("helical_50_tag_poses.csv");
-  if (!std::ifstream(path)) GTEST_SKIP() << path << " is absent";
-  const Outcome outcome = evaluate("helical_50", path);
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json result = outcome.json();
-  EXPECT_EQ(result["captures"].size(), 21u);
-  for (const nlohmann::json& capture : result["captures"]) {
-    const int number = capture["capture"];
-    if (number != 24 && number != 39 && number != 40 && number != 41) continue;
-    EXPECT_FALSE(capture["outlier_tags"].empty()) << number;
-  }
-  EXPECT_GT(result["median_rms_m"].get<double>(), 0);
-  EXPECT_GT(result["median_tip_error_percent"].get<double>(), 0);
-}
-
 TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
   const TemporaryFile scene(kFlatScene);
   const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
@@ -146,24 +112,18 @@ TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
 }
 
 TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
-  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n");
-  expectCallerError(evaluate("planar_76", lengths.path()),
-                    "expected the columns pressure_1_kpa .. and curvature_rad");
-  const TemporaryFile no_pressure("curvature_rad\n0\n");
-  expectCallerError(evaluate("planar_76", no_pressure.path()),
-                    "expected columns pressure_1_kpa to pressure_2_kpa");
-  const TemporaryFile three("pressure_3_kpa,curvature_rad\n0,0\n");
-  expectCallerError(evaluate("planar_76", three.path()), "pressure_3_kpa belongs to no actuator");
-  const TemporaryFile tags(
-      "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,6,0,0,0,0,0,0,1\n");
-  expectCallerError(evaluate("spatial_50", tags.path()),
-                    "holds tag poses, but scene spatial_50 has no tags");
+  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n"), tendons(kPulledScene);
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
-  expectCallerError(evaluate("annotated", curvature.path()),
-                    "curvature_rad applies to arms of one section");
-  expectCallerError(evaluate("planar_76", "/nowhere.csv"), "/nowhere.csv cannot be read");
-  const TemporaryFile tendons(kPulledScene);
-  expectCallerError(runCommand({"evaluate", tendons.path(), curvature.path()}), "has tendons");
+  const TemporaryFile tags(kTagPoseHeader + "1,0,6,0,0,0,0,0,0,1\n");
+  expectCallerErrors(
+      {"evaluate"},
+      {{{scenePath("planar_76"), lengths.path()},
+        "expected the columns pressure_1_kpa .. and curvature_rad"},
+       {{scenePath("spatial_50"), tags.path()},
+        "holds tag poses, but scene spatial_50 has no tags"},
+       {{scenePath("annotated"), curvature.path()}, "curvature_rad applies to arms of one section"},
+       {{scenePath("planar_76"), "/nowhere.csv"}, "/nowhere.csv cannot be read"},
+       {{tendons.path(), curvature.path()}, "has tendons"}});
 }
 
 }  // namespace

@@ -109,52 +109,6 @@ TEST_F(HostileFiles, ResultsOfALongTableArePrintedAsTheyCome) {
   EXPECT_LT(usage.ru_maxrss / 1024, 150) << "MB of the largest command; it was 220";
 }
 
-TEST_F(HostileFiles, WhatSwellsIsRefusedWithinTheMemoryThatThereIs) {
-  const std::string name(5'000'000, 'n');
-  for (const std::string& path :
-       {write("name.csv", name + "\n" + name + "\n"), write("name.yaml", "name: " + name + "\n")}) {
-    for (const std::vector<std::string>& call : callsWith(path)) {
-      const Outcome outcome = runCommand(call);
-      EXPECT_EQ(outcome.exit_code, 2);
-      EXPECT_LT(outcome.err.size(), 10'000u) << outcome.err.substr(0, 1000);
-      EXPECT_EQ(outcome.err.find("bad_alloc"), std::string::npos) << outcome.err;
-    }
-  }
-  std::string rows = "pressure_1_kpa,pressure_2_kpa,curvature_rad\n";
-  while (rows.size() < 16'000'000) rows += "0,0,0\n";
-  expectCallerError(runCommand({"evaluate", scenePath("planar_76"), write("rows.csv", rows)}),
-                    "expected at most 200000 rows");
-}
-
-// 32000 x 32000 px by its header: a gigabyte, were it decoded.
-TEST_F(HostileFiles, APictureIsRefusedByItsHeader) {
-  const char header[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\x7d\0\0\0\x7d\0\x01\0\0\0\0";
-  const std::string path =
-      write("large.png", std::string(header, sizeof header - 1) + std::string(124'000, 'x'));
-  for (const bool has_camera : {true, false}) {
-    const Outcome outcome = runCommand(
-        {"localize", scenePath(has_camera ? "demo" : "helical_50"), path, "--format", "json"});
-    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-    const auto frame = outcome.json()["frames"][0];
-    EXPECT_EQ(frame["state"], has_camera ? "wrong_size" : "unreadable");
-    EXPECT_NE(frame["reason"].get<std::string>().find("32000 x 32000"), std::string::npos) << frame;
-  }
-}
-
-TEST_F(HostileFiles, ALinkToNothingIsNoPlaceForAResult) {
-  std::filesystem::create_symlink(folder_ / "nothing.yaml", folder_ / "link.yaml");
-  const std::string lengths =
-      write("lengths.csv", "pressure_kpa,length_m\n0,0.4\n140,0.38\n280,0.36\n420,0.34\n");
-  const Outcome outcome =
-      runCommand({"calibrate", scenePath("planar_76"), lengths, "--fit", "contraction", "--curve",
-                  "table", "--out", folder_ / "link.yaml"});
-  EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
-  EXPECT_NE(outcome.err.find("is a link to a file that does not exist"), std::string::npos)
-      << outcome.err;
-  EXPECT_FALSE(std::filesystem::exists(folder_ / "nothing.yaml"));
-  EXPECT_TRUE(std::filesystem::is_symlink(folder_ / "link.yaml"));
-}
-
 // What a terminal would obey: a title and a bell, a line that is overwritten, a forged line; and
 // what passes a search for these: CSI of C1, a separator of lines, an override of the direction.
 const std::string kControls = "\x1b]0;x\x07\rall is well\nerror: forged\x7f";

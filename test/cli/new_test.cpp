@@ -41,9 +41,7 @@ TEST(New, ArmsOfManyKindsHaveNoFaults) {
   const TemporaryFolder folder;
   const std::string out = folder / "arm.yaml";
   for (const std::vector<std::string>& kind : kinds) {
-    std::vector<std::string> call{"new", "--out", out, "--force"};
-    call.insert(call.end(), kind.begin(), kind.end());
-    const Outcome outcome = runCommand(call);
+    const Outcome outcome = runCommand({"new", "--out", out, "--force"}, kind);
     ASSERT_EQ(outcome.exit_code, 0) << kind[1] << outcome.err;
     const Outcome check = runCommand({"check", out});
     EXPECT_EQ(check.exit_code, 0) << kind[0] << " " << kind[1] << ": " << check.out << check.err;
@@ -73,9 +71,8 @@ TEST(New, ArmsOfOneToSixSectionsHaveNoFaults) {
 TEST(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
   const TemporaryFolder folder;
   const std::string out = folder / "arm.yaml";
-  const auto size = [&out](std::vector<std::string> options) {
-    options.insert(options.begin(), {"new", "--out", out, "--force", "--defaults"});
-    EXPECT_EQ(runCommand(options).exit_code, 0);
+  const auto size = [&out](const std::vector<std::string>& options) {
+    EXPECT_EQ(runCommand({"new", "--out", out, "--force", "--defaults"}, options).exit_code, 0);
     return io::loadScene(out).tags->size;
   };
   EXPECT_EQ(size({}), 0.03);
@@ -89,9 +86,8 @@ TEST(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
 TEST(New, WhatTheDeviceDoesNotTakeIsRefused) {
   const TemporaryFolder folder;
   const std::string out = folder / "arm.yaml";
-  const auto outcomeOf = [&out](std::vector<std::string> options) {
-    options.insert(options.begin(), {"new", "--out", out, "--force", "--defaults"});
-    return runCommand(options);
+  const auto outcomeOf = [&out](const std::vector<std::string>& options) {
+    return runCommand({"new", "--out", out, "--force", "--defaults"}, options);
   };
   const auto refused = [&](const std::vector<std::string>& options, const std::string& words) {
     expectCallerError(outcomeOf(options), words);
@@ -132,9 +128,8 @@ TEST(New, TextsThatYamlReadsOtherwiseAreQuoted) {
   const TemporaryFolder folder;
   const std::string out = folder / "arm.yaml";
   const auto regulatorOf = [&out](const std::vector<std::string>& options) {
-    std::vector<std::string> call{"new", "--out", out, "--force", "--defaults", "--regulator"};
-    call.insert(call.end(), options.begin(), options.end());
-    const Outcome outcome = runCommand(call);
+    const Outcome outcome =
+        runCommand({"new", "--out", out, "--force", "--defaults", "--regulator"}, options);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     return *io::loadScene(out).regulator;
   };
@@ -241,40 +236,34 @@ TEST(New, WhatWasAskedForIsInTheScene) {
 TEST(New, WhatDoesNotFitIsRefusedByName) {
   const TemporaryFolder folder;
   const std::string out = folder / "arm.yaml";
-  const auto refusal = [&](std::vector<std::string> options, const std::string& words) {
-    options.insert(options.begin(), {"new", "--out", out});
-    const Outcome outcome = runCommand(options);
-    EXPECT_EQ(outcome.exit_code, 2);
-    EXPECT_NE(outcome.err.find(words), std::string::npos) << outcome.err;
-    EXPECT_FALSE(std::filesystem::exists(out));
-  };
-  refusal({"--muscles", "2"}, "--muscles is 2; expected 3 to 24");
-  refusal({"--muscles", "8", "--tag-size-m", "0.03"},
-          "--tag-size-m is 0.03, which overlaps on 8 muscles side by side; expected at most 0.027");
-  refusal({"--tags", "9", "--tag-size-m", "0.03"}, "9 tags of 30 mm");
-  refusal({"--tags", "1"}, "--tags is 1; expected 2 to 20");
-  refusal({"--sections", "3", "--muscles", "4", "--tags", "6"},
-          "--tags is 6, which makes 72 tags; expected at most 64 in all, so 5 per muscle");
-  refusal({"--sections", "3", "--muscles", "12", "--tag-size-m", "0.01"},
-          "36 muscles with two tags each");
-  refusal({"--sections", "3", "--muscles", "12", "--tags", "2"}, "36 muscles with two tags each");
-  refusal({"--length-m", "-1"}, "helix_arm new: --length-m is -1; expected 0.02 to 5 m");
-  refusal({"--contraction", "nan"}, "--contraction is nan");
-  refusal({"--radius-m", "0"}, "--radius-m is 0");
-  refusal({"--tilt-deg", "90"}, "--tilt-deg is 90");
-  refusal({"--max-pressure-kpa", "0"}, "--max-pressure-kpa is 0");
-  refusal({"--tag-size-m", "1"}, "--tag-size-m is 1");
-  refusal({"--camera-distance-m", "0.01"}, "--camera-distance-m is 0.01");
-  refusal({"--regulator", "festo"},
-          "--regulator is festo; expected simulated, none, alicat, ctrl_p, festo_mpa, festo_vtem, "
-          "generic, or the path of a profile");
-  refusal({"--regulator", "./none.yaml"}, "none.yaml");
-  refusal({"--device", "/dev/ttyUSB0"}, "--device goes with a --regulator on a serial line");
-  refusal({"--host", "10.1.2.3", "--regulator", "generic"},
-          "--host goes with a --regulator on Mod");
-  refusal({"--set", "arm.geometry=planar"}, "leave out --set");
-  const Outcome text = runCommand({"new", "--out", folder / "arm.txt"});
-  EXPECT_EQ(text.exit_code, 2);
+  expectCallerErrors(
+      {"new", "--out", out},
+      {{{"--muscles", "2"}, "--muscles is 2; expected 3 to 24"},
+       {{"--muscles", "8", "--tag-size-m", "0.03"},
+        "--tag-size-m is 0.03, which overlaps on 8 muscles side by side; expected at most 0.027"},
+       {{"--tags", "9", "--tag-size-m", "0.03"}, "9 tags of 30 mm"},
+       {{"--tags", "1"}, "--tags is 1; expected 2 to 20"},
+       {{"--sections", "3", "--muscles", "4", "--tags", "6"},
+        "--tags is 6, which makes 72 tags; expected at most 64 in all, so 5 per muscle"},
+       {{"--sections", "3", "--muscles", "12", "--tag-size-m", "0.01"},
+        "36 muscles with two tags each"},
+       {{"--sections", "3", "--muscles", "12", "--tags", "2"}, "36 muscles with two tags each"},
+       {{"--length-m", "-1"}, "helix_arm new: --length-m is -1; expected 0.02 to 5 m"},
+       {{"--contraction", "nan"}, "--contraction is nan"},
+       {{"--radius-m", "0"}, "--radius-m is 0"},
+       {{"--tilt-deg", "90"}, "--tilt-deg is 90"},
+       {{"--max-pressure-kpa", "0"}, "--max-pressure-kpa is 0"},
+       {{"--tag-size-m", "1"}, "--tag-size-m is 1"},
+       {{"--camera-distance-m", "0.01"}, "--camera-distance-m is 0.01"},
+       {{"--regulator", "festo"},
+        "--regulator is festo; expected simulated, none, alicat, ctrl_p, festo_mpa, festo_vtem, "
+        "generic, or the path of a profile"},
+       {{"--regulator", "./none.yaml"}, "none.yaml"},
+       {{"--device", "/dev/ttyUSB0"}, "--device goes with a --regulator on a serial line"},
+       {{"--host", "10.1.2.3", "--regulator", "generic"}, "--host goes with a --regulator on Mod"},
+       {{"--set", "arm.geometry=planar"}, "leave out --set"}});
+  EXPECT_FALSE(std::filesystem::exists(out));
+  EXPECT_EQ(runCommand({"new", "--out", folder / "arm.txt"}).exit_code, 2);
   ASSERT_EQ(runCommand({"new", "--out", out}).exit_code, 0);
   const std::string before = contentOf(out);
   EXPECT_EQ(runCommand({"new", "--out", out, "--muscles", "4"}).exit_code, 2);

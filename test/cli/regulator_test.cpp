@@ -2,9 +2,9 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <sstream>
-#include <stdexcept>
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -31,11 +31,8 @@ using simulation::DeviceFault;
 using simulation::ModbusDevice;
 
 simulation::ModbusDeviceConfig deviceConfig() {
-  simulation::ModbusDeviceConfig config;
-  config.profile = vtemProfile();
-  config.places = 4;
+  simulation::ModbusDeviceConfig config = quietDevice(vtemProfile(), 4);
   config.regulator.time_constant = 0.05;
-  config.regulator.noise = 0;
   return config;
 }
 
@@ -82,83 +79,11 @@ bool hasEnded(pid_t process) {
   return status.empty() || status.find("State:\tZ") != std::string::npos;
 }
 
-// A command with a pipe to its stdin.
-class Piped {
- public:
-  explicit Piped(const std::vector<std::string>& arguments) {
-    int in[2];
-    int out[2];
-    if (pipe2(in, O_CLOEXEC) != 0 || pipe2(out, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    std::vector<std::string> words{HELIX_ARM_COMMAND};
-    words.insert(words.end(), arguments.begin(), arguments.end());
-    std::vector<char*> pointers;
-    for (std::string& word : words) pointers.push_back(word.data());
-    pointers.push_back(nullptr);
-    const pid_t parent = getpid();
-    pid_ = fork();
-    if (pid_ == 0) {
-      endWith(parent);
-      dup2(in[0], STDIN_FILENO);
-      dup2(out[1], STDOUT_FILENO);
-      dup2(out[1], STDERR_FILENO);
-      execv(pointers.front(), pointers.data());
-      _exit(127);
-    }
-    close(in[0]);
-    close(out[1]);
-    line_ = in[1];
-    said_ = out[0];
-    fcntl(said_, F_SETFL, O_NONBLOCK);
-  }
-  ~Piped() {
-    end();
-    if (exit_code_ < 0) {
-      kill(pid_, SIGKILL);
-      waitpid(pid_, nullptr, 0);
-    }
-    close(said_);
-  }
-  Piped(const Piped&) = delete;
-  Piped& operator=(const Piped&) = delete;
-
-  void say(const std::string& text) const {
-    ASSERT_EQ(write(line_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
-  }
-  /// Ends its stdin.
-  void end() {
-    if (line_ >= 0) close(line_);
-    line_ = -1;
-  }
-  void signal(int number) const { kill(pid_, number); }
-  pid_t id() const { return pid_; }
-  bool runs() {
-    int status = 0;
-    if (exit_code_ < 0 && waitpid(pid_, &status, WNOHANG) == pid_) {
-      exit_code_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-    }
-    return exit_code_ < 0;
-  }
-  /// -1 where it does not end.
-  int exitCode() {
-    eventually([this] { return !runs(); });
-    return exit_code_;
-  }
-  const std::string& output() {
-    char bytes[4096];
-    for (ssize_t size; (size = read(said_, bytes, sizeof bytes)) > 0;) {
-      output_.append(bytes, static_cast<std::size_t>(size));
-    }
-    return output_;
-  }
-  bool prints(const std::string& text) {
-    return eventually([&] { return output().find(text) != std::string::npos; });
-  }
-
- private:
-  pid_t pid_ = -1;
-  int line_ = -1, said_ = -1, exit_code_ = -1;
-  std::string output_;
-};
+// The command as a process, of these arguments.
+std::vector<std::string> words(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), HELIX_ARM_COMMAND);
+  return arguments;
+}
 
 TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   ModbusDevice device(deviceConfig());
@@ -260,26 +185,26 @@ TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
 TEST(RegulatorSet, VentsWhenItIsInterrupted) {
   for (const int number : {SIGINT, SIGTERM}) {
     ModbusDevice device(deviceConfig());
-    Piped command(
-        at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"}));
-    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.output();
-    ASSERT_TRUE(command.prints("enabled: muscle_1 ")) << command.output();
-    command.signal(number);
+    Process command(words(
+        at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
+    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
+    ASSERT_TRUE(command.prints("enabled: muscle_1 ")) << command.outputNow();
+    kill(command.id(), number);
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
-    EXPECT_NE(command.output().find("interrupted"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("then vented"), std::string::npos);
+    EXPECT_NE(command.outputNow().find("interrupted"), std::string::npos) << command.outputNow();
+    EXPECT_NE(command.outputNow().find("then vented"), std::string::npos);
   }
 }
 
 TEST(RegulatorSet, AFaultEndsItWithItsReason) {
   ModbusDevice device(deviceConfig());
-  Piped command(
-      at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"}));
-  ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.output();
+  Process command(words(
+      at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
+  ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
   device.setFault(DeviceFault::kRestart);
   EXPECT_EQ(command.exitCode(), 1);
-  EXPECT_NE(command.output().find("regulator"), std::string::npos) << command.output();
+  EXPECT_NE(command.outputNow().find("regulator"), std::string::npos) << command.outputNow();
   EXPECT_LT(fullest(device), kEmpty);
 }
 
@@ -307,16 +232,16 @@ TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
 TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
   for (const int number : {SIGSTOP, SIGKILL}) {
     ModbusDevice device(deviceConfig());
-    Piped command(
-        at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"}));
-    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.output();
+    Process command(words(
+        at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
+    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
     const pid_t guard = onlyChildOf(command.id());
     ASSERT_GT(guard, 0);
     ASSERT_EQ(kill(guard, number), 0);
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
-    EXPECT_NE(command.output().find("guard"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("then vented"), std::string::npos) << command.output();
+    EXPECT_NE(command.outputNow().find("guard"), std::string::npos) << command.outputNow();
+    EXPECT_NE(command.outputNow().find("then vented"), std::string::npos) << command.outputNow();
     if (number == SIGSTOP) kill(guard, SIGCONT);
     EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
   }
@@ -334,14 +259,14 @@ TEST(RegulatorSet, WithoutADeviceItSaysWhy) {
 
 // A guard that is not dismissed tries to reach the device for longer than it is waited for here.
 TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
-  Piped command(at(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes"}));
+  Process command(words(at(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes"})));
   pid_t guard = -1;
-  ASSERT_TRUE(command.prints("disabled: ")) << command.output();
+  ASSERT_TRUE(command.prints("disabled: ")) << command.outputNow();
   ASSERT_TRUE(eventually([&] { return (guard = onlyChildOf(command.id())) > 0; }));
-  command.signal(SIGINT);
+  kill(command.id(), SIGINT);
   EXPECT_EQ(command.exitCode(), 1);
   EXPECT_TRUE(eventually([&] { return hasEnded(guard); }, 5.0));
-  EXPECT_EQ(command.output().find("guard"), std::string::npos) << command.output();
+  EXPECT_EQ(command.outputNow().find("guard"), std::string::npos) << command.outputNow();
 }
 
 TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
@@ -383,65 +308,33 @@ TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
   ModbusDevice device(deviceConfig());
   fill(device);
   const std::uint64_t before = device.writes();
-  Piped guard(at(device.port(), {"guard"}));
+  Process guard(words(at(device.port(), {"guard"})));
   guard.say("q");
   EXPECT_EQ(guard.exitCode(), 0);
-  EXPECT_EQ(guard.output(), "");
+  EXPECT_EQ(guard.outputNow(), "");
   EXPECT_EQ(device.writes(), before);
 }
 
-// A process that holds the guard's stdin is killed, as the node would be.
 TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
   ModbusDevice device(deviceConfig());
   fill(device);
-  int line[2];
-  ASSERT_EQ(pipe(line), 0);
-  const pid_t parent = getpid();
-  const pid_t writer = fork();
-  if (writer == 0) {
-    endWith(parent);
-    close(line[0]);
-    for (;;) pause();
-  }
-  const TemporaryFolder folder;
-  const std::string errors = folder / "errors";
-  std::vector<std::string> words = at(device.port(), {"guard"});
-  words.insert(words.begin(), HELIX_ARM_COMMAND);
-  std::vector<char*> pointers;
-  for (std::string& word : words) pointers.push_back(word.data());
-  pointers.push_back(nullptr);
-  const pid_t guard = fork();
-  if (guard == 0) {
-    endWith(parent);
-    dup2(line[0], STDIN_FILENO);
-    close(line[0]);
-    close(line[1]);
-    const int file = open(errors.c_str(), O_WRONLY | O_CREAT, 0600);
-    dup2(file, STDERR_FILENO);
-    execv(pointers.front(), pointers.data());
-    _exit(127);
-  }
-  close(line[0]);
-  close(line[1]);
+  Process guard(words(at(device.port(), {"guard"})));
   // It is ready once it ignores the signals that would end it.
-  const auto ignores = [guard] {
-    const std::string status = contentOf("/proc/" + std::to_string(guard) + "/status");
+  const auto ignores = [&guard] {
+    const std::string status = contentOf("/proc/" + std::to_string(guard.id()) + "/status");
     const std::size_t found = status.find("SigIgn:");
     if (found == std::string::npos) return false;
     return (std::stoull(status.substr(found + 7), nullptr, 16) >> (SIGTERM - 1) & 1) == 1;
   };
   ASSERT_TRUE(eventually(ignores));
-  for (const int number : {SIGINT, SIGTERM, SIGHUP}) kill(guard, number);
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) guard.signal(number);
+  EXPECT_EQ(guard.exitCode(0.3), -1);
   EXPECT_GT(fullest(device), 1.9e5);
 
-  ASSERT_EQ(kill(writer, SIGKILL), 0);
-  waitpid(writer, nullptr, 0);
+  guard.endInput();  // as of a process that is killed
   ASSERT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 5.0));
-  int status = 0;
-  ASSERT_EQ(waitpid(guard, &status, 0), guard);
-  EXPECT_TRUE(WIFEXITED(status));
-  EXPECT_EQ(WEXITSTATUS(status), 0);
-  const std::string said = contentOf(errors);
+  EXPECT_EQ(guard.exitCode(), 0);
+  const std::string said = guard.outputNow();
   EXPECT_EQ(
       said.find(
           "guard: the process that moved the arm ended without venting it; modbus_tcp festo_vtem"),
@@ -454,13 +347,12 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
 TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
   ModbusDevice device(deviceConfig());
   fill(device);
-  std::vector<std::string> words = at(device.port(), {"guard"});
-  words.insert(words.begin(), HELIX_ARM_COMMAND);
+  const std::vector<std::string> call = words(at(device.port(), {"guard"}));
   const pid_t parent = getpid();
   const pid_t ward = fork();
   if (ward == 0) {
     endWith(parent);
-    const regulator::GuardProcess guard(words);
+    const regulator::GuardProcess guard(call);
     raise(SIGSTOP);
     for (;;) pause();
   }
@@ -476,13 +368,13 @@ TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
   auto device = std::make_unique<ModbusDevice>(deviceConfig());
   const int port = device->port();
   device.reset();
-  Piped guard(at(port, {"guard"}));
-  guard.end();
+  Process guard(words(at(port, {"guard"})));
+  guard.endInput();
   simulation::ModbusDeviceConfig config = deviceConfig();
   config.port = port;
   device = std::make_unique<ModbusDevice>(config);
   EXPECT_EQ(guard.exitCode(), 0);
-  EXPECT_NE(guard.output().find(" is vented"), std::string::npos) << guard.output();
+  EXPECT_NE(guard.outputNow().find(" is vented"), std::string::npos) << guard.outputNow();
   EXPECT_GT(device->writes(), 0u);
 }
 
@@ -490,10 +382,10 @@ TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
   ModbusDevice device(deviceConfig());
   fill(device);
   device.setFault(DeviceFault::kStuckValue);
-  Piped guard(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"}));
-  guard.end();
+  Process guard(words(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"})));
+  guard.endInput();
   EXPECT_EQ(guard.exitCode(), 1);
-  const std::string said = guard.output();
+  const std::string said = guard.outputNow();
   EXPECT_NE(said.find(" is NOT vented: muscle_1 still has "), std::string::npos) << said;
   EXPECT_NE(said.find("; the arm may be under pressure: shut the supply, open the relief valve by "
                       "hand, then `helix_arm regulator " +
@@ -509,18 +401,18 @@ TEST(RegulatorGuard, ABrokenSceneIsReportedAtOnce) {
 
 TEST(RegulatorEmulate, ReplacesTheDevice) {
   const int port = freePort();
-  Piped device(at(port, {"emulate"}));
+  Process device(words(at(port, {"emulate"})));
   ASSERT_TRUE(device.prints("emulates modbus_tcp festo_vtem at 127.0.0.1:" + std::to_string(port)))
-      << device.output();
+      << device.outputNow();
   EXPECT_EQ(run(port, {"set", "--pressure-kpa", "100,0,50", "--seconds", "1.2", "--yes"}).exit_code,
             0);
-  ASSERT_TRUE(device.prints("muscle_1 regulates: set 100.0, has ")) << device.output();
+  ASSERT_TRUE(device.prints("muscle_1 regulates: set 100.0, has ")) << device.outputNow();
   device.say("nan_text\nbeautiful\n");
   ASSERT_TRUE(device.prints("fault: nan_text"));
   ASSERT_TRUE(device.prints("unknown fault beautiful; expected one of none, silence, garbage"));
   EXPECT_EQ(run(port, {"probe", "--seconds", "0.1"}).exit_code, 1);
-  device.end();
-  EXPECT_TRUE(device.runs());
+  device.endInput();
+  EXPECT_EQ(device.exitCode(0.2), -1);
   device.signal(SIGINT);
   EXPECT_EQ(device.exitCode(), 0);
 }
@@ -533,11 +425,9 @@ TEST(RegulatorEmulate, ASerialDeviceIsALinkToATerminal) {
   text.erase(text.find("regulator:\n"));
   text +=
       "regulator:\n  ascii_serial: {profile: alicat, device: " + path + ", addresses: [A, B, C]}\n";
-  FILE* file = fopen(scene.c_str(), "w");
-  fputs(text.c_str(), file);
-  fclose(file);
-  Piped device({"regulator", scene, "emulate"});
-  ASSERT_TRUE(device.prints("emulates ascii_serial alicat at " + path)) << device.output();
+  std::ofstream(scene) << text;
+  Process device(words({"regulator", scene, "emulate"}));
+  ASSERT_TRUE(device.prints("emulates ascii_serial alicat at " + path)) << device.outputNow();
   const Outcome probe = runCommand({"regulator", scene, "probe", "--format", "json"});
   ASSERT_EQ(probe.exit_code, 0) << probe.err;
   EXPECT_EQ(probe.json()["channels"][1]["address"], "B");

@@ -32,12 +32,6 @@ arm:
   sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
 )";
 
-/// The same with tags in a row on one side of it.
-inline const std::string kRowScene = kFlatScene + R"(tags:
-  size_m: 0.03
-  groups: [{ids: [1, 2, 3, 4, 5], s: [0.2, 0.4, 0.6, 0.8, 1], position_m: [0, 0, 0.02]}]
-)";
-
 /// A planar arm that is pulled by two tendons.
 inline const char* const kPulledScene = R"(name: pulled
 contractions:

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <regex>
 
 #include <gtest/gtest.h>
 #include <opencv2/aruco.hpp>
@@ -29,7 +28,6 @@ using vision::TagDetection;
 constexpr double kDotsPerInch = 300;
 constexpr double kMillimetresPerPixel = 25.4 / kDotsPerInch;
 constexpr double kTolerance = 0.2;  // of sizes on paper [mm]
-constexpr double kRuler = 100;      // [mm]
 
 const std::map<std::string, cv::Size2d> kPaperSizes = {{"a4", {210, 297}},
                                                        {"letter", {215.9, 279.4}}};
@@ -113,93 +111,11 @@ std::vector<int> idsRead(const Printed& printed, const std::string& family, doub
   return ids;
 }
 
-// Places of the dark lines that cross a row of pixels [px]: the middles of their darkness.
-std::vector<double> darkLines(const cv::Mat& row) {
-  constexpr int kDark = 64;  // below white [gray levels]
-  std::vector<double> lines;
-  double weight = 0, moment = 0;
-  for (int x = 0; x <= row.cols; ++x) {
-    const int darkness = x < row.cols ? 255 - row.at<unsigned char>(0, x) : 0;
-    if (darkness >= kDark) {
-      weight += darkness;
-      moment += static_cast<double>(darkness) * x;
-    } else if (weight > 0) {
-      lines.push_back(moment / weight);
-      weight = moment = 0;
-    }
-  }
-  return lines;
-}
-
-// Length of a ruler with its long ticks upright in this part of a page [mm]; 0 if there is none. A
-// row of pixels that crosses long ticks alone finds eleven lines at equal distances.
-double rulerIn(const cv::Mat& part) {
-  constexpr std::size_t kLongTicks = 11;
-  for (int y = 0; y < part.rows; ++y) {
-    const std::vector<double> lines = darkLines(part.row(y));
-    if (lines.size() != kLongTicks) continue;
-    const double length = lines.back() - lines.front();
-    double uneven = 0;
-    for (std::size_t i = 0; i < kLongTicks; ++i) {
-      uneven =
-          std::max(uneven, std::abs(lines[i] - lines[0] - length * static_cast<double>(i) / 10));
-    }
-    if (uneven < 2) return length * kMillimetresPerPixel;
-  }
-  return 0;
-}
-
-// The part of a page between these edges [mm].
-cv::Mat part(const cv::Mat& page, double left, double top, double right, double bottom) {
-  const auto pixel = [](double place) {
-    return static_cast<int>(std::lround(place / kMillimetresPerPixel));
-  };
-  return page(cv::Rect(cv::Point(pixel(left), pixel(top)), cv::Point(pixel(right), pixel(bottom))));
-}
-
-void expectRulers(const cv::Mat& page, const cv::Size2d& paper) {
-  const double across = rulerIn(part(page, 10, paper.height - 21, 125, paper.height - 10));
-  const double upright = rulerIn(part(page, 10, paper.height - 130, 20.5, paper.height - 20).t());
-  std::cout << "rulers of " << across << " mm and " << upright << " mm\n";
-  EXPECT_NEAR(across, kRuler, kTolerance);
-  EXPECT_NEAR(upright, kRuler, kTolerance);
-}
-
 std::vector<int> idsOf(const io::Scene& scene) {
   std::vector<int> ids;
   for (const auto& tag : scene.tags->tags) ids.push_back(tag.id);
   std::sort(ids.begin(), ids.end());
   return ids;
-}
-
-// The actuator of the tag's section at the least distance.
-std::string muscleOf(const io::Scene& scene, const estimation::TagPlacement& tag) {
-  std::map<double, std::string> by_distance;
-  const int first = scene.arm.firstActuator(tag.section);
-  for (int i = first; i < scene.arm.firstActuator(tag.section + 1); ++i) {
-    const Eigen::Vector3d apart = scene.arm.actuator(i).X_O.translation - tag.X_ST.translation;
-    by_distance.emplace(apart.tail<2>().norm(), scene.arm.actuator(i).name);
-  }
-  return by_distance.begin()->second;
-}
-
-// s as on paper: up to four digits after the point, none of them a 0 at the end.
-std::string shortS(double s) {
-  std::string text = std::to_string(std::round(s * 1e4) / 1e4);
-  text.erase(text.find_last_not_of('0') + 1);
-  if (text.back() == '.') text.pop_back();
-  return text;
-}
-
-void expectPlacement(const io::Scene& scene, const std::string& text) {
-  for (const auto& tag : scene.tags->tags) {
-    const std::string muscle = muscleOf(scene, tag), s = shortS(tag.s);
-    // The table: id, s, from base, muscle, and numbers.
-    const std::regex row("\n +" + std::to_string(tag.id) + " +" + s + " +-?[0-9.]+ +" + muscle +
-                         " +[0-9.]+ +");
-    EXPECT_TRUE(std::regex_search(text, row)) << tag.id << " " << s << " " << muscle;
-    EXPECT_NE(text.find(muscle + ", s " + s), std::string::npos) << "strip of " << tag.id;
-  }
 }
 
 std::vector<std::string> shippedScenes() {
@@ -226,25 +142,11 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
         EXPECT_NEAR(page.cols * kMillimetresPerPixel, size.width, 0.1);
         EXPECT_NEAR(page.rows * kMillimetresPerPixel, size.height, 0.1);
       }
-      expectRulers(printed.pages.front(), size);
       EXPECT_EQ(idsRead(printed, scene.vision.detector.family, 1e3 * scene.tags->size),
                 idsOf(scene));
-      expectPlacement(scene, printed.text());
     }
   }
   EXPECT_EQ(scenes, 4);
-}
-
-TEST(Tags, OtherFamiliesAndSizesAreReadBackToo) {
-  const std::string path = scenePath("helical_50");
-  for (const char* family : {"25h9", "36h10", "Circle21h7", "Standard41h12"}) {
-    for (const char* size : {"0.0123", "0.06"}) {
-      SCOPED_TRACE(std::string(family) + " of " + size);
-      const Printed printed({path, "--set", std::string("tags.family=") + family, "--set",
-                             std::string("tags.size_m=") + size});
-      EXPECT_EQ(idsRead(printed, family, 1e3 * std::stod(size)), idsOf(io::loadScene(path)));
-    }
-  }
 }
 
 TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
@@ -252,7 +154,6 @@ TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
   for (const auto& [paper, size] : kPaperSizes) {
     const Printed printed({"--board", "--paper", paper});
     ASSERT_EQ(printed.pages.size(), 1u);
-    expectRulers(printed.pages[0], size);
     vision::DetectorConfig config;
     config.family = board.family;
     const auto tags = vision::TagDetector(config).detect(printed.pages[0]);
@@ -309,7 +210,6 @@ TEST(Tags, TheCharucoBoardIsReadBackFromThePrintOnBothPapers) {
   for (const auto& [paper, size] : kPaperSizes) {
     const Printed printed({"--board", "charuco", "--paper", paper});
     ASSERT_EQ(printed.pages.size(), 1u);
-    expectRulers(printed.pages[0], size);
     expectCharuco(printed.pages[0], {}, cv::aruco::DICT_4X4_50);
     EXPECT_EQ(printed.report["board"], (json{{"dictionary", "DICT_4X4_50"},
                                              {"columns", 7},
@@ -382,59 +282,45 @@ TEST(Tags, FormatsTellWhatWasPrinted) {
 
 TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
   const TemporaryFolder folder;
-  const std::string out = folder / "tags.pdf";
-  const auto refused = [&](std::vector<std::string> arguments, const std::string& message) {
-    arguments.insert(arguments.begin(), "tags");
-    expectCallerError(runCommand(arguments), message);
-    EXPECT_TRUE(fs::is_empty(folder.path()));
-  };
-  refused({scenePath("demo")}, "--out is required");
-  refused({"--out", out}, "nothing to print: give a SCENE with tags, --board or both");
-  refused({scenePath("planar_50"), "--out", out},
-          "scene planar_50 has no tags; expected a scene with a section tags");
-  refused({scenePath("demo"), "--out", out, "--set", "tags.size_m=0.19"},
-          "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
-          "179 mm; expected at most 0.14 m");
-  refused({scenePath("demo"), "--out", out, "--paper", "a5"}, "--paper: a5 not in {a4,letter}");
-  refused({scenePath("demo"), "--out", folder / "tags.png"}, "tags.png does not end in .pdf");
-  refused({scenePath("demo"), "--out", folder / "none/tags.pdf"}, "none/tags.pdf");
-  refused({"--board", "--out", out, "--set", "tags.size_m=0.02"},
-          "which is not given; leave out --set");
-  refused({"--board=chess", "--out", out}, "--board: chess not in {tags,charuco}");
-  refused({"--board", "--out", out, "--squares", "5,7"},
-          "--squares is of a ChArUco board, and --board is tags; add --board charuco, or leave out "
-          "--squares");
-  refused({scenePath("demo"), "--out", out, "--legacy-pattern"},
-          "--legacy-pattern is of a ChArUco board, and --board is not given; add --board charuco");
-  const auto charuco = [&](const std::vector<std::string>& more, const std::string& message) {
-    std::vector<std::string> arguments{"--board", "charuco", "--out", out};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    refused(arguments, message);
-  };
-  charuco({"--squares", "7"}, "--squares");
-  charuco({"--squares", "7,9.5"}, "--squares is 7,9.5; expected two whole numbers: across,down");
-  charuco({"--squares", "2,9"}, "the number of squares across is 2; expected 3 to 100");
-  charuco({"--squares", "9,12"},
-          "ChArUco board: 9 x 12 squares take 54 markers, but DICT_4X4_50 has 50; expected fewer "
-          "squares or a larger dictionary");
-  charuco({"--square-size-m", "0"}, "the side of a square [m] is 0; expected a finite value > 0");
-  charuco({"--marker-size-m", "0.024"},
-          "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
-          "0.024");
-  charuco(
-      {"--marker-size-m", "0.001"},
-      "the side of a marker [m] is 0.001; expected 0.0072 or more, 0.3 of the side of a square");
-  charuco({"--square-size-m", "0.002"},
-          "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more");
-  charuco({"--square-size-m", "0.005", "--marker-size-m", "0.0029"}, "has bits of 0.48 mm");
-  charuco({"--dictionary", "4X4"},
-          "dictionary of markers: 4X4 is not known; expected one of "
-          "DICT_4X4_50, DICT_4X4_100,");
-  charuco({"--square-size-m", "0.03"},
-          "a board of 210 x 270 mm; expected at most 179 x 249 mm, the printable area of a4");
+  const std::string out = folder / "tags.pdf", demo = scenePath("demo");
+  expectCallerErrors({"tags"},
+                     {{{demo}, "--out is required"},
+                      {{demo, "--out", folder / "tags.png"}, "tags.png does not end in .pdf"},
+                      {{demo, "--out", folder / "none/tags.pdf"}, "none/tags.pdf"}});
+  expectCallerErrors(
+      {"tags", "--out", out},
+      {{{}, "nothing to print: give a SCENE with tags, --board or both"},
+       {{scenePath("planar_50")},
+        "scene planar_50 has no tags; expected a scene with a section tags"},
+       {{demo, "--set", "tags.size_m=0.19"},
+        "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
+        "179 mm; expected at most 0.14 m"},
+       {{demo, "--paper", "a5"}, "--paper: a5 not in {a4,letter}"},
+       {{"--board", "--set", "tags.size_m=0.02"}, "which is not given; leave out --set"},
+       {{"--board=chess"}, "--board: chess not in {tags,charuco}"},
+       {{"--board", "--squares", "5,7"},
+        "--squares is of a ChArUco board, and --board is tags; add --board charuco, or leave out "
+        "--squares"},
+       {{demo, "--legacy-pattern"},
+        "--legacy-pattern is of a ChArUco board, and --board is not given; add --board charuco"}});
+  expectCallerErrors(
+      {"tags", "--board", "charuco", "--out", out},
+      {{{"--squares", "7"}, "--squares"},
+       {{"--squares", "7,9.5"}, "--squares is 7,9.5; expected two whole numbers: across,down"},
+       {{"--squares", "2,9"}, "the number of squares across is 2; expected 3 to 100"},
+       {{"--square-size-m", "0"}, "the side of a square [m] is 0; expected a finite value > 0"},
+       {{"--marker-size-m", "0.024"},
+        "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
+        "0.024"},
+       {{"--square-size-m", "0.002"},
+        "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more"},
+       {{"--dictionary", "4X4"},
+        "dictionary of markers: 4X4 is not known; expected one of DICT_4X4_50, DICT_4X4_100,"},
+       {{"--square-size-m", "0.03"},
+        "a board of 210 x 270 mm; expected at most 179 x 249 mm, the printable area of a4"}});
+  EXPECT_TRUE(fs::is_empty(folder.path()));
   fs::create_directory(folder / "folder.pdf");
-  expectCallerError(runCommand({"tags", scenePath("demo"), "--out", folder / "folder.pdf"}),
-                    "folder.pdf");
+  expectCallerError(runCommand({"tags", demo, "--out", folder / "folder.pdf"}), "folder.pdf");
 }
 
 }  // namespace

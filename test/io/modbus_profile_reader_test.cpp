@@ -5,12 +5,13 @@
 #include "io/scene/profile_file.hpp"
 #include "profile_text.hpp"
 #include "support/modbus_profiles.hpp"
-#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 using regulator::ModbusProfile;
+using test::BrokenRule;
+using test::BrokenValue;
 using test::replaced;
 using ReadResult = test::ReadProfile<ModbusProfile>;
 
@@ -81,73 +82,63 @@ TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
   EXPECT_EQ(result.profile->timeout, 0.1);
 }
 
+const BrokenValue kValues[] = {
+    {"modbus_tcp.", "unit_id: 7", "256", "a whole number from 0 to 255"},
+    {"modbus_tcp.", "count_pa: 6.5", "-1", "a finite value > 0"},
+    {"modbus_tcp.", "atmosphere_kpa: 101.3", "101300", "0 to 200 kPa"},
+    {"modbus_tcp.", "highest_count: 4000", "40000", "a whole number from 1 to 32767"},
+    {"modbus_tcp.", "outlets: 3", "0", "a whole number from 1 to 64"},
+    {"modbus_tcp.", "outputs: {first: 100, stride: 5, pressure: 2}", "[100, 5, 2]",
+     " is a list; expected a map of first, stride or pressure"},
+    {"modbus_tcp.outputs.", "first: 100", "1.5", "a whole number from 0 to 65535"},
+    {"modbus_tcp.outputs.", "stride: 5", "0", "a whole number from 1 to 1024"},
+    {"modbus_tcp.outputs.", "pressure: 2", "nan", "a whole number from 0 to 1023"},
+    {"modbus_tcp.inputs.", "first: 200", "65536", "a whole number from 0 to 65535"},
+    {"modbus_tcp.inputs.", "stride: 4", "-4", "a whole number from 1 to 1024"},
+    {"modbus_tcp.inputs.", "pressure: 1,", "x,", " is x; expected a whole number from 0 to 1023"},
+    {"modbus_tcp.inputs.", "registers: input", "coils", "holding or input"},
+    {"modbus_tcp.", "supply: 300", "-1", "a whole number from 0 to 65535"},
+    {"modbus_tcp.app.", "regulate: 10", "70000", "a whole number from 0 to 65535"},
+    {"modbus_tcp.app.", "acknowledge: 12", "''",
+     " is \"\"; expected a whole number from 0 to 65535"},
+    {"modbus_tcp.app.", "status_mask: 255", "0", "a whole number from 1 to 65535"},
+    {"modbus_tcp.app.", "activation_time_s: 3", "100", "0.01 to 60 s"},
+    {"modbus_tcp.", "timeout_s: 0.25", "0", "a finite value > 0"},
+    {"modbus_tcp.", "channels: 24", "1025", "a whole number from 1 to 1024"},
+};
+
+const BrokenRule kRules[] = {
+    {"command: 1",
+     "comand: 1",
+     {"f:10 modbus_tcp.app.comand is not a known key; did you mean command?",
+      "f:10 modbus_tcp.app.command is missing; expected a whole number from 0 to 1023"}},
+    {"outlets: 3",
+     "outlets: 4",
+     {"f:1 modbus_tcp: profile mine: outlets is 4; expected as many as set points fit into "
+      "outputs.stride"}},
+    {"off: 11",
+     "off: 10",
+     {"f:1 modbus_tcp: profile mine: app.off is 10; expected another word than regulate"}},
+    {"status: 0",
+     "status: 2",
+     {"f:1 modbus_tcp: profile mine: app.status is 2; expected a register other than the "
+      "reading's"}},
+    {"ready: 21",
+     "ready: 256",
+     {"f:1 modbus_tcp: profile mine: app.ready is 256; expected only bits of app.status_mask"}},
+    {"running: 22",
+     "running: 21",
+     {"f:1 modbus_tcp: profile mine: app.running is 21; expected another word than ready"}},
+};
+
 TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
-  const struct {
-    const char *from, *to, *fault;
-  } kRules[] = {
-      {"unit_id: 7", "unit_id: 256",
-       "f:2 modbus_tcp.unit_id is 256; expected a whole number from 0 to 255"},
-      {"count_pa: 6.5", "count_pa: -1",
-       "f:3 modbus_tcp.count_pa is -1; expected a finite value > 0"},
-      {"count_pa: 6.5", "count_kpa: 6.5", ""},
-      {"atmosphere_kpa: 101.3", "atmosphere_kpa: 101300",
-       "f:4 modbus_tcp.atmosphere_kpa is 101300; expected 0 to 200 kPa"},
-      {"highest_count: 4000", "highest_count: 40000",
-       "f:5 modbus_tcp.highest_count is 40000; expected a whole number from 1 to 32767"},
-      {"outlets: 3", "outlets: 0",
-       "f:6 modbus_tcp.outlets is 0; expected a whole number from 1 to 64"},
-      {"outlets: 3", "outlets: 4",
-       "f:1 modbus_tcp: profile mine: outlets is 4; expected as many as set points fit into "
-       "outputs.stride"},
-      {"{first: 100, stride: 5, pressure: 2}", "[100, 5, 2]",
-       "f:7 modbus_tcp.outputs is a list; expected a map of first, stride or pressure"},
-      {"first: 100", "first: 1.5",
-       "f:7 modbus_tcp.outputs.first is 1.5; expected a whole number from 0 to 65535"},
-      {"stride: 5", "stride: 0",
-       "f:7 modbus_tcp.outputs.stride is 0; expected a whole number from 1 to 1024"},
-      {"pressure: 2", "pressure: nan",
-       "f:7 modbus_tcp.outputs.pressure is nan; expected a whole number from 0 to 1023"},
-      {"first: 200", "first: 65536",
-       "f:8 modbus_tcp.inputs.first is 65536; expected a whole number from 0 to 65535"},
-      {"stride: 4", "stride: -4",
-       "f:8 modbus_tcp.inputs.stride is -4; expected a whole number from 1 to 1024"},
-      {"pressure: 1,", "pressure: x,",
-       "f:8 modbus_tcp.inputs.pressure is x; expected a whole number from 0 to 1023"},
-      {"registers: input", "registers: coils",
-       "f:8 modbus_tcp.inputs.registers is coils; expected holding or input"},
-      {"supply: 300", "supply: -1",
-       "f:9 modbus_tcp.supply is -1; expected a whole number from 0 to 65535"},
-      {"command: 1", "comand: 1", ""},
-      {"regulate: 10", "regulate: 70000",
-       "f:10 modbus_tcp.app.regulate is 70000; expected a whole number from 0 to 65535"},
-      {"off: 11", "off: 10",
-       "f:1 modbus_tcp: profile mine: app.off is 10; expected another word than regulate"},
-      {"acknowledge: 12", "acknowledge: ''",
-       "f:10 modbus_tcp.app.acknowledge is \"\"; expected a whole number from 0 to 65535"},
-      {"status: 0", "status: 2",
-       "f:1 modbus_tcp: profile mine: app.status is 2; expected a register other than the "
-       "reading's"},
-      {"status_mask: 255", "status_mask: 0",
-       "f:10 modbus_tcp.app.status_mask is 0; expected a whole number from 1 to 65535"},
-      {"ready: 21", "ready: 256",
-       "f:1 modbus_tcp: profile mine: app.ready is 256; expected only bits of app.status_mask"},
-      {"running: 22", "running: 21",
-       "f:1 modbus_tcp: profile mine: app.running is 21; expected another word than ready"},
-      {"activation_time_s: 3", "activation_time_s: 100",
-       "f:10 modbus_tcp.app.activation_time_s is 100; expected 0.01 to 60 s"},
-      {"timeout_s: 0.25", "timeout_s: 0",
-       "f:11 modbus_tcp.timeout_s is 0; expected a finite value > 0"},
-      {"channels: 24", "channels: 1025",
-       "f:12 modbus_tcp.channels is 1025; expected a whole number from 1 to 1024"},
+  const auto faults = [](const std::string& text) {
+    const ReadResult result = readText(text);
+    EXPECT_EQ(result.profile.has_value(), result.faults.empty());
+    return result.faults;
   };
-  for (const auto& rule : kRules) {
-    const ReadResult result = readText(replaced(kAll, rule.from, rule.to));
-    EXPECT_FALSE(result.profile) << rule.to;
-    ASSERT_FALSE(result.faults.empty()) << rule.to;
-    if (*rule.fault != '\0') {
-      EXPECT_EQ(result.faults, std::vector<std::string>{rule.fault});
-    }
-  }
+  test::expectFaults(kAll, kValues, faults, "f");
+  test::expectFaults(kAll, kRules, faults, "f");
 }
 
 TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {

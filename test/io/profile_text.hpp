@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/io/fault_list.hpp"
 #include "io/document/document.hpp"
+#include "scene_faults.hpp"
 
 namespace helix_arm::test {
 

@@ -3,84 +3,57 @@
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
-#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 using test::BrokenRule;
+using test::BrokenValue;
+using test::Faults;
 using test::faultsOf;
 using test::kLoadedScene;
 using test::kPlanarScene;
 using test::kSpatialScene;
 using test::replaced;
 
-class LoadedSceneRules : public testing::TestWithParam<BrokenRule> {};
-
-TEST_P(LoadedSceneRules, BreakingOneIsReported) {
-  EXPECT_EQ(faultsOf(replaced(kLoadedScene, GetParam().from, GetParam().to)), GetParam().faults);
-}
-
-TEST(LoadedScene, KeepsTheRules) { EXPECT_EQ(faultsOf(kLoadedScene), std::vector<std::string>{}); }
-
-const BrokenRule kNumbers[] = {
-    {"gravity_m_s2: [0.1, 0.2, -9.7]",
-     "gravity_m_s2: -9.7",
-     {":73 load.gravity_m_s2 is -9.7; expected a list of 3 numbers, each a finite value"}},
-    {"gravity_m_s2: [0.1, 0.2, -9.7]",
-     "gravity_m_s2: [0, 0, -9810]",
-     {":73 load.gravity_m_s2[2] is -9810; expected -1000 to 1000 m/s^2"}},
-    {"mass_kg: 0.3", "mass_kg: -0.3", {":74 load.mass_kg is -0.3; expected a finite value >= 0"}},
-    {"mass_kg: 0.3", "mass_kg: 3000", {":74 load.mass_kg is 3000; expected 0 to 1000 kg"}},
-    {"mass_kg: 0.3",
-     "mass_kg: [0.1, 0.1, 0.1]",
-     {":74 load.mass_kg has 3 entries; expected a list of 2 numbers, each a finite value >= 0"}},
-    {"mass_kg: 0.3",
-     "mass_kg: [0.1, heavy]",
-     {":74 load.mass_kg[1] is heavy; expected a finite value >= 0"}},
-    {"mass_kg: 0.05",
-     "mass_kg: .nan",
-     {":75 load.tip.mass_kg is .nan; expected a finite value >= 0"}},
-    {"position_m: [0.02, 0, 0.01]",
-     "position_m: [20, 0, 0.01]",
-     {":75 load.tip.position_m[0] is 20; expected -10 to 10 m"}},
-    {"force_n: [0.1, 0.2, 0.3]",
-     "force_n: [0.1, 0.2]",
-     {":75 load.tip.force_n has 2 entries; expected a list of 3 numbers, each a finite value"}},
-    {"force_n: [0.1, 0.2, 0.3]",
-     "force_n: [0.1, 0.2, 3e6]",
-     {":75 load.tip.force_n[2] is 3e6; expected -100000 to 100000 N"}},
-    {"moment_nm: [0.01, 0, -0.02]",
-     "moment_nm: [0.01, 0, big]",
-     {":75 load.tip.moment_nm[2] is big; expected a finite value"}},
-    {"s: 0.5, mass",
-     "s: 1.5, mass",
-     {":77 load.points[0].s is 1.5; expected a number from 0 to 1"}},
-    {"mass_kg: 0.02",
-     "mass_kg: -1",
-     {":77 load.points[0].mass_kg is -1; expected a finite value >= 0"}},
-    {"K_eps_n: 900", "K_eps_n: 0", {":15 arm.stiffness.K_eps_n is 0; expected a finite value > 0"}},
-    {"K_eps_n: 900",
-     "K_eps_n: 1e12",
-     {":15 arm.stiffness.K_eps_n is 1e12; expected 0.001 to 1000000000 N"}},
-    {"order: 3", "order: 1", {":80 order is 1; expected a whole number from 2 to 8"}},
-    {"order: 3", "order: 9", {":80 order is 9; expected a whole number from 2 to 8"}},
-    {"order: 3",
-     "accuracy: {tip_error_percent: 0}",
-     {":80 accuracy.tip_error_percent is 0; expected a finite value > 0"}},
-    {"order: 3",
-     "accuracy: {tip_error_percent: 200}",
-     {":80 accuracy.tip_error_percent is 200; expected 2e-07 to 100 % of the arm's length"}},
-    {"order: 3",
-     "budget: {time_us: -1}",
-     {":80 budget.time_us is -1; expected a finite value > 0"}},
-    {"K_eps_scale: 0.9",
-     "K_eps_scale: 0",
-     {":69 simulation.arm.K_eps_scale is 0; expected a finite value > 0"}},
+const BrokenValue kLoadedValues[] = {
+    {"load.", "gravity_m_s2: [0.1, 0.2, -9.7]", "-9.7", "a list of 3 numbers, each a finite value"},
+    {"load.", "gravity_m_s2: [0.1, 0.2, -9.7]", "[0, 0, -9810]",
+     "[2] is -9810; expected -1000 to 1000 m/s^2"},
+    {"load.", "mass_kg: 0.3", "-0.3", "a finite value >= 0"},
+    {"load.", "mass_kg: 0.3", "3000", "0 to 1000 kg"},
+    {"load.", "mass_kg: 0.3", "[0.1, 0.1, 0.1]",
+     " has 3 entries; expected a list of 2 numbers, each a finite value >= 0"},
+    {"load.", "mass_kg: 0.3", "[0.1, heavy]", "[1] is heavy; expected a finite value >= 0"},
+    {"load.tip.", "mass_kg: 0.05", ".nan", "a finite value >= 0"},
+    {"load.tip.", "position_m: [0.02, 0, 0.01]", "[20, 0, 0.01]",
+     "[0] is 20; expected -10 to 10 m"},
+    {"load.tip.", "force_n: [0.1, 0.2, 0.3]", "[0.1, 0.2]",
+     " has 2 entries; expected a list of 3 numbers, each a finite value"},
+    {"load.tip.", "force_n: [0.1, 0.2, 0.3]", "[0.1, 0.2, 3e6]",
+     "[2] is 3e6; expected -100000 to 100000 N"},
+    {"load.tip.", "moment_nm: [0.01, 0, -0.02]", "[0.01, 0, big]",
+     "[2] is big; expected a finite value"},
+    {"load.points[0].", "s: 0.5, mass", "1.5, mass", " is 1.5; expected a number from 0 to 1"},
+    {"load.points[0].", "mass_kg: 0.02", "-1", "a finite value >= 0"},
+    {"arm.stiffness.", "K_eps_n: 900", "0", "a finite value > 0"},
+    {"arm.stiffness.", "K_eps_n: 900", "1e12", "0.001 to 1000000000 N"},
+    {"", "order: 3", "1", "a whole number from 2 to 8"},
+    {"", "order: 3", "9", "a whole number from 2 to 8"},
+    {"", "order: 3", "accuracy: {tip_error_percent: 0}",
+     ".tip_error_percent is 0; expected a finite value > 0"},
+    {"", "order: 3", "accuracy: {tip_error_percent: 200}",
+     ".tip_error_percent is 200; expected 2e-07 to 100 % of the arm's length"},
+    {"", "order: 3", "budget: {time_us: -1}", ".time_us is -1; expected a finite value > 0"},
+    {"simulation.arm.", "K_eps_scale: 0.9", "0", "a finite value > 0"},
+    {"load.points[0].", "section: upper, s: 0.5", "middle, s: 0.5",
+     " is middle; expected lower or upper"},
+    {"", "tier: loaded", "load", "auto, planar, linear, loaded or exact"},
+    {"", "order: 3", "accuracy: 1", "a map of tip_error_percent"},
+    {"", "order: 3", "accuracy: {}", ".tip_error_percent is missing; expected a finite value > 0"},
 };
-INSTANTIATE_TEST_SUITE_P(Numbers, LoadedSceneRules, testing::ValuesIn(kNumbers));
 
-const BrokenRule kKeys[] = {
+const BrokenRule kLoadedRules[] = {
     {"  mass_kg: 0.3\n",
      "",
      {":72 load.mass_kg is missing; expected the mass of the whole arm [kg], or a list of one "
@@ -98,9 +71,6 @@ const BrokenRule kKeys[] = {
      "s: 0.25",
      {":78 load.points[1] has no effect; expected at least one of mass_kg, force_n and moment_nm"}},
     {"s: 0.25, ", "", {":78 load.points[1].s is missing; expected a number from 0 to 1"}},
-    {"section: upper, s: 0.5",
-     "section: middle, s: 0.5",
-     {":77 load.points[0].section is middle; expected lower or upper"}},
     {"  points:\n",
      "  points: []\n  dots:\n",
      {":77 load.dots is not a known key; expected gravity_m_s2, mass_kg, tip or points",
@@ -114,9 +84,6 @@ const BrokenRule kKeys[] = {
      "K_kappa_m2: 3.0e-4, K_eps_n: 900}",
      {":31 arm.sections[1].actuators[2].stiffness.K_eps_n is that of one actuator; expected it in "
       "the stiffness of the section or of arm: K of a section is relative to one K_eps"}},
-    {"tier: loaded",
-     "tier: load",
-     {":79 tier is load; expected auto, planar, linear, loaded or exact"}},
     {"tier: loaded",
      "tier: planar",
      {":79 tier is planar; expected auto, linear, loaded or exact, since arm.geometry is spatial",
@@ -135,12 +102,12 @@ const BrokenRule kKeys[] = {
      "tier: exact\nbudget: {time_us: 9}",
      {":80 budget has no effect, since tier is exact; expected tier: auto, or loaded without an "
       "order"}},
-    {"order: 3", "accuracy: 1", {":80 accuracy is 1; expected a map of tip_error_percent"}},
-    {"order: 3",
-     "accuracy: {}",
-     {":80 accuracy.tip_error_percent is missing; expected a finite value > 0"}},
 };
-INSTANTIATE_TEST_SUITE_P(Keys, LoadedSceneRules, testing::ValuesIn(kKeys));
+
+TEST(LoadedScene, BreakingARuleIsReported) {
+  test::expectFaults(kLoadedScene, kLoadedValues);
+  test::expectFaults(kLoadedScene, kLoadedRules);
+}
 
 TEST(LoadedScene, WithoutAnythingThatPullsIsRefused) {
   const std::string stiff =
@@ -148,14 +115,12 @@ TEST(LoadedScene, WithoutAnythingThatPullsIsRefused) {
   const std::string rule =
       "expected a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
       "is zero; leave out the key load if that is intended";
-  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0}\n"),
-            std::vector<std::string>{":11 load.mass_kg is 0; " + rule});
+  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0}\n"), Faults{":11 load.mass_kg is 0; " + rule});
   EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0, tip: {mass_kg: 0}}\n"),
-            std::vector<std::string>{":11 load.mass_kg is 0; " + rule});
-  EXPECT_EQ(
-      faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
-      std::vector<std::string>{":11 load.mass_kg is missing; expected the mass of the whole arm "
-                               "[kg], or a list of one number per section; 0 if it is negligible"});
+            Faults{":11 load.mass_kg is 0; " + rule});
+  EXPECT_EQ(faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
+            Faults{":11 load.mass_kg is missing; expected the mass of the whole arm "
+                   "[kg], or a list of one number per section; 0 if it is negligible"});
 }
 
 TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
@@ -180,7 +145,7 @@ TEST(LoadedScene, TiersOfALoadNeedOne) {
        "add it"},
   };
   for (const auto& [text, fault] : cases) {
-    EXPECT_EQ(faultsOf(text), std::vector<std::string>{fault});
+    EXPECT_EQ(faultsOf(text), Faults{fault});
   }
 }
 

@@ -4,10 +4,10 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "support/scene_text.hpp"
-#include "support/temporary_file.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "scene_faults.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -15,41 +15,25 @@ namespace {
 using test::kPlanarScene;
 using test::kSpatialScene;
 using test::replaced;
+using test::sceneOf;
+using test::shippedScene;
 
 using basics::kPi;
 constexpr double kTolerance = 1e-15;
-
-Scene load(const std::string& text, const std::vector<Override>& overrides = {}) {
-  return loadScene(test::TemporaryFile(text).path(), overrides);
-}
 
 regulator::SimulatedRegulatorConfig simulatedOf(const Scene& scene) {
   return std::get<regulator::SimulatedRegulatorConfig>(scene.regulator.value());
 }
 
-Eigen::Matrix3d rx(double deg) {
-  const double a = deg * kPi / 180;
-  Eigen::Matrix3d R;
-  R << 1, 0, 0, 0, std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a);
-  return R;
+Eigen::Matrix3d turn(double deg, const Eigen::Vector3d& axis) {
+  return Eigen::AngleAxisd(deg * kPi / 180, axis).toRotationMatrix();
 }
-
-Eigen::Matrix3d ry(double deg) {
-  const double a = deg * kPi / 180;
-  Eigen::Matrix3d R;
-  R << std::cos(a), 0, std::sin(a), 0, 1, 0, -std::sin(a), 0, std::cos(a);
-  return R;
-}
-
-Eigen::Matrix3d rz(double deg) {
-  const double a = deg * kPi / 180;
-  Eigen::Matrix3d R;
-  R << std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a), 0, 0, 0, 1;
-  return R;
-}
+Eigen::Matrix3d rx(double deg) { return turn(deg, Eigen::Vector3d::UnitX()); }
+Eigen::Matrix3d ry(double deg) { return turn(deg, Eigen::Vector3d::UnitY()); }
+Eigen::Matrix3d rz(double deg) { return turn(deg, Eigen::Vector3d::UnitZ()); }
 
 TEST(SceneLoader, RingPosesFollowTheirDefinition) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   for (int i = 0; i < 3; ++i) {
     const double th = 2 * kPi * i / 3;
     const lie::SE3& X_O = scene.arm.actuator(i).X_O;
@@ -61,7 +45,7 @@ TEST(SceneLoader, RingPosesFollowTheirDefinition) {
 
 TEST(SceneLoader, ATiltedMuscleWindsAroundTheArm) {
   // Its tangent has no radial part and leans by the tilt, the same way round for all.
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   for (int i = 0; i < 3; ++i) {
     const lie::SE3& X_O = scene.arm.actuator(i).X_O;
     const Eigen::Vector3d tangent = X_O.rotation.col(0), outward = X_O.translation.normalized();
@@ -73,7 +57,8 @@ TEST(SceneLoader, ATiltedMuscleWindsAroundTheArm) {
 }
 
 TEST(SceneLoader, ActuatorPosesAreRpyOrTilt) {
-  const Scene scene = load(replaced(kSpatialScene, "rpy_deg: [0, 0, 5]", "rpy_deg: [30, 40, 50]"));
+  const Scene scene =
+      sceneOf(replaced(kSpatialScene, "rpy_deg: [0, 0, 5]", "rpy_deg: [30, 40, 50]"));
   const lie::SE3& left = scene.arm.actuator(3).X_O;
   EXPECT_EQ(left.translation, Eigen::Vector3d(0, 0.02, 0));
   EXPECT_TRUE(left.rotation.isApprox(rz(50) * ry(40) * rx(30), 1e-15));
@@ -83,13 +68,13 @@ TEST(SceneLoader, ActuatorPosesAreRpyOrTilt) {
 }
 
 TEST(SceneLoader, BasePoseIsFixedAxisRollPitchYaw) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(0.1, 0.2, 1));
   EXPECT_TRUE(scene.X_WB.rotation.isApprox(rz(20) * ry(90) * rx(10), 1e-15));
 }
 
 TEST(SceneLoader, LimitsAndCurvesAreInPascals) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   const model::Actuator& ring = scene.arm.actuator(0);
   EXPECT_EQ(ring.limits.lower, 0);
   EXPECT_EQ(ring.limits.upper, 300e3);
@@ -102,9 +87,10 @@ TEST(SceneLoader, LimitsAndCurvesAreInPascals) {
 }
 
 TEST(SceneLoader, FreeLengthsHaveTheirScales) {
-  const Scene scene = load(kSpatialScene, {{"arm.sections.0.ring.length_scale", "[1.02, 1, 0.97]"},
-                                           {"arm.sections.1.actuators.2.length_scale", "1.5"}});
-  const Scene common = load(kSpatialScene, {{"arm.sections.0.ring.length_scale", "1.02"}});
+  const Scene scene =
+      sceneOf(kSpatialScene, {{"arm.sections.0.ring.length_scale", "[1.02, 1, 0.97]"},
+                              {"arm.sections.1.actuators.2.length_scale", "1.5"}});
+  const Scene common = sceneOf(kSpatialScene, {{"arm.sections.0.ring.length_scale", "1.02"}});
   const double expected[] = {1.02, 1, 0.97};
   for (int i = 0; i < 3; ++i) {
     EXPECT_NEAR(scene.arm.actuator(i).contraction.length(200e3), 0.35 * expected[i], 1e-15);
@@ -116,24 +102,24 @@ TEST(SceneLoader, FreeLengthsHaveTheirScales) {
 }
 
 TEST(SceneLoader, PlacementsAreKnownAsWellAsTheirPriorSays) {
-  EXPECT_EQ(load(kSpatialScene).tag_prior.translation, estimation::TagPrior().translation);
+  EXPECT_EQ(sceneOf(kSpatialScene).tag_prior.translation, estimation::TagPrior().translation);
   const Scene prior =
-      load(kSpatialScene, {{"tags.placement_prior", "{translation_m: 0.01, rotation_deg: 9}"}});
+      sceneOf(kSpatialScene, {{"tags.placement_prior", "{translation_m: 0.01, rotation_deg: 9}"}});
   EXPECT_EQ(prior.tag_prior.translation, 0.01);
   EXPECT_NEAR(prior.tag_prior.rotation, 9 * kPi / 180, kTolerance);
 }
 
 TEST(SceneLoader, DataSetsMayGiveTagPosesInAFrameOfTheirOwn) {
-  EXPECT_EQ(load(kSpatialScene).X_BF.translation, Eigen::Vector3d::Zero());
-  EXPECT_EQ(load(kSpatialScene).X_BF.rotation, Eigen::Matrix3d::Identity());
-  const Scene scene =
-      load(kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0.2, 0.3], rpy_deg: [30, 40, 50]}"}});
+  EXPECT_EQ(sceneOf(kSpatialScene).X_BF.translation, Eigen::Vector3d::Zero());
+  EXPECT_EQ(sceneOf(kSpatialScene).X_BF.rotation, Eigen::Matrix3d::Identity());
+  const Scene scene = sceneOf(
+      kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0.2, 0.3], rpy_deg: [30, 40, 50]}"}});
   EXPECT_EQ(scene.X_BF.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
   EXPECT_TRUE(scene.X_BF.rotation.isApprox(rz(50) * ry(40) * rx(30), 1e-15));
 }
 
 TEST(SceneLoader, TendonsTakeAngles) {
-  const Scene scene = load(replaced(
+  const Scene scene = sceneOf(replaced(
       replaced(kSpatialScene, "contraction: muscle, max_pressure_kpa: 300", "contraction: cable"),
       "regulator:\n  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}\n",
       ""));
@@ -145,7 +131,7 @@ TEST(SceneLoader, TendonsTakeAngles) {
 }
 
 TEST(SceneLoader, TheNearestStiffnessApplies) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   const double gamma[] = {10, 10, 10, 20, 20, 30}, kappa[] = {1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 3e-4};
   const double tau[] = {0, 0, 0, 1e-5, 1e-5, 2e-5};
   for (int i = 0; i < 6; ++i) {
@@ -156,14 +142,14 @@ TEST(SceneLoader, TheNearestStiffnessApplies) {
 }
 
 TEST(SceneLoader, UnnamedActuatorsAreNumberedThroughTheArm) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   const char* names[] = {"muscle_1", "muscle_2", "muscle_3", "left", "muscle_5", "top"};
   ASSERT_EQ(scene.arm.actuatorCount(), 6);
   for (int i = 0; i < 6; ++i) EXPECT_EQ(scene.arm.actuator(i).name, names[i]);
 }
 
 TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   EXPECT_EQ(scene.name, "rig");
   ASSERT_EQ(scene.looks.size(), 2u);
   EXPECT_EQ(scene.looks[0].name, "lower");
@@ -181,7 +167,7 @@ TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
 }
 
 TEST(SceneLoader, TagsAreSeenFromTheBaseCurve) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   ASSERT_TRUE(scene.tags);
   EXPECT_EQ(scene.tags->size, 0.02);
   EXPECT_EQ(scene.vision.detector.family, "25h9");
@@ -202,7 +188,7 @@ TEST(SceneLoader, TagsAreSeenFromTheBaseCurve) {
 }
 
 TEST(SceneLoader, TheCameraLooksAlongTheXAxisOfItsBody) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   ASSERT_TRUE(scene.camera);
   const Eigen::Matrix3d body = rz(170) * ry(12) * rx(5);
   EXPECT_EQ(scene.camera->X_WC.translation, Eigen::Vector3d(1, 0.5, 0.8));
@@ -222,7 +208,7 @@ TEST(SceneLoader, TheCameraLooksAlongTheXAxisOfItsBody) {
 }
 
 TEST(SceneLoader, TheWebcamTakesItsSizeFromTheCamera) {
-  const Scene scene = load(kSpatialScene);
+  const Scene scene = sceneOf(kSpatialScene);
   ASSERT_TRUE(scene.camera && scene.camera->webcam);
   const vision::WebcamConfig& webcam = *scene.camera->webcam;
   EXPECT_EQ(webcam.device, "/dev/video2");
@@ -237,17 +223,17 @@ TEST(SceneLoader, TheWebcamTakesItsSizeFromTheCamera) {
 TEST(SceneLoader, DistortionHasFourFiveOrEightNumbers) {
   const std::string five = "[0.1, -0.2, 0.001, -0.002, 0.05]";
   const auto distortionOf = [&](const std::string& list) {
-    return load(replaced(kSpatialScene, five, list)).camera->model.distortion;
+    return sceneOf(replaced(kSpatialScene, five, list)).camera->model.distortion;
   };
   EXPECT_EQ(distortionOf("[1, 2, 3, 4]"), (std::array<double, 8>{1, 2, 3, 4, 0, 0, 0, 0}));
   EXPECT_EQ(distortionOf("[1, 2, 3, 4, 5, 6, 7, 8]"),
             (std::array<double, 8>{1, 2, 3, 4, 5, 6, 7, 8}));
-  EXPECT_FALSE(
-      load(replaced(kSpatialScene, "  distortion: " + five + "\n", "")).camera->model.distorts());
+  EXPECT_FALSE(sceneOf(replaced(kSpatialScene, "  distortion: " + five + "\n", ""))
+                   .camera->model.distorts());
 }
 
 TEST(SceneLoader, VisionIsInSi) {
-  const vision::LocalizerConfig config = load(kSpatialScene).vision;
+  const vision::LocalizerConfig config = sceneOf(kSpatialScene).vision;
   EXPECT_EQ(config.detector.quad_decimate, 1.5);
   EXPECT_EQ(config.detector.quad_sigma, 0.8);
   EXPECT_EQ(config.detector.threads, 2);
@@ -267,7 +253,7 @@ TEST(SceneLoader, VisionIsInSi) {
 }
 
 TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
-  const SimulationConfig config = load(kSpatialScene).simulation;
+  const SimulationConfig config = sceneOf(kSpatialScene).simulation;
   EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
   EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
   EXPECT_EQ(config.arm.length_scale, 1.02);
@@ -289,17 +275,17 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
 }
 
 TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
-  const Scene scene = load(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}});
+  const Scene scene = sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}});
   EXPECT_EQ(scene.simulation.arm.length_scales, Eigen::Vector2d(0.98, 1.02));
 }
 
 TEST(SceneLoader, TheResponseIsThatOfItsContraction) {
-  const Scene plain = load(kPlanarScene);
+  const Scene plain = sceneOf(kPlanarScene);
   EXPECT_TRUE(plain.arm.actuator(0).response.instant());
   EXPECT_FALSE(plain.simulation.arm.response);
   const std::string response =
       "{rise_time_constant_s: 0.5, play_kpa: [20, 60], play_weight: [0.3, 0.4]}";
-  const Scene scene = load(kPlanarScene, {{"contractions.muscle.response", response}});
+  const Scene scene = sceneOf(kPlanarScene, {{"contractions.muscle.response", response}});
   ASSERT_TRUE(scene.planar);
   for (const model::Response& read :
        {scene.arm.actuator(1).response, scene.planar->actuator(0).response}) {
@@ -314,28 +300,28 @@ TEST(SceneLoader, TheResponseIsThatOfItsContraction) {
 }
 
 TEST(SceneLoader, TheRigMayRespondDifferently) {
-  const Scene none = load(kPlanarScene, {{"simulation.arm.response", "{}"}});
+  const Scene none = sceneOf(kPlanarScene, {{"simulation.arm.response", "{}"}});
   ASSERT_TRUE(none.simulation.arm.response);
   EXPECT_TRUE(none.simulation.arm.response->instant());
   const Scene scene =
-      load(kPlanarScene, {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}});
+      sceneOf(kPlanarScene, {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}});
   ASSERT_TRUE(scene.simulation.arm.response);
   EXPECT_EQ(scene.simulation.arm.response->plays[0].reach, 8e3);
 }
 
 TEST(SceneLoader, AirMayLeaveMoreSlowlyThanItEnters) {
-  const Scene scene = load(kSpatialScene, {{"regulator.simulated.fall_time_constant_s", "0.6"},
-                                           {"regulator.simulated.dead_time_s", "0.03"},
-                                           {"safety.follow.fall_time_constant_s", "0.7"}});
+  const Scene scene = sceneOf(kSpatialScene, {{"regulator.simulated.fall_time_constant_s", "0.6"},
+                                              {"regulator.simulated.dead_time_s", "0.03"},
+                                              {"safety.follow.fall_time_constant_s", "0.7"}});
   EXPECT_EQ(simulatedOf(scene).fall_time_constant, 0.6);
   EXPECT_EQ(simulatedOf(scene).dead_time, 0.03);
   EXPECT_EQ(scene.safety.rules.fallTimeConstant(), 0.7);
-  EXPECT_EQ(load(kSpatialScene).safety.rules.fallTimeConstant(), 0.3);
-  EXPECT_FALSE(simulatedOf(load(kSpatialScene)).fall_time_constant);
+  EXPECT_EQ(sceneOf(kSpatialScene).safety.rules.fallTimeConstant(), 0.3);
+  EXPECT_FALSE(simulatedOf(sceneOf(kSpatialScene)).fall_time_constant);
 }
 
 TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
-  const Scene scene = load(kPlanarScene);
+  const Scene scene = sceneOf(kPlanarScene);
   EXPECT_FALSE(scene.regulator);
   EXPECT_FALSE(scene.tags);
   EXPECT_FALSE(scene.camera);
@@ -349,7 +335,7 @@ TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
 }
 
 TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
-  const Scene scene = load(kPlanarScene);
+  const Scene scene = sceneOf(kPlanarScene);
   ASSERT_TRUE(scene.planar);
   for (int i = 0; i < 2; ++i) {
     EXPECT_EQ(scene.planar->actuator(i).X_O.translation, Eigen::Vector2d(0, i == 0 ? 0.03 : -0.03));
@@ -357,25 +343,25 @@ TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
     EXPECT_EQ(scene.arm.actuator(i).X_O.translation, Eigen::Vector3d(0, i == 0 ? 0.03 : -0.03, 0));
     EXPECT_EQ(scene.arm.actuator(i).X_O.rotation, Eigen::Matrix3d::Identity());
   }
-  EXPECT_FALSE(load(kSpatialScene).planar);
+  EXPECT_FALSE(sceneOf(kSpatialScene).planar);
 }
 
 TEST(SceneLoader, PlanarActuatorsMayTurnInThePlane) {
   const Scene scene =
-      load(replaced(kPlanarScene, "ring: {count: 2, radius_m: 0.03, contraction: muscle}",
-                    "actuators: [{position_m: [0, 0.02, 0], rpy_deg: [0, 0, 30], contraction: "
-                    "muscle}, {position_m: [0, -0.02, 0], contraction: muscle}]"));
+      sceneOf(replaced(kPlanarScene, "ring: {count: 2, radius_m: 0.03, contraction: muscle}",
+                       "actuators: [{position_m: [0, 0.02, 0], rpy_deg: [0, 0, 30], contraction: "
+                       "muscle}, {position_m: [0, -0.02, 0], contraction: muscle}]"));
   ASSERT_TRUE(scene.planar);
   const Eigen::Matrix2d expected = rz(30).topLeftCorner<2, 2>();
   EXPECT_TRUE(scene.planar->actuator(0).X_O.rotation.isApprox(expected, 1e-15));
 }
 
 TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
-  const Scene scene = load(kSpatialScene, {{"arm.sections.0.ring.radius_m", "0.05"},
-                                           {"arm.sections[1].actuators[0].name", "port"},
-                                           {"arm.base", "{position_m: [1, 2, 3]}"},
-                                           {"arm.sections.1.separators", "9"},
-                                           {"regulator.simulated.noise_kpa", "0"}});
+  const Scene scene = sceneOf(kSpatialScene, {{"arm.sections.0.ring.radius_m", "0.05"},
+                                              {"arm.sections[1].actuators[0].name", "port"},
+                                              {"arm.base", "{position_m: [1, 2, 3]}"},
+                                              {"arm.sections.1.separators", "9"},
+                                              {"regulator.simulated.noise_kpa", "0"}});
   EXPECT_NEAR(scene.arm.actuator(1).X_O.translation.norm(), 0.05, kTolerance);
   EXPECT_EQ(scene.arm.actuator(3).name, "port");
   EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(1, 2, 3));
@@ -386,18 +372,18 @@ TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
 }
 
 TEST(SceneLoader, OverridesCreateMissingMaps) {
-  const Scene scene =
-      load(kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
+  const Scene scene = sceneOf(
+      kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
   EXPECT_EQ(simulatedOf(scene).seed, 3u);
   EXPECT_EQ(simulatedOf(scene).time_constant, regulator::SimulatedRegulatorConfig().time_constant);
   EXPECT_EQ(scene.safety.commander_timeout, 2);
 }
 
 TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
-  const Scene scene = load(kPlanarScene, {{"vision.quad_decimate", "1"},
-                                          {"vision.base_prior.translation_m", "0.004"},
-                                          {"vision.tracking", "full"},
-                                          {"simulation.camera.noise_gray_levels", "0"}});
+  const Scene scene = sceneOf(kPlanarScene, {{"vision.quad_decimate", "1"},
+                                             {"vision.base_prior.translation_m", "0.004"},
+                                             {"vision.tracking", "full"},
+                                             {"simulation.camera.noise_gray_levels", "0"}});
   EXPECT_EQ(scene.vision.detector.quad_decimate, 1);
   EXPECT_EQ(scene.vision.tracking, vision::TrackingMode::kFull);
   EXPECT_TRUE(scene.vision.fit.free_base);
@@ -408,17 +394,17 @@ TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
 }
 
 TEST(SceneLoader, APlanarArmMayCarryTags) {
-  const Scene scene = load(
+  const Scene scene = sceneOf(
       kPlanarScene + "tags: {size_m: 0.03, groups: [{actuator: muscle_2, ids: [4], s: [1]}]}\n");
   ASSERT_TRUE(scene.tags);
   EXPECT_EQ(scene.vision.detector.family, "36h11");
   EXPECT_EQ(scene.tags->tags[0].X_ST.translation, Eigen::Vector3d(0, -0.03, 0));
   EXPECT_TRUE(scene.vision.fit.planar);
-  EXPECT_FALSE(load(kSpatialScene).vision.fit.planar);
+  EXPECT_FALSE(sceneOf(kSpatialScene).vision.fit.planar);
 }
 
 TEST(SceneLoader, TheLastOverrideOfAKeyWins) {
-  EXPECT_EQ(load(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
+  EXPECT_EQ(sceneOf(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
 }
 
 TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {
@@ -428,7 +414,7 @@ TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {
                                         {"vision.base_prior.translation_m", "0.004"},
                                         {"camera.webcam.device", "'/dev/0'"}};
   const std::string text = sceneText(file.path(), overrides);
-  const Scene written = load(text), meant = load(kSpatialScene, overrides);
+  const Scene written = sceneOf(text), meant = sceneOf(kSpatialScene, overrides);
   EXPECT_EQ(written.camera->model.fx, 700);
   EXPECT_EQ(written.camera->model.fy, meant.camera->model.fy);
   EXPECT_EQ(written.camera->webcam->device, "/dev/0");
@@ -440,10 +426,195 @@ TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {
 }
 
 TEST(SceneLoader, AnAnchorMayBeUsedTwice) {
-  const Scene scene = load(replaced(
+  const Scene scene = sceneOf(replaced(
       replaced(kSpatialScene, "  stiffness: {K_gamma: 10,", "  stiffness: &common {K_gamma: 10,"),
       "stiffness: {K_gamma: 20, K_tau_m2: 1.0e-5, K_kappa_m2: 2.0e-4}", "stiffness: *common"));
   EXPECT_EQ(scene.arm.actuator(3).stiffness.gamma, 10);
+}
+
+// ring.phase_deg, plate_m and arm.tool.
+double apart(const lie::SE3& a, const lie::SE3& b) {
+  return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
+}
+
+TEST(ScenePhase, AThirdOfATurnPermutesTheInputsOfThreeMuscles) {
+  for (const char* const name : {"spatial_50", "helical_50"}) {
+    const Scene plain = shippedScene(name);
+    const Scene turned = shippedScene(name, {{"arm.sections.0.ring.phase_deg", "120"}});
+    const Eigen::Vector3d q(3e5, 1e5, 2e4), moved(2e4, 3e5, 1e5);
+    // Muscle 1 of the turned ring sits where muscle 2 of the plain one does.
+    EXPECT_LT(apart(turned.arm.actuator(0).X_O, plain.arm.actuator(1).X_O), 1e-15);
+    EXPECT_LT(apart(turned.arm.tip(q), plain.arm.tip(moved)), 1e-13) << name;
+    EXPECT_GT(apart(turned.arm.tip(q), plain.arm.tip(q)), 0.05) << name;
+  }
+}
+
+TEST(ScenePhase, ZeroHasTheSameBits) {
+  const Scene plain = shippedScene("spatial_50"),
+              zero = shippedScene("spatial_50", {{"arm.sections.0.ring.phase_deg", "0"}});
+  const Eigen::Vector3d q(3e5, 1e5, 2e4);
+  EXPECT_EQ(plain.arm.tip(q).translation, zero.arm.tip(q).translation);
+  EXPECT_EQ(plain.arm.actuator(2).X_O.translation, zero.arm.actuator(2).X_O.translation);
+}
+
+TEST(ScenePhase, HalfATurnSwapsTheMusclesOfAPlanarArm) {
+  const Scene plain = shippedScene("planar_50");
+  const Scene turned = shippedScene("planar_50", {{"arm.sections.0.ring.phase_deg", "180"}});
+  EXPECT_LT(apart(turned.arm.tip(Eigen::Vector2d(3e5, 0)), plain.arm.tip(Eigen::Vector2d(0, 3e5))),
+            1e-12);
+}
+
+TEST(SceneLinks, PlatesAndToolArePartOfTheTip) {
+  const Scene plain = shippedScene("spatial_50");
+  const Scene scene = shippedScene(
+      "spatial_50", {{"arm.sections.0.plate_m", "0.02"},
+                     {"arm.tool", "{position_m: [0.05, 0, 0.01], rpy_deg: [90, 0, 0]}"}});
+  const Eigen::Vector3d q(3e5, 1e5, 0);
+  lie::SE3 link;
+  link.rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  link.translation = {0.07, 0, 0.01};
+  EXPECT_LT(apart(scene.arm.tip(q), plain.arm.tip(q) * link), 1e-15);
+  EXPECT_LT(apart(scene.model.tip(q).tip, scene.arm.tip(q)), 1e-15);
+  EXPECT_EQ(scene.arm.restLength(), plain.arm.restLength());
+}
+
+TEST(SceneLinks, TheTipLoadIsSeenFromTheTip) {
+  const Scene scene = shippedScene(
+      "loaded", {{"arm.tool.position_m", "[0.05, 0, 0.01]"}, {"arm.sections.0.plate_m", "0.03"}});
+  const statics::PointLoad& tip = scene.model.load()->points.back();
+  // position_m of the shipped scene is [0.02, 0, 0].
+  EXPECT_LT((tip.offset - Eigen::Vector3d(0.10, 0, 0.01)).norm(), 1e-15);
+}
+
+TEST(SceneLinks, ThePlaneHasThemToo) {
+  const Scene scene = shippedScene(
+      "planar_50", {{"arm.sections.0.plate_m", "0.02"},
+                    {"arm.tool", "{position_m: [0.05, 0.01, 0], rpy_deg: [0, 0, 30]}"}});
+  const Eigen::Vector2d q(3e5, 1e5);
+  ASSERT_TRUE(scene.planar);
+  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kPlanar);
+  EXPECT_LT(apart(scene.model.tip(q).tip, scene.arm.tip(q)), 1e-13);
+  EXPECT_LT(apart(model::tipPose(scene.model.solve(q).shape), scene.arm.tip(q)), 1e-13);
+}
+
+TEST(SceneLinks, RulesAreChecked) {
+  const test::BrokenValue kSpatial[] = {
+      {"arm.sections[0].", "separators: 5", "plate_m: -0.1", "a finite value >= 0"},
+      {"arm.sections[0].ring.", "tilt_deg: 10", "phase_deg: 400", "-360 to 360 degrees"}};
+  test::expectFaults(kSpatialScene, kSpatial);
+  for (const auto& [key, value] : {std::pair("arm.sections.0.ring.phase_deg", "90"),
+                                   std::pair("arm.tool.position_m", "[0, 0, 0.1]"),
+                                   std::pair("arm.tool.rpy_deg", "[10, 0, 0]")}) {
+    EXPECT_EQ(test::faultsOf(kPlanarScene, {{key, value}}).size(), 1u) << key;
+  }
+  EXPECT_EQ(test::faultsOf(kPlanarScene, {{"arm.tool.rpy_deg", "[0, 0, 10]"}}), test::Faults());
+}
+
+// ring.radius_m and ring.tilt_deg as lists.
+TEST(SceneTaper, ListsAreTheEndsOfTheSection) {
+  const Scene scene = shippedScene("helical_50", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"},
+                                                  {"arm.sections.0.ring.tilt_deg", "[0, 15]"}});
+  ASSERT_TRUE(scene.arm.tapered());
+  for (int i = 0; i < 3; ++i) {
+    const model::Actuator& muscle = scene.arm.actuator(i);
+    EXPECT_NEAR(model::poseAlong(muscle, 0.0).translation.norm(), 0.05, 1e-15);
+    EXPECT_NEAR(model::poseAlong(muscle, 0.4).translation.norm(), 0.04, 1e-15);
+    const lie::SE3 end = model::poseAlong(muscle, 1.0), middle = model::poseAlong(muscle, 0.5);
+    EXPECT_NEAR(end.translation.norm(), 0.025, 1e-15);
+    EXPECT_NEAR(std::acos(end.rotation(0, 0)) * 180 / 3.14159265358979, 15, 1e-9);
+    EXPECT_NEAR(std::acos(middle.rotation(0, 0)) * 180 / 3.14159265358979, 7.5, 1e-9);
+  }
+}
+
+TEST(SceneTaper, EqualValuesHaveTheBitsOfOneNumber) {
+  const Scene one = shippedScene("helical_50"),
+              list =
+                  shippedScene("helical_50", {{"arm.sections.0.ring.radius_m", "[0.0254, 0.0254]"},
+                                              {"arm.sections.0.ring.tilt_deg", "[15, 15]"}});
+  const Eigen::Vector3d q(3e5, 1e5, 0);
+  EXPECT_FALSE(list.arm.tapered());
+  EXPECT_EQ(list.model.tip(q).tip.translation, one.model.tip(q).tip.translation);
+}
+
+TEST(SceneTaper, ThePlaneTakesIt) {
+  const Scene scene =
+      shippedScene("planar_50", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}});
+  ASSERT_TRUE(scene.planar && scene.planar->tapered());
+  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kPlanar);
+  const Eigen::Vector2d q(3e5, 0);
+  EXPECT_LT((scene.model.tip(q).tip.translation - scene.arm.tip(q).translation).norm(),
+            1e-5 * scene.arm.restLength());
+  EXPECT_LT(
+      (model::tipPose(scene.model.solve(q).shape).translation - scene.model.tip(q).tip.translation)
+          .norm(),
+      1e-13);
+}
+
+TEST(SceneTaper, TagsFollowTheirMuscle) {
+  const Scene scene = shippedScene("demo", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}});
+  const estimation::TagPlacement& first = scene.tags->tags.front();
+  const double stand =
+      (first.X_ST.translation - model::poseAlong(scene.arm.actuator(0), first.s).translation)
+          .norm();
+  int on_first = 0;
+  for (const estimation::TagPlacement& tag : scene.tags->tags) {
+    if (tag.id > 6) continue;
+    ++on_first;
+    EXPECT_NEAR(
+        (tag.X_ST.translation - model::poseAlong(scene.arm.actuator(0), tag.s).translation).norm(),
+        stand, 1e-12);
+  }
+  EXPECT_EQ(on_first, 7);
+  // A rendered rig and its fits use pieces.
+  EXPECT_GT(scene.model.solve(Eigen::Vector3d(1e5, 0, 0)).shape.piecesPerSection(), 1);
+}
+
+// stiffness.K_eps_n as a table against pressure.
+constexpr char kTable[] = "{pressure_kpa: [0, 130, 260, 414], force_n: [45, 15, 37, 60]}";
+
+Scene loadedWith(const std::string& K_eps) {
+  return shippedScene(
+      "loaded",
+      {{"arm.stiffness.K_eps_n", K_eps}, {"load.mass_kg", "0.02"}, {"load.tip.mass_kg", "0.005"}});
+}
+
+TEST(SceneStiffnessTable, IsReadRelativeToItsLeastForce) {
+  const Scene scene = loadedWith(kTable);
+  const statics::Load& load = *scene.model.load();
+  EXPECT_EQ(load.K_eps, std::vector<double>{15});
+  ASSERT_EQ(load.tables.size(), 1u);
+  EXPECT_EQ(load.tables[0].input, (std::vector<double>{0, 130e3, 260e3, 414e3}));
+  EXPECT_EQ(load.tables[0].factor, (std::vector<double>{3, 1, 37 / 15., 4}));
+}
+
+TEST(SceneStiffnessTable, AConstantOneIsANumberBitForBit) {
+  const Scene number = loadedWith("60");
+  const Scene table = loadedWith("{pressure_kpa: [0, 200, 414], force_n: [60, 60, 60]}");
+  EXPECT_TRUE(table.model.load()->tables.empty());
+  const Eigen::Vector3d q(3e5, 1e5, 0);
+  EXPECT_EQ(table.model.tip(q).tip.translation, number.model.tip(q).tip.translation);
+}
+
+TEST(SceneStiffnessTable, WithoutLoadItHasNoEffect) {
+  const Scene plain = shippedScene("demo"),
+              table = shippedScene("demo", {{"arm.stiffness.K_eps_n", kTable}});
+  const Eigen::Vector3d q(3e5, 1e5, 0);
+  EXPECT_EQ(table.model.tip(q).tip.translation, plain.model.tip(q).tip.translation);
+}
+
+TEST(SceneStiffnessTable, RulesAreChecked) {
+  for (const auto& [table, rule] :
+       {std::pair("{pressure_kpa: [0, 414], force_n: [45]}",
+                  "force_n has 1 entries for 2 of pressure_kpa"),
+        std::pair("{pressure_kpa: [0, 200, 100], force_n: [45, 14, 30]}",
+                  "expected ascending pressures"),
+        std::pair("{pressure_kpa: [0, 414], force_n: [45, 0]}", "force_n[1] is 0"),
+        std::pair("{pressure_kpa: [0, 300], force_n: [45, 30]}",
+                  "expected to cover its limits of 0 to 413.6856 kPa")}) {
+    const std::string text = table;
+    const std::string said = test::refusal<DocumentError>([&text] { loadedWith(text); });
+    EXPECT_NE(said.find(rule), std::string::npos) << said;
+  }
 }
 
 }  // namespace

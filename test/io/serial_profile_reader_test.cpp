@@ -6,13 +6,14 @@
 
 #include "io/scene/profile_file.hpp"
 #include "profile_text.hpp"
-#include "support/scene_text.hpp"
 #include "support/serial_profiles.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 using regulator::SerialProfile;
+using test::BrokenRule;
+using test::BrokenValue;
 using test::replaced;
 using ReadResult = test::ReadProfile<SerialProfile>;
 
@@ -117,88 +118,58 @@ TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
   }
 }
 
+const BrokenValue kValues[] = {
+    {"ascii_serial.", "baud: 9600", "fast", "a whole number from 1200 to 2000000"},
+    {"ascii_serial.", "baud: 9600", "bauds: 9600", " is not a known key; did you mean baud?"},
+    {"ascii_serial.", "terminator: crlf", "eol", "cr, lf or crlf"},
+    {"ascii_serial.", "unit: mbar", "MPa", "psi, kPa, bar, mbar or Pa"},
+    {"ascii_serial.", "scale: 0.5", "0", "a finite value > 0"},
+    {"ascii_serial.", "atmosphere_kpa: 101.325", "101325", "0 to 200 kPa"},
+    {"ascii_serial.", "unit_word: mbar", "[]", " is a list; expected a word"},
+    {"ascii_serial.", "decimals: 3", "7", "a whole number from 0 to 6"},
+    {"ascii_serial.", "separator: \",\"", "\"\"", "the separator of numbers"},
+    {"ascii_serial.", "one_by_one: false", "0", "true or false"},
+    {"ascii_serial.", "start: [hello, \"echo off\"]", "[hello, []]",
+     "[1] is a list; expected a line of text"},
+    {"ascii_serial.", "vent: [stop, vent]", "{a: b}",
+     " is a map; expected a line of text, or a list of them"},
+    {"ascii_serial.", "timeout_s: 0.25", "11", "0.001 to 10 s"},
+    {"ascii_serial.", "watchdog_s: 1.5", "0.05", "0.1 to 60 s"},
+    {"ascii_serial.", "highest_kpa: 250", "0", "a finite value > 0"},
+    {"ascii_serial.", "channels: 12", "0", "a whole number from 1 to 1024"},
+    {"ascii_serial.", "checksum: crc16", "crc8", "none or crc16"},
+};
+
+const BrokenRule kRules[] = {
+    {"baud: 9600",
+     "baud: 9601",
+     {"f:1 ascii_serial: serial profile: baud is 9601; expected a standard rate from 1200 to "
+      "2000000"}},
+    {"  terminator: crlf\n",
+     "",
+     {"f:1 ascii_serial.terminator is missing; expected cr, lf or crlf"}},
+    {"  unit_word: mbar\n",
+     "",
+     {"f:1 ascii_serial: serial profile: reply \"{pressures} {unit}\" has {unit}, but unit_word is "
+      "missing"}},
+    {"  write: \"set {pressures}\"\n",
+     "",
+     {"f:1 ascii_serial.write is missing; expected a line of text"}},
+    {"write: \"set {pressures}\"",
+     "write: \"set {pressure}\"",
+     {"f:1 ascii_serial: serial profile: write has no {pressures}"}},
+    {"  reply: \"{pressures} {unit}\"\n",
+     "",
+     {"f:1 ascii_serial.reply is missing; expected a line of text"}},
+    {"  vent: [stop, vent]\n",
+     "",
+     {"f:1 ascii_serial.vent is missing; expected a line of text, or a list of them"}},
+};
+
 TEST(SerialProfileReader, BreakingARuleIsReported) {
-  const struct {
-    const char* from;
-    const char* to;
-    std::vector<std::string> faults;
-  } kCases[] = {
-      {"baud: 9600",
-       "baud: fast",
-       {"f:2 ascii_serial.baud is fast; expected a whole number from 1200 to 2000000"}},
-      {"baud: 9600",
-       "baud: 9601",
-       {"f:1 ascii_serial: serial profile: baud is 9601; expected a standard rate from 1200 to "
-        "2000000"}},
-      {"baud: 9600",
-       "bauds: 9600",
-       {"f:2 ascii_serial.bauds is not a known key; did you mean baud?"}},
-      {"terminator: crlf",
-       "terminator: eol",
-       {"f:3 ascii_serial.terminator is eol; expected cr, lf or crlf"}},
-      {"  terminator: crlf\n",
-       "",
-       {"f:1 ascii_serial.terminator is missing; expected cr, lf or crlf"}},
-      {"unit: mbar",
-       "unit: MPa",
-       {"f:4 ascii_serial.unit is MPa; expected psi, kPa, bar, mbar or Pa"}},
-      {"scale: 0.5", "scale: 0", {"f:5 ascii_serial.scale is 0; expected a finite value > 0"}},
-      {"atmosphere_kpa: 101.325",
-       "atmosphere_kpa: 101325",
-       {"f:6 ascii_serial.atmosphere_kpa is 101325; expected 0 to 200 kPa"}},
-      {"unit_word: mbar",
-       "unit_word: []",
-       {"f:7 ascii_serial.unit_word is a list; expected a word"}},
-      {"  unit_word: mbar\n",
-       "",
-       {"f:1 ascii_serial: serial profile: reply \"{pressures} {unit}\" has {unit}, but unit_word "
-        "is missing"}},
-      {"decimals: 3",
-       "decimals: 7",
-       {"f:8 ascii_serial.decimals is 7; expected a whole number from 0 to 6"}},
-      {"separator: \",\"",
-       "separator: \"\"",
-       {"f:9 ascii_serial.separator is \"\"; expected the separator of numbers"}},
-      {"one_by_one: false",
-       "one_by_one: 0",
-       {"f:11 ascii_serial.one_by_one is 0; expected true or false"}},
-      {"start: [hello, \"echo off\"]",
-       "start: [hello, []]",
-       {"f:12 ascii_serial.start[1] is a list; expected a line of text"}},
-      {"  write: \"set {pressures}\"\n",
-       "",
-       {"f:1 ascii_serial.write is missing; expected a line of text"}},
-      {"write: \"set {pressures}\"",
-       "write: \"set {pressure}\"",
-       {"f:1 ascii_serial: serial profile: write has no {pressures}"}},
-      {"  reply: \"{pressures} {unit}\"\n",
-       "",
-       {"f:1 ascii_serial.reply is missing; expected a line of text"}},
-      {"  vent: [stop, vent]\n",
-       "",
-       {"f:1 ascii_serial.vent is missing; expected a line of text, or a list of them"}},
-      {"vent: [stop, vent]",
-       "vent: {a: b}",
-       {"f:17 ascii_serial.vent is a map; expected a line of text, or a list of them"}},
-      {"timeout_s: 0.25",
-       "timeout_s: 11",
-       {"f:20 ascii_serial.timeout_s is 11; expected 0.001 to 10 s"}},
-      {"watchdog_s: 1.5",
-       "watchdog_s: 0.05",
-       {"f:21 ascii_serial.watchdog_s is 0.05; expected 0.1 to 60 s"}},
-      {"highest_kpa: 250",
-       "highest_kpa: 0",
-       {"f:22 ascii_serial.highest_kpa is 0; expected a finite value > 0"}},
-      {"channels: 12",
-       "channels: 0",
-       {"f:23 ascii_serial.channels is 0; expected a whole number from 1 to 1024"}},
-      {"checksum: crc16",
-       "checksum: crc8",
-       {"f:24 ascii_serial.checksum is crc8; expected none or crc16"}},
-  };
-  for (const auto& entry : kCases) {
-    EXPECT_EQ(readText(replaced(kAll, entry.from, entry.to)).faults, entry.faults);
-  }
+  const auto faults = [](const std::string& text) { return readText(text).faults; };
+  test::expectFaults(kAll, kValues, faults, "f");
+  test::expectFaults(kAll, kRules, faults, "f");
 }
 
 }  // namespace

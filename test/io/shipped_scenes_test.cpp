@@ -10,13 +10,12 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/simulation/rig.hpp"
+#include "scene_faults.hpp"
 #include "support/random.hpp"
-#include "support/temporary_file.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -35,10 +34,6 @@ double quinticOfPsi(const double (&c)[6], double pressure) {
   double sum = 0;
   for (int k = 0; k < 6; ++k) sum += c[k] * std::pow(pressure / kPsi, k);
   return sum;
-}
-
-std::string scenePath(const std::string& name) {
-  return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml";
 }
 
 struct PublishedArm {
@@ -68,7 +63,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, ShippedArm, testing::ValuesIn(kArms),
 
 TEST_P(ShippedArm, HasItsPublishedLayout) {
   const PublishedArm& published = GetParam();
-  const Scene scene = loadScene(scenePath(published.scene));
+  const Scene scene = test::shippedScene(published.scene);
   EXPECT_EQ(scene.name, published.scene);
   EXPECT_EQ(scene.planar.has_value(), published.planar);
   EXPECT_EQ(scene.arm.sectionCount(), 1);
@@ -94,7 +89,7 @@ TEST_P(ShippedArm, HasItsPublishedLayout) {
 
 TEST_P(ShippedArm, ContractsAsPublished) {
   const PublishedArm& published = GetParam();
-  const Scene scene = loadScene(scenePath(published.scene));
+  const Scene scene = test::shippedScene(published.scene);
   const model::Contraction& contraction = scene.arm.actuator(0).contraction;
   for (int i = 0; i <= 60; ++i) {
     const double pressure = kMaxPressure * i / 60;
@@ -103,7 +98,7 @@ TEST_P(ShippedArm, ContractsAsPublished) {
   }
 }
 
-TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
+TEST(ShippedScenes, AllLoadAndCanBeLaunchedAndTheSafetyCoreAcceptsThem) {
   std::set<std::string> found;
   for (const auto& entry :
        std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
@@ -117,6 +112,9 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
     const Eigen::VectorXd vented = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
     EXPECT_TRUE(scene.arm.tip(vented).translation.allFinite())
         << "a vented arm must be within the limits";
+    ASSERT_EQ(scene.safety.channels.size(), static_cast<std::size_t>(scene.arm.actuatorCount()));
+    const control::SafetyCore core(scene.safety.channels, scene.safety.rules);
+    EXPECT_EQ(core.state(), control::SafetyState::kDisabled);
   }
   EXPECT_EQ(found,
             (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial", "helical_50",
@@ -126,7 +124,7 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
 
 // The kinds of regulator that annotated.yaml has as comments: those of `#key: value`, indented.
 std::string annotatedWith(const std::string& kind) {
-  std::ifstream file(scenePath("annotated"));
+  std::ifstream file(HELIX_ARM_SOURCE_DIR "/config/scenes/annotated.yaml");
   std::string text, block;
   for (std::string line; std::getline(file, line);) {
     const std::size_t at = line.find_first_not_of(' ');
@@ -152,43 +150,31 @@ TEST(ShippedScenes, TheAnnotatedRegulatorsAreRight) {
   EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).slots.size(), 6u);
 }
 
-// Every scene's rules are ones that the safety core takes, and a channel is each of its actuators.
-TEST(ShippedScenes, TheSafetyCoreAcceptsThem) {
-  for (const auto& entry :
-       std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
-    const Scene scene = loadScene(entry.path().string());
-    SCOPED_TRACE(scene.name);
-    ASSERT_EQ(scene.safety.channels.size(), static_cast<std::size_t>(scene.arm.actuatorCount()));
-    const control::SafetyCore core(scene.safety.channels, scene.safety.rules);
-    EXPECT_EQ(core.state(), control::SafetyState::kDisabled);
-  }
-}
-
 TEST(ShippedScenes, OnlyTwoAreLoaded) {
   for (const char* name :
        {"helical_50", "planar_101", "planar_50", "planar_76", "spatial_101", "spatial_50"}) {
-    EXPECT_FALSE(loadScene(scenePath(name)).model.load()) << name;
+    EXPECT_FALSE(test::shippedScene(name).model.load()) << name;
   }
-  const Scene demo = loadScene(scenePath("demo"));
+  const Scene demo = test::shippedScene("demo");
   ASSERT_TRUE(demo.model.load());
   EXPECT_TRUE(demo.model.load()->empty());
   EXPECT_EQ(demo.model.load()->K_eps, std::vector<double>{900});
   EXPECT_EQ(demo.model.choice().setting.tier, statics::Tier::kLinear);
-  const Scene scene = loadScene(scenePath("loaded"));
+  const Scene scene = test::shippedScene("loaded");
   ASSERT_TRUE(scene.model.load());
   EXPECT_EQ(scene.model.load()->mass, std::vector<double>{0.2});
   EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
   EXPECT_EQ(scene.model.load()->points.at(0).mass, 0.05);
   EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kLoaded);
   EXPECT_LE(scene.model.choice().relative_tip_error, statics::kUsualTipError);
-  const Scene annotated = loadScene(scenePath("annotated"));
+  const Scene annotated = test::shippedScene("annotated");
   ASSERT_TRUE(annotated.model.load());
   EXPECT_EQ(annotated.model.load()->K_eps, (std::vector<double>{900, 1200}));
   EXPECT_NEAR(annotated.model.load()->mass[0] + annotated.model.load()->mass[1], 0.25, 1e-15);
 }
 
 TEST(ShippedScenes, TheDemoArmHangs) {
-  const Scene scene = loadScene(scenePath("demo"));
+  const Scene scene = test::shippedScene("demo");
   EXPECT_NEAR((scene.X_WB.rotation * Eigen::Vector3d::UnitX() + Eigen::Vector3d::UnitZ()).norm(), 0,
               1e-15);
   const lie::SE3 X_WT = scene.X_WB * scene.arm.tip(Eigen::VectorXd::Zero(3));
@@ -200,13 +186,13 @@ TEST(ShippedScenes, ShearStiffnessSetsTheHelicalArmsCurvature) {
   const Eigen::Vector3d pressure(kMaxPressure, 0, 0);
   const std::pair<const char*, double> cases[] = {{"10", 1.455}, {"100", 0.502}, {"1000", 0.066}};
   for (const auto& [gamma, curvature] : cases) {
-    const Scene scene = loadScene(scenePath("helical_50"), {{"arm.stiffness.K_gamma", gamma}});
+    const Scene scene = test::shippedScene("helical_50", {{"arm.stiffness.K_gamma", gamma}});
     EXPECT_NEAR(scene.arm.twists(pressure)(5, 0), curvature, 6e-4) << gamma;
   }
 }
 
 TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {
-  const Scene scene = loadScene(scenePath("helical_50"));
+  const Scene scene = test::shippedScene("helical_50");
   ASSERT_TRUE(scene.tags);
   EXPECT_EQ(scene.tags->size, 0.031);
   const int ids[2][4] = {{10, 11, 30, 31}, {6, 7, 8, 9}};
@@ -241,7 +227,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, ShippedCamera,
                          [](const auto& scene) { return std::string(scene.param.first); });
 
 TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
-  const Scene scene = loadScene(scenePath(GetParam().first));
+  const Scene scene = test::shippedScene(GetParam().first);
   ASSERT_TRUE(scene.tags && scene.camera);
   const simulation::TrueArm truth(scene.model, scene.simulation.arm);
   test::Random random(11);
@@ -259,14 +245,14 @@ TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
 }
 
 TEST(ShippedScenes, TheDemoTrustsNoTapeMeasure) {
-  const estimation::TwistFitOptions fit = loadScene(scenePath("demo")).vision.fit;
+  const estimation::TwistFitOptions fit = test::shippedScene("demo").vision.fit;
   EXPECT_TRUE(fit.free_base);
   EXPECT_EQ(fit.base_prior.translation, 0.002);
   EXPECT_NEAR(fit.base_prior.rotation, 0.5 * std::atan(1.0) / 45, 1e-15);
 }
 
 TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
-  const Scene scene = loadScene(scenePath("demo"));
+  const Scene scene = test::shippedScene("demo");
   const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
   const Eigen::MatrixXd tour = procedures::pressureTour(scene.arm);
   double most = 0;
@@ -281,13 +267,13 @@ TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneHasTwoSectionsAndListsItsActuators) {
-  const Scene scene = loadScene(scenePath("annotated"));
+  const Scene scene = test::shippedScene("annotated");
   ASSERT_EQ(scene.arm.sectionCount(), 2);
   EXPECT_EQ(scene.arm.actuator(scene.arm.firstActuator(1)).name, "bellows_left");
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
-  const vision::LocalizerConfig shown = loadScene(scenePath("annotated")).vision, defaults;
+  const vision::LocalizerConfig shown = test::shippedScene("annotated").vision, defaults;
   EXPECT_EQ(shown.detector.family, defaults.detector.family);
   EXPECT_EQ(shown.detector.quad_decimate, defaults.detector.quad_decimate);
   EXPECT_EQ(shown.detector.quad_sigma, defaults.detector.quad_sigma);
@@ -306,9 +292,9 @@ TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
-  const follow::VisualServoConfig shown = loadScene(scenePath("annotated")).follow,
+  const follow::VisualServoConfig shown = test::shippedScene("annotated").follow,
                                   defaults =
-                                      loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
+                                      test::shippedScene("annotated", {{"follow", "{}"}}).follow;
   EXPECT_EQ(shown.smoothing, defaults.smoothing);
   EXPECT_EQ(shown.stale_after, defaults.stale_after);
   EXPECT_EQ(shown.coast_time, defaults.coast_time);

@@ -26,7 +26,7 @@ class Arm {
  public:
   explicit Arm(double settling_time = 0.5) : settling_time_(settling_time) {}
 
-  Settling follow(double now, const Eigen::VectorXd& pressure) {
+  Settling operator()(double now, const Eigen::VectorXd& pressure) {
     if (pressure_.size() == 0 || pressure_ != pressure) since_ = now;
     pressure_ = pressure;
     Settling out;
@@ -66,10 +66,7 @@ Record play(CalibrationRun& run, Eigen::VectorXd command,
   return out;
 }
 
-Record play(CalibrationRun& run, Arm arm = Arm()) {
-  return play(run, kRest,
-              [&](double now, const Eigen::VectorXd& command) { return arm.follow(now, command); });
-}
+Record play(CalibrationRun& run, Arm arm = Arm()) { return play(run, kRest, arm); }
 
 void expectBoundedRamps(const Record& record, const Eigen::VectorXd& from) {
   Eigen::VectorXd last = from;
@@ -130,7 +127,7 @@ class SeenArm {
   SeenArm(int from, int to) : from_(from), to_(to) {}
 
   Settling operator()(double now, const Eigen::VectorXd& pressure) {
-    Settling out = arm_.follow(now, pressure);
+    Settling out = arm_(now, pressure);
     if (tick_ >= from_ && tick_ <= to_) {
       out.state = SettleState::kUnseen;
       out.reason = "tag detections: none received for 2.00 s";
@@ -210,10 +207,7 @@ TEST(CalibrationRun, ItsReturnDoesNotWaitForPicturesButForTheCommand) {
 TEST(CalibrationRun, StalePressuresAbortAtOnceAndRampDown) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
-  const auto follow = [&](double now, const Eigen::VectorXd& command) {
-    return arm.follow(now, command);
-  };
-  Record before = play(run, kRest, follow, 60);
+  Record before = play(run, kRest, std::ref(arm), 60);
   ASSERT_EQ(run.phase(), RunPhase::kSettling);
   const Record after = play(run, before.commands.back(), [](double, const Eigen::VectorXd&) {
     Settling out;
@@ -231,13 +225,10 @@ TEST(CalibrationRun, PreemptedItRampsDownFromWhereverItIs) {
   for (const int ticks : {10, 60, 140}) {
     CalibrationRun run(twoSteps(), kRest, kRest, kRules);
     Arm arm;
-    const auto follow = [&](double now, const Eigen::VectorXd& command) {
-      return arm.follow(now, command);
-    };
-    const Record before = play(run, kRest, follow, ticks);
+    const Record before = play(run, kRest, std::ref(arm), ticks);
     run.end(RunEnd::kPreempted, "asked to");
     run.end(RunEnd::kAborted, "later");
-    const Record after = play(run, before.commands.back(), follow);
+    const Record after = play(run, before.commands.back(), std::ref(arm));
     EXPECT_TRUE(run.ended());
     EXPECT_EQ(run.verdict(), RunEnd::kPreempted);
     EXPECT_EQ(run.reason(), "asked to");
@@ -250,9 +241,7 @@ TEST(CalibrationRun, PreemptedItRampsDownFromWhereverItIs) {
 TEST(CalibrationRun, LeavesTheArmToAnotherCommander) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
-  play(
-      run, kRest,
-      [&](double now, const Eigen::VectorXd& command) { return arm.follow(now, command); }, 60);
+  play(run, kRest, arm, 60);
   run.yield("the series commands the arm");
   EXPECT_TRUE(run.ended());
   EXPECT_EQ(run.verdict(), RunEnd::kAborted);
@@ -263,9 +252,9 @@ TEST(CalibrationRun, ItsRampsGoOnWhereTheyWereAfterAPause) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
   Eigen::VectorXd command = kRest;
-  command = run.advance(1, arm.follow(1, command)).pressure;
+  command = run.advance(1, arm(1, command)).pressure;
   EXPECT_EQ(command, kRest);
-  command = run.advance(2000, arm.follow(2000, command)).pressure;
+  command = run.advance(2000, arm(2000, command)).pressure;
   EXPECT_GT(command.maxCoeff(), 0);
   EXPECT_LE(command.maxCoeff(), 1.01e4) << "a tenth of a second's worth";
 }
@@ -306,7 +295,7 @@ TEST(CalibrationRun, CancelledDuringItsReturnItIsNotComplete) {
   while (run.phase() != RunPhase::kReturning) {
     now += 0.02;
     ASSERT_LT(now, 100);
-    command = run.advance(now, arm.follow(now, command)).pressure;
+    command = run.advance(now, arm(now, command)).pressure;
   }
   EXPECT_EQ(run.verdict(), RunEnd::kCompleted);
   run.end(RunEnd::kPreempted, "cancelled");
@@ -323,7 +312,7 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
   double now = 0;
   const auto advance = [&](const Eigen::VectorXd& command) {
     now += 0.02;
-    return run.advance(now, arm.follow(now, command)).pressure;
+    return run.advance(now, arm(now, command)).pressure;
   };
   Eigen::VectorXd command = kRest;
   while (run.phase() != RunPhase::kReturning) {
@@ -347,12 +336,12 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
   stuck.end(RunEnd::kPreempted, "cancelled");
   for (double after = 0; after < kRules.patience; after += 0.02) {
     now += 0.02;
-    stuck.advance(now, arm.follow(now, late));
+    stuck.advance(now, arm(now, late));
     EXPECT_FALSE(stuck.ended()) << after;
   }
   for (int k = 0; k < 5; ++k) {
     now += 0.02;
-    stuck.advance(now, arm.follow(now, late));
+    stuck.advance(now, arm(now, late));
   }
   EXPECT_TRUE(stuck.ended());
 }

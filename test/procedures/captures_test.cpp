@@ -6,6 +6,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/procedures/response_series.hpp"
+#include "support/refusal.hpp"
 #include "support/scene_text.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
@@ -92,23 +93,13 @@ TEST(Captures, KindsAreIdentifiedByTheirColumns) {
   EXPECT_EQ(kind("capture,tag,x_m"), DataKind::kTagPoses);
   EXPECT_EQ(kind("capture,tag,x1_px"), DataKind::kTagCorners);
   EXPECT_EQ(kind("pressure_kpa,length_m"), DataKind::kLengths);
-  try {
-    kind("a_m,b_m");
-    FAIL();
-  } catch (const io::DocumentError& error) {
-    EXPECT_STREQ(
-        error.what(),
-        "data.csv has none of the columns that identify its kind of data; expected curvature_rad "
-        "of curvatures, x_m of tag poses, x1_px of tag corners, length_m of free lengths");
-  }
-  try {
-    kind("curvature_rad,x_m");
-    FAIL();
-  } catch (const io::DocumentError& error) {
-    EXPECT_STREQ(error.what(),
-                 "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected "
-                 "only one of them");
-  }
+  EXPECT_EQ(
+      test::refusal<io::DocumentError>([&] { kind("a_m,b_m"); }),
+      "data.csv has none of the columns that identify its kind of data; expected curvature_rad "
+      "of curvatures, x_m of tag poses, x1_px of tag corners, length_m of free lengths");
+  EXPECT_EQ(test::refusal<io::DocumentError>([&] { kind("curvature_rad,x_m"); }),
+            "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected only "
+            "one of them");
 }
 
 TEST(Captures, ANumberThatIsNoneIsAFault) {
@@ -186,12 +177,7 @@ TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
   capture.tags[0].corners << 100, 120, 120, 100, 130, 130, 110, 110;
   EXPECT_EQ(makeCaptures(scene, {capture}, "record").captures.size(), 1u);
   const auto refusal = [&scene](const io::TagCornerCapture& seen) {
-    try {
-      makeCaptures(scene, {seen}, "record");
-    } catch (const io::DocumentError& error) {
-      return std::string(error.what());
-    }
-    return std::string();
+    return test::refusal<io::DocumentError>([&] { makeCaptures(scene, {seen}, "record"); });
   };
   io::TagCornerCapture high = capture, few = capture;
   high.pressure[3] = 101e3;

@@ -2,13 +2,13 @@
 #include <fstream>
 #include <set>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/calibration/calibration_parameters.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -91,16 +91,13 @@ TEST(FitWords, NameParametersAndGroups) {
 }
 
 TEST(FitWords, OfNoParameterAreRefused) {
-  try {
-    estimation::fitParametersOf({"tags", "springs"}, false);
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(
-        error.what(),
-        "\"springs\" is not a parameter to fit; expected some of stiffness, K_kappa, K_gamma, "
-        "K_tau, K_eps, length_scale, length_scale_each, contraction, response, placement, base, "
-        "tags, bleed");
-  }
+  EXPECT_EQ(
+      refusal([] {
+        estimation::fitParametersOf({"tags", "springs"}, false);
+      }),
+      "\"springs\" is not a parameter to fit; expected some of stiffness, K_kappa, K_gamma, "
+      "K_tau, K_eps, length_scale, length_scale_each, contraction, response, placement, base, "
+      "tags, bleed");
 }
 
 TEST(FitWords, EachActuatorsScaleGoesBeforeTheCommonOne) {

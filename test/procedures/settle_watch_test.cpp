@@ -38,9 +38,20 @@ class Watched {
       if (tick_ % 10 == 0) watch.seen(now, tagsAtTime(now));
     }
   }
+  // At the set point, without motion.
   void pass(double seconds) {
+    passAt(seconds, [this](double) { return set_point; });
+  }
+  // Without motion, at these pressures.
+  template <class Pressure>
+  void passAt(double seconds, const Pressure& pressureAt) {
+    pass(seconds, pressureAt, [](double) { return tagsAt(5); });
+  }
+  // At the set point, with these tags.
+  template <class Tags>
+  void see(double seconds, const Tags& tagsAtTime) {
     pass(
-        seconds, [this](double) { return set_point; }, [](double) { return tagsAt(5); });
+        seconds, [this](double) { return set_point; }, tagsAtTime);
   }
   Settling state() const { return watch.at(now); }
 
@@ -109,9 +120,7 @@ TEST(SettleWatch, ANewSetPointBeginsAnew) {
 TEST(SettleWatch, ThePressureMustBeWithinItsToleranceOfTheSetPoint) {
   for (const double off : {2.9e3, 3.1e3}) {
     Watched arm;
-    arm.pass(
-        2, [&](double) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(0, off); },
-        [](double) { return tagsAt(5); });
+    arm.passAt(2, [&](double) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(0, off); });
     EXPECT_EQ(arm.state().settled(), off < 3e3);
     if (off < 3e3) continue;
     EXPECT_EQ(arm.state().state, SettleState::kPressure);
@@ -127,12 +136,9 @@ TEST(SettleWatch, NoiseThatAveragesOutDoesNotUnsettle) {
   int settled = 0;
   arm.pass(1.5);
   for (int k = 0; k < 100; ++k) {
-    arm.pass(
-        0.1,
-        [&](double) -> Eigen::VectorXd {
-          return kSetPoint + Eigen::Vector2d(noise(generator), noise(generator));
-        },
-        [](double) { return tagsAt(5); });
+    arm.passAt(0.1, [&](double) -> Eigen::VectorXd {
+      return kSetPoint + Eigen::Vector2d(noise(generator), noise(generator));
+    });
     settled += arm.state().settled();
   }
   EXPECT_GE(settled, 97);  // the means are within 0.7 kPa, 68 times of 100
@@ -140,21 +146,15 @@ TEST(SettleWatch, NoiseThatAveragesOutDoesNotUnsettle) {
 
 TEST(SettleWatch, ALagIsWaitedForThoughTheMeanOverAllTheWindowWouldPass) {
   Watched arm;
-  arm.pass(
-      1.2,
-      [](double t) -> Eigen::VectorXd {
-        return kSetPoint - Eigen::Vector2d(1e4 * std::exp(-t / 0.3), 0);
-      },
-      [](double) { return tagsAt(5); });
+  arm.passAt(1.2, [](double t) -> Eigen::VectorXd {
+    return kSetPoint - Eigen::Vector2d(1e4 * std::exp(-t / 0.3), 0);
+  });
   // Over all of it 3e3 (1 - exp(-1 / 0.3)) exp(-0.2 / 0.3) = 1.5e3; over its first half 2.5e3.
   EXPECT_TRUE(arm.state().settled());
   Watched slow;
-  slow.pass(
-      1.2,
-      [](double t) -> Eigen::VectorXd {
-        return kSetPoint - Eigen::Vector2d(1.6e4 * std::exp(-t / 0.3), 0);
-      },
-      [](double) { return tagsAt(5); });
+  slow.passAt(1.2, [](double t) -> Eigen::VectorXd {
+    return kSetPoint - Eigen::Vector2d(1.6e4 * std::exp(-t / 0.3), 0);
+  });
   // 2.4e3 over all of it, but 4e3 over its first half.
   EXPECT_EQ(slow.state().state, SettleState::kPressure);
 }
@@ -162,8 +162,7 @@ TEST(SettleWatch, ALagIsWaitedForThoughTheMeanOverAllTheWindowWouldPass) {
 TEST(SettleWatch, AShapeThatCreepsIsNotSettled) {
   for (const double speed : {0.8, 1.3}) {  // [px/s]
     Watched arm;
-    arm.pass(
-        3, [](double) { return kSetPoint; }, [&](double t) { return tagsAt(speed * t / M_SQRT2); });
+    arm.see(3, [&](double t) { return tagsAt(speed * t / M_SQRT2); });
     EXPECT_EQ(arm.state().settled(), speed < 1);
     if (speed > 1) {
       EXPECT_EQ(arm.state().state, SettleState::kMoving);
@@ -174,13 +173,11 @@ TEST(SettleWatch, AShapeThatCreepsIsNotSettled) {
 TEST(SettleWatch, AQuarterOfTheTagsMayBeMisread) {
   for (const int misread : {2, 3}) {
     Watched arm;
-    arm.pass(
-        3, [](double) { return kSetPoint; },
-        [&](double t) {
-          auto tags = tagsAt(5);
-          for (int k = 0; k < misread; ++k) tags[k].corners.array() += 50 * t;
-          return tags;
-        });
+    arm.see(3, [&](double t) {
+      auto tags = tagsAt(5);
+      for (int k = 0; k < misread; ++k) tags[k].corners.array() += 50 * t;
+      return tags;
+    });
     EXPECT_EQ(arm.state().settled(), misread == 2);
   }
 }
@@ -268,20 +265,17 @@ TEST(SettleWatch, AGapOrAJumpBackInTimeBeginsAnew) {
 
 TEST(SettleWatch, WithoutTagsThereIsNothingToRecord) {
   Watched arm;
-  arm.pass(
-      2, [](double) { return kSetPoint; }, [](double) { return tagsAt(5, 0); });
+  arm.see(2, [](double) { return tagsAt(5, 0); });
   EXPECT_EQ(arm.state().state, SettleState::kNoTags);
 }
 
 TEST(SettleWatch, AChangedSetOfTagsIsNotSettled) {
   Watched arm;
-  arm.pass(
-      2, [](double) { return kSetPoint; },
-      [](double t) {
-        auto tags = tagsAt(5, 1);
-        tags[0].id = t > 1.95 ? 3 : 4;
-        return tags;
-      });
+  arm.see(2, [](double t) {
+    auto tags = tagsAt(5, 1);
+    tags[0].id = t > 1.95 ? 3 : 4;
+    return tags;
+  });
   EXPECT_EQ(arm.state().state, SettleState::kMoving);
 }
 
@@ -291,17 +285,14 @@ TEST(SettleWatch, WithoutSetPointsPressuresMustStayNearTheirMean) {
   arm.pass(2);
   EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
   EXPECT_FALSE(arm.state().set_point);
-  arm.pass(
-      2, [](double t) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(2e4 * t, 0); },
-      [](double) { return tagsAt(5); });
+  arm.passAt(2,
+             [](double t) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(2e4 * t, 0); });
   EXPECT_EQ(arm.state().state, SettleState::kPressure);
 }
 
 TEST(SettleWatch, APressureThatIsNoNumberIsNotSettled) {
   Watched arm;
-  arm.pass(
-      2, [](double) -> Eigen::VectorXd { return Eigen::Vector2d(std::nan(""), 2e5); },
-      [](double) { return tagsAt(5); });
+  arm.passAt(2, [](double) { return Eigen::Vector2d(std::nan(""), 2e5); });
   EXPECT_EQ(arm.state().state, SettleState::kPressure);
 }
 

@@ -50,8 +50,10 @@ bool accepts(int port) {
 }  // namespace
 
 Process::Process(const std::vector<std::string>& command, const Variables& variables) {
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("no pipe for " + command.front());
+  int ends[2], input[2];
+  if (pipe2(ends, O_CLOEXEC) != 0 || pipe2(input, O_CLOEXEC) != 0) {
+    throw std::runtime_error("no pipe for " + command.front());
+  }
   std::vector<char*> arguments;
   for (const std::string& argument : command)
     arguments.push_back(const_cast<char*>(argument.c_str()));
@@ -65,6 +67,7 @@ Process::Process(const std::vector<std::string>& command, const Variables& varia
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);
     for (const auto& [name, value] : variables) setenv(name.c_str(), value.c_str(), 1);
+    dup2(input[0], STDIN_FILENO);
     dup2(ends[1], STDOUT_FILENO);
     dup2(ends[1], STDERR_FILENO);
     execvp(arguments.front(), arguments.data());
@@ -72,7 +75,9 @@ Process::Process(const std::vector<std::string>& command, const Variables& varia
     _exit(127);
   }
   setpgid(pid_, pid_);  // in both processes: whoever comes first
+  close(input[0]);
   close(ends[1]);
+  input_ = input[1];
   pipe_ = ends[0];
 }
 
@@ -83,7 +88,19 @@ Process::~Process() {
     exitCode(10.0);
   }
   signal(SIGKILL);  // grandchildren, if any are left
+  endInput();
   close(pipe_);
+}
+
+void Process::say(const std::string& text) const {
+  if (write(input_, text.data(), text.size()) != static_cast<ssize_t>(text.size())) {
+    throw std::runtime_error("it does not read: " + text);
+  }
+}
+
+void Process::endInput() {
+  if (input_ >= 0) close(input_);
+  input_ = -1;
 }
 
 void Process::signal(int number) const { kill(-pid_, number); }

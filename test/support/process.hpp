@@ -32,7 +32,14 @@ class Process {
   /// Exit code, 128 + the signal that ended it, or -1 when it still ran at the deadline [s].
   int exitCode(double deadline = 30.0);
 
+  /// To its group.
   void signal(int number) const;
+  pid_t id() const { return pid_; }
+
+  /// Writes to its stdin.
+  void say(const std::string& text) const;
+  /// Ends its stdin.
+  void endInput();
 
   /// All that the calls above have read of what it printed.
   const std::string& output() const { return output_; }
@@ -44,7 +51,7 @@ class Process {
   void drain();
 
   pid_t pid_ = -1;
-  int pipe_ = -1;
+  int input_ = -1, pipe_ = -1;
   int exit_code_ = -1;
   std::string output_;
 };

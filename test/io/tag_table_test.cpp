@@ -1,0 +1,183 @@
+// Data sets of tags: their corners in pictures, and their poses.
+#include "helix_arm/io/tag_table.hpp"
+
+#include <Eigen/Geometry>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "support/random.hpp"
+#include "support/table_faults.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+const std::string kCornerHeader =
+    "capture,pressure_1_kpa,pressure_2_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
+
+std::vector<TagCornerCapture> loadCorners(const std::string& text) {
+  return loadTagCorners(loadDataSet(test::TemporaryFile(text).path()), 2);
+}
+
+std::string cornerFaults(const std::string& text) {
+  return test::tableFaults(text,
+                           [](const std::string& path) { loadTagCorners(loadDataSet(path), 2); });
+}
+
+TEST(TagCorners, RowsOfACaptureBelongTogether) {
+  const auto captures = loadCorners("# comment\n" + kCornerHeader +
+                                    "7,10,20,3,1,2,3,4,5,6,7,8.5\n"
+                                    "2,0,5,3,0,0,1,0,1,1,0,1\n"
+                                    "7,10,20,0,-1,0,0,0,0,0,0,0\n");
+  ASSERT_EQ(captures.size(), 2u);
+  EXPECT_EQ(captures[0].number, 7);
+  EXPECT_EQ(captures[0].pressure, Eigen::VectorXd(Eigen::Vector2d(10e3, 20e3)));
+  ASSERT_EQ(captures[0].tags.size(), 2u);
+  EXPECT_EQ(captures[0].tags[0].id, 3);
+  EXPECT_EQ(captures[0].tags[0].line, 3);
+  EXPECT_EQ(captures[0].tags[1].line, 5);
+  estimation::Corners expected;
+  expected << 1, 3, 5, 7, 2, 4, 6, 8.5;
+  EXPECT_EQ(captures[0].tags[0].corners, expected);
+  EXPECT_EQ(captures[1].number, 2);
+}
+
+TEST(TagCorners, WrittenCornersReadBackToTheLastBit) {
+  test::Random random(8);
+  std::vector<TagCornerCapture> captures;
+  for (int number : {4, 0, 12}) {
+    TagCornerCapture capture{number, Eigen::Vector2d(random.uniform(0, 4e5), 413685.6), {}};
+    // A pressure that some number of kPa gives, as those of files and commands are.
+    capture.pressure[0] = 1e3 * (capture.pressure[0] / 1e3);
+    for (int id = 0; id < 5; ++id) {
+      TagCorners tag{id, {}};
+      for (int i = 0; i < tag.corners.size(); ++i) tag.corners(i) = random.uniform(-10, 2000);
+      capture.tags.push_back(tag);
+    }
+    captures.push_back(capture);
+  }
+  captures.push_back({13, Eigen::Vector2d(0, 0), {}});  // saw nothing
+  const std::string text = tagCornerCsv(captures, 2, "two\nlines");
+  EXPECT_EQ(text.find("# two\n# lines\n" + kCornerHeader), 0u) << text.substr(0, 200);
+  const auto read = loadCorners(text);
+  ASSERT_EQ(read.size(), 3u);
+  for (std::size_t c = 0; c < read.size(); ++c) {
+    EXPECT_EQ(read[c].number, captures[c].number);
+    EXPECT_EQ(read[c].pressure, captures[c].pressure);
+    ASSERT_EQ(read[c].tags.size(), captures[c].tags.size());
+    for (std::size_t i = 0; i < read[c].tags.size(); ++i) {
+      EXPECT_EQ(read[c].tags[i].id, captures[c].tags[i].id);
+      EXPECT_EQ(read[c].tags[i].corners, captures[c].tags[i].corners);
+    }
+  }
+  EXPECT_EQ(tagCornerCsv({}, 2, ""), kCornerHeader);
+  EXPECT_THROW(tagCornerCsv(captures, 3, ""), std::invalid_argument);
+}
+
+TEST(TagCorners, OfKnownTimesAreWrittenWithThemAndReadBack) {
+  TagCorners tag{3, {}};
+  tag.corners.setZero();
+  std::vector<TagCornerCapture> captures{{1, Eigen::Vector2d(0, 0), {tag}, 1.7e9 + 0.25},
+                                         {2, Eigen::Vector2d(1e3, 0), {tag}, 1.7e9 + 3.5}};
+  const auto read = loadCorners(tagCornerCsv(captures, 2, ""));
+  ASSERT_EQ(read.size(), 2u);
+  for (std::size_t c = 0; c < read.size(); ++c) EXPECT_EQ(read[c].time, captures[c].time);
+  captures[1].time.reset();
+  for (const TagCornerCapture& one : loadCorners(tagCornerCsv(captures, 2, "")))
+    EXPECT_FALSE(one.time);
+}
+
+TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
+  EXPECT_EQ(cornerFaults(kCornerHeader + "1,0,0,3,1,2,3,4,5,6,7,8\n"
+                                         "1,0,0,3,1,2,3,4,5,6,7,8\n"
+                                         "1,0,5,4,1,2,3,4,5,6,7,8\n"
+                                         "-1,0,0,4,1,2,3,4,5,6,7,8\n"
+                                         "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
+            ":3 measures the tag of line 2 again in the same capture; expected it once\n:4 has "
+            "other pressures than its capture; expected those of line 2\n:5 capture is not a whole "
+            "number from 0 to 1000000000\n:6 tag is not a whole number from 0 to 1000000000");
+  EXPECT_EQ(cornerFaults(kCornerHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
+            ":2 x2_px is not a finite number; expected one");
+  EXPECT_EQ(cornerFaults("capture,pressure_1_kpa,x1_px\n1,0,0\n"),
+            " has no column tag, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, y4_px; expected "
+            "capture, pressure_1_kpa .., tag, x1_px, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, "
+            "y4_px");
+}
+
+const std::string kPoseHeader =
+    "capture,pressure_1_kpa,pressure_2_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n";
+
+std::vector<TagPoseCapture> loadPoses(const std::string& text, const lie::SE3& X_BF = {}) {
+  return loadTagPoses(loadDataSet(test::TemporaryFile(text).path()), 2, X_BF);
+}
+
+std::string poseFaults(const std::string& text) {
+  return test::tableFaults(
+      text, [](const std::string& path) { loadTagPoses(loadDataSet(path), 2, lie::SE3()); });
+}
+
+TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
+  const auto captures = loadPoses("# comment\n" + kPoseHeader +
+                                  "7,10,20,3,0.1,0.2,0.3,0,0,0,1\n"
+                                  "2,0,5,3,0,0,0,1,0,0,0\n"
+                                  "7,10,20,0,-0.1,0,0,0,0,0.6,0.8\n");
+  ASSERT_EQ(captures.size(), 2u);
+  EXPECT_EQ(captures[0].number, 7);
+  EXPECT_EQ(captures[1].number, 2);
+  EXPECT_EQ(captures[0].pressure, Eigen::VectorXd(Eigen::Vector2d(10e3, 20e3)));
+  EXPECT_EQ(captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 5e3)));
+  ASSERT_EQ(captures[0].tags.size(), 2u);
+  ASSERT_EQ(captures[1].tags.size(), 1u);
+  EXPECT_EQ(captures[0].tags[0].id, 3);
+  EXPECT_EQ(captures[0].tags[1].id, 0);
+  EXPECT_EQ(captures[0].tags[1].line, 5);
+  EXPECT_EQ(captures[0].tags[0].X_BT.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
+  EXPECT_EQ(captures[0].tags[0].X_BT.rotation, Eigen::Matrix3d::Identity());
+  // cos and sin of half the angle about z.
+  Eigen::Matrix3d turned;
+  turned << 0.28, -0.96, 0, 0.96, 0.28, 0, 0, 0, 1;
+  EXPECT_LT((captures[0].tags[1].X_BT.rotation - turned).norm(), 1e-15);
+}
+
+TEST(TagPoses, RoundedQuaternionsAreNormalised) {
+  const auto captures = loadPoses(kPoseHeader + "1,0,0,3,0,0,0,0,0,0.71,0.71\n");
+  const Eigen::Matrix3d& R = captures[0].tags[0].X_BT.rotation;
+  EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
+}
+
+TEST(TagPoses, AreConvertedToTheBaseFromAnyFrame) {
+  // F is turned by 90 degrees about the base's z axis: its x axis is the base's y axis.
+  Eigen::Matrix3d R;
+  R << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  const auto captures = loadPoses(kPoseHeader + "1,0,0,3,0.3,0.2,0.1,0,0,0,1\n", {R, {1, 2, 3}});
+  const lie::SE3& X_BT = captures[0].tags[0].X_BT;
+  EXPECT_LT((X_BT.translation - Eigen::Vector3d(0.8, 2.3, 3.1)).norm(), 1e-15);
+  EXPECT_LT((X_BT.rotation - R).norm(), 1e-15);
+}
+
+TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
+  EXPECT_EQ(
+      poseFaults(kPoseHeader + "1,0,0,3,0,0,0,0,0,0,1\n"
+                               "1,0,0,3,0,0,0,0,0,0,1\n"
+                               "1,0,5,4,0,0,0,0,0,0,1\n"
+                               "1.5,0,0,4,0,0,0,0,0,0,1\n"
+                               "2,0,0,-1,0,0,0,0,0,0,1\n"
+                               "2,0,0,5,0,0,0,0,0,0,0.5\n"
+                               "2,0,0,6,0,0,0,0,0,0,0\n"),
+      ":3 measures the tag of line 2 again in the same capture; expected it once\n:4 has other "
+      "pressures than its capture; expected those of line 2\n:5 capture is not a whole number from "
+      "0 to 1000000000\n:6 tag is not a whole number from 0 to 1000000000\n:7 has a quaternion qx, "
+      "qy, qz, qw that is not of norm 1\n:8 has a quaternion qx, qy, qz, qw that is not of norm 1");
+}
+
+TEST(TagPoses, MissingColumnsAreNamed) {
+  const std::string expected =
+      "; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy, qz, qw";
+  EXPECT_EQ(poseFaults("capture,pressure_1_kpa,tag,x_m,y_m,qx,qy,qz\n1,0,3,0,0,0,0,0\n"),
+            " has no column z_m, qw" + expected);
+  EXPECT_EQ(poseFaults("capture,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,3,0,0,0,0,0,0,1\n"),
+            " has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
+}
+
+}  // namespace
+}  // namespace helix_arm::io
