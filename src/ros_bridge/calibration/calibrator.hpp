@@ -4,6 +4,7 @@
 #include <exception>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "ros_bridge/common/file_access.hpp"
@@ -173,5 +175,15 @@ class Calibrator {
   mutable basics::Mutex mutex_;
   std::optional<std::string> last_ HELIX_ARM_GUARDED_BY(mutex_);
 };
+
+class Recorder;
+
+/// Serves the action ~run_calibration as long as the result lives.
+/// @param rules  Of each run, except for the captures, which a goal gives.
+/// @param rate   Of the targets during a run [Hz].
+/// @param jobs, recorder, calibrator  These outlive it.
+std::shared_ptr<void> serveRuns(ros::NodeHandle& node, ros::NodeHandle& private_node,
+                                const procedures::RunRules& rules, double rate, JobSlot& jobs,
+                                Recorder& recorder, Calibrator& calibrator);
 
 }  // namespace helix_arm::ros_bridge

@@ -14,9 +14,9 @@
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -111,7 +111,7 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     if (!foreign_pressures_.add()) return;
     scene = scene_.name;
     fault = std::get<control::Refusal>(checked).message;
-    times = static_cast<unsigned long>(foreign_pressures_.total());
+    times = foreign_pressures_.total();
   }
   logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
              fault.c_str(), times);

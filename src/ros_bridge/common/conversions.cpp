@@ -58,6 +58,13 @@ std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
 
 }  // namespace
 
+std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame) {
+  std_msgs::Header out;
+  out.stamp = stamp;
+  out.frame_id = frame;
+  return out;
+}
+
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
   geometry_msgs::Point msg;
   msg.x = p.x();

@@ -20,6 +20,7 @@
 /// Conversions between messages and values. All incoming numbers are checked here.
 namespace helix_arm::ros_bridge {
 
+std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);

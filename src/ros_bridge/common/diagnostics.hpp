@@ -26,10 +26,10 @@ class FaultCount {
  public:
   /// Counts a fault. @return true if a warning is due.
   bool add();
-  std::uint64_t total() const { return total_; }
+  unsigned long total() const { return total_; }
 
  private:
-  std::uint64_t total_ = 0;
+  unsigned long total_ = 0;
   ros::SteadyTime last_warning_;
 };
 

@@ -48,8 +48,7 @@ void CommandLink::ask() {
 
 void CommandLink::publish(const Eigen::VectorXd& pressure) {
   if (!speaks_ || follows()) asks_since_ = ros::SteadyTime::now();
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
+  std_msgs::Header header = toHeaderMsg(ros::Time::now());
   if (!speaks_ || header.stamp < first_stamp_) first_stamp_ = header.stamp;
   speaks_ = true;
   rests_ = false;
@@ -99,8 +98,7 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
     set_point_ = std::move(*pressure);
     last_command_ = ros::SteadyTime::now();
   } else if (bad_commands_.add()) {
-    logWarning("a pressure_command was dropped (%lu so far): %s",
-               static_cast<unsigned long>(bad_commands_.total()),
+    logWarning("a pressure_command was dropped (%lu so far): %s", bad_commands_.total(),
                std::get<control::Refusal>(checked).message.c_str());
   }
 }

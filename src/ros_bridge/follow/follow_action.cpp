@@ -197,8 +197,7 @@ void FollowAction::picture(const ros::Time& stamp, const lie::SE3& X_BT,
   const Eigen::Vector3d error = X_BT.translation - moment->wanted.translation;
   const Eigen::Vector3d direction = error.stableNormalized();
   FollowTipPathFeedback feedback;
-  feedback.header.stamp = stamp;
-  feedback.header.frame_id = frames_.baseFrame();
+  feedback.header = toHeaderMsg(stamp, frames_.baseFrame());
   feedback.desired = toPoseMsg(moment->wanted);
   feedback.measured = toPoseMsg(X_BT);
   if (moment->predicted) feedback.predicted = toPoseMsg(*moment->predicted);

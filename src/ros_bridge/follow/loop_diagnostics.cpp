@@ -86,8 +86,7 @@ void LoopDiagnostics::saw(double time, double lead, const estimation::Observatio
 void LoopDiagnostics::sawForeign(const std::string& why) {
   ++refused_;
   if (!foreign_.add()) return;
-  logWarning("a message on measured was dropped (%lu so far): %s",
-             static_cast<unsigned long>(foreign_.total()), why.c_str());
+  logWarning("a message on measured was dropped (%lu so far): %s", foreign_.total(), why.c_str());
 }
 
 DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::VisualServo& loop,

@@ -16,8 +16,8 @@
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -62,9 +62,7 @@ void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, Legend
 }
 
 Marker LoopMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
-  std_msgs::Header header;
-  header.frame_id = base_frame_;
-  header.stamp = stamp;
+  const std_msgs::Header header = toHeaderMsg(stamp, base_frame_);
   return makeMarker(header, ns, 0, type, lifetime_);
 }
 
@@ -252,17 +250,14 @@ void LoopPublisher::publishEstimate(const View& view) {
   for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kPoints)) {
     curve_.push_back(point.X.translation);
   }
-  std_msgs::Header header;
-  header.stamp = view.stamp;
-  header.frame_id = base_frame_;
+  const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
   estimate_publisher_.publish(toShapeMsg(header, "estimated", *shape, twistCovariance(view)));
 }
 
 LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const {
   const follow::Turn& turn = view.loop.turn();
   LoopStatus out;
-  out.header.stamp = view.stamp;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(view.stamp, base_frame_);
   out.state = follow::nameOf(turn.state);
   out.message = view.message;
   out.commander = view.commander;
@@ -358,8 +353,7 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
                                   const estimation::Drift& drift) {
   last_budget_ = picture;
   ErrorBudget out;
-  out.header.stamp = picture;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(picture, base_frame_);
   for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
     const auto part = static_cast<estimation::BudgetPart>(i);
     const estimation::TipSpread& spread = budget.part(part);
@@ -396,8 +390,7 @@ void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::VisualServ
   const estimation::ExternalLoad& load = loop.load();
   ExternalLoad out;
   out.state = state;
-  out.header.stamp = stamp;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(stamp, base_frame_);
   if (state != ExternalLoad::UNSEEN) out.score = load.score;
   out.limit = loop.contactLimit();
   out.s = std::numeric_limits<double>::quiet_NaN();

@@ -19,8 +19,8 @@
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/model_history.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -177,8 +177,8 @@ void VisualServoNode::onReading(const PressureArrayConstPtr& message) {
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
-    logWarning("a pressure_measured was dropped (%lu so far): %s",
-               static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
+    logWarning("a pressure_measured was dropped (%lu so far): %s", bad_readings_.total(),
+               refusal->message.c_str());
     return;
   }
   last_reading_ = ros::SteadyTime::now();

@@ -21,8 +21,8 @@
 #include "regulator_setup.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -452,7 +452,7 @@ void PressureCommandNode::replaceGuard() {
     logError(
         "the guard, which vents the arm if this node is killed, has ended or does not respond (%lu "
         "times so far): the arm vents, and another guard is started",
-        static_cast<unsigned long>(guard_losses_.total()));
+        guard_losses_.total());
   }
   guard_->dismiss();  // if it resumes, it must not vent an arm that the next one guards
   try {

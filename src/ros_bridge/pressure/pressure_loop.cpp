@@ -248,8 +248,7 @@ void PressureLoop::turn(double now) {
 }
 
 void PressureLoop::publish(double now) {
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
+  std_msgs::Header header = toHeaderMsg(ros::Time::now());
   command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
   noteChanges(header.stamp);
   const regulator::Reading* news = path_.news();

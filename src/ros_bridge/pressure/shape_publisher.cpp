@@ -154,9 +154,7 @@ ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double li
     : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
 Marker ArmMarkers::marker(const char* ns, int id, int type) const {
-  std_msgs::Header header;
-  header.frame_id = base_frame_;
-  header.stamp = stamp_;
+  const std_msgs::Header header = toHeaderMsg(stamp_, base_frame_);
   return makeMarker(header, ns, id, type, lifetime_);
 }
 
@@ -334,8 +332,7 @@ void ShapePublisher::solve() {
       "times "
       "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
-      statics::nameOf(solution_.status), solution_.residual,
-      static_cast<unsigned long>(unsolved_.total()));
+      statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
 }
 
 void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
@@ -346,15 +343,13 @@ void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stam
         "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
         "actuators' responses start anew, and their memory is unknown until the pressures have "
         "moved by twice the largest play_kpa",
-        static_cast<unsigned long>(restarts_.total()));
+        restarts_.total());
   }
   last_reading_ = ros::SteadyTime::now();
   solve();
   ++readings_;
   if (!solution_.converged()) return;
-  std_msgs::Header header;
-  header.stamp = stamp;
-  header.frame_id = frames_.base;
+  const std_msgs::Header header = toHeaderMsg(stamp, frames_.base);
   model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
   if (readings_ % readings_per_tf_ == 0) sendFrames(stamp);
 }
@@ -371,7 +366,7 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
       logWarning(
           "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no tf is "
           "published for it; synchronise the clocks",
-          secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
+          secondsBetween(ros::Time::now(), stamp), far_stamps_.total());
     }
     return;
   }
@@ -399,7 +394,7 @@ void ShapePublisher::draw() {
             "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
             "until "
             "they are",
-            kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());
+            kFresh, losses_.total(), unmeasuredText().c_str());
       }
     }
     drawn_ = false;

@@ -19,8 +19,7 @@ void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::
   news_ = true;
   last_fault_ = topic + " from " + basics::quoted(commander) + ": " + message;
   if (!count.add()) return;
-  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence,
-             static_cast<unsigned long>(count.total()));
+  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence, count.total());
 }
 
 void TargetLedger::unreachable(const std::string& topic, const std::string& commander,

@@ -17,6 +17,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "observations.hpp"
 #include "pictures.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -169,9 +170,7 @@ void MeasurementPublisher::publish(const Measurement& measurement) {
 }
 
 void MeasurementPublisher::republish(const Measurement& measurement) {
-  std_msgs::Header header;
-  header.stamp = measurement.stamp;
-  header.frame_id = camera_frame_;
+  const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
   if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
     info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
   }
@@ -188,7 +187,7 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
       logWarning(
           "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
           "for them; synchronise the clocks",
-          secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
+          secondsBetween(ros::Time::now(), stamp), far_stamps_.total());
     }
     return;
   }

@@ -145,16 +145,13 @@ std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
 ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
                            const std::string& camera_frame) {
   const vision::Observation& observation = measurement.observation;
-  std_msgs::Header header;
-  header.stamp = measurement.stamp;
-  header.frame_id = base_frame;
-  std_msgs::Header camera_header = header;
-  camera_header.frame_id = camera_frame;
+  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
 
   ObservationReport out;
   out.tags = tagsOfArm(observation);
   out.account = describe(observation, out.tags, measurement.config);
-  out.detections = toMsg(camera_header, observation, measurement.view.layout);
+  out.detections =
+      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
   if (!measurement.measured()) {
     out.lines = {out.account};
     return out;

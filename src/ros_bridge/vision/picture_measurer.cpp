@@ -80,8 +80,7 @@ void ModelMatcher::warnOfLag(double lag) {
       "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
       "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
       "a shape that balances the load there is no model: see `%s` in its diagnostics",
-      std::abs(lag), lag < 0 ? "after" : "before", static_cast<unsigned long>(late_models_.total()),
-      names::kModelStatus);
+      std::abs(lag), lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
 }
 
 std::optional<ModelHistory::Entry> ModelMatcher::match(const ros::Time& stamp) {
@@ -178,7 +177,7 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
       logInfo(
           "camera_info differs from the intrinsics in use (%lu times so far): using "
           "camera_info%s",
-          static_cast<unsigned long>(adoptions_.total()),
+          adoptions_.total(),
           source_.infoPublishers() > 1
               ? "; more than one node publishes it: stop all but the camera's"
               : "");
@@ -199,7 +198,7 @@ void PictureMeasurer::follow(const ros::Time& stamp) {
     if (jumps_.add()) {
       logInfo(
           "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",
-          -elapsed, static_cast<unsigned long>(jumps_.total()),
+          -elapsed, jumps_.total(),
           source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
                                    : "");
     }

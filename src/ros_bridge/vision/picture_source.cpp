@@ -151,7 +151,7 @@ void PictureSource::onPicture(const boost::shared_ptr<const Message>& picture, c
       logWarning(
           "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
           "were taken; let the camera's node stamp them",
-          topic, static_cast<unsigned long>(unstamped_.total()));
+          topic, unstamped_.total());
     }
   }
   arrived({stamp, picture});

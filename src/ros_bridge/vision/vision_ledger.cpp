@@ -48,8 +48,7 @@ void VisionLedger::refused(const PictureRefusal& refusal) {
   counterOf(refusal.fault) = count.total();
   status_.last_fault = refusal.message;
   if (!tell) return;
-  logWarning("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault),
-             static_cast<unsigned long>(count.total()));
+  logWarning("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault), count.total());
 }
 
 void VisionLedger::saw(const vision::Observation& observation, int tags) {

@@ -43,9 +43,7 @@ VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
     : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
 Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
-  std_msgs::Header header;
-  header.frame_id = base_frame_;
-  header.stamp = stamp;
+  const std_msgs::Header header = toHeaderMsg(stamp, base_frame_);
   return makeMarker(header, ns, 0, type, lifetime_);
 }
 
