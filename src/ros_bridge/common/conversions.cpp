@@ -138,6 +138,20 @@ ArmShape toShapeMsg(const std_msgs::Header& header, const statics::TierChoice& c
   return msg;
 }
 
+const char* inverseWord(statics::InverseStatus status) {
+  if (status == statics::InverseStatus::kReached) return "reached";
+  return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
+}
+
+std::vector<std::string> namesAt(statics::Limit limit, const model::Arm& arm,
+                                 const std::vector<statics::Limit>& limits) {
+  std::vector<std::string> out;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (limits[static_cast<std::size_t>(i)] == limit) out.push_back(arm.actuator(i).name);
+  }
+  return out;
+}
+
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,
                             const model::InputRef& pressure) {
   PressureArray msg;

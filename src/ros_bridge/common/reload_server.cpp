@@ -11,8 +11,8 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "log.hpp"
-#include "ros_bridge/names.hpp"
 #include "parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -7,6 +7,8 @@
 #include <string>
 #include <thread>
 
+#include <ros/node_handle.h>
+
 #include "end_watch.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -49,6 +51,9 @@ std::unique_ptr<Node> makePressureCommand();
 std::unique_ptr<Node> makePressureSeries();
 std::unique_ptr<Node> makeSimulatedRig();
 std::unique_ptr<Node> makeVision();
+/// In a nodelet manager's process, which a fault in the threads of the node does not end.
+std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
+                                          const ros::NodeHandle& private_node);
 std::unique_ptr<Node> makeVisualServo();
 std::unique_ptr<Node> makeWorkspaceCloud();
 

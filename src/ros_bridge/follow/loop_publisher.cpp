@@ -13,26 +13,11 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
-#include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
-
-VisualServoOptions VisualServoOptions::load() {
-  ParameterReader reader{ros::NodeHandle("~")};
-  VisualServoOptions out;
-  out.scene = reader.file("scene", "config/scenes", ".yaml");
-  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
-  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
-  out.frame_prefix = reader.frame("frame_prefix", "");
-  out.handle = reader.flag("handle", out.handle);
-  out.scene_folder = reader.folder("scene_folder", defaultFolder());
-  reader.finish();
-  return out;
-}
 
 namespace {
 
@@ -157,18 +142,6 @@ constexpr double kSlack = 0.9;
 constexpr int kPoints = 24;           // of the drawn curve, a section
 constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
-const char* nameOf(statics::InverseStatus status) {
-  switch (status) {
-    case statics::InverseStatus::kReached:
-      return "reached";
-    case statics::InverseStatus::kUnreachable:
-      return "unreachable";
-    case statics::InverseStatus::kNotConverged:
-      break;
-  }
-  return "not_converged";
-}
-
 // Covariance of the filter's shape at the present pressures.
 Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
   const double elapsed =
@@ -176,28 +149,18 @@ Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
   return view.loop.tracker().twistCovariance(elapsed);
 }
 
-double largestDeviation(const Eigen::Matrix3d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
-}
-
 }  // namespace
 
-LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
-                             const VisualServoOptions& options, std::string base_frame,
-                             TipHandle::OnTarget on_target)
+LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
+                             double rate, double draw_rate, TipHandle::OnTarget on_target)
     : scene_(scene),
       base_frame_(std::move(base_frame)),
-      period_(kSlack / options.rate),
-      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate)),
+      period_(kSlack / rate),
+      markers_(base_frame_, std::max(1.0, 3.0 / draw_rate)),
       status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
-  if (options.handle) {
-    const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);
-    handle_ = std::make_unique<TipHandle>(base_frame_, scene.planar.has_value(), size,
-                                          std::move(on_target));
-  }
+  if (on_target) handle_ = std::make_unique<TipHandle>(base_frame_, scene, std::move(on_target));
 }
 
 bool LoopPublisher::isDue(const View& view) const {
@@ -265,21 +228,17 @@ LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_
   out.has_wanted = turn.commands;
   if (turn.commands) {
     out.wanted = toPoseMsg(turn.wanted);
-    out.inverse = nameOf(turn.status);
+    out.inverse = inverseWord(turn.status);
     out.residual = turn.residual;
-    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-      const statics::Limit limit = turn.limits[static_cast<std::size_t>(i)];
-      const std::string& name = scene_.arm.actuator(i).name;
-      if (limit == statics::Limit::kLower) out.at_lower_limit.push_back(name);
-      if (limit == statics::Limit::kUpper) out.at_upper_limit.push_back(name);
-    }
+    out.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, turn.limits);
+    out.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, turn.limits);
     if (turn.path_time) out.path_time = *turn.path_time;
   }
   out.has_predicted = turn.predicted.has_value();
   if (turn.predicted) {
     out.predicted = toPoseMsg(*turn.predicted);
     out.predicted_covariance = toCovarianceMsg(tip_covariance);
-    out.predicted_sd = largestDeviation(tip_covariance);
+    out.predicted_sd = estimation::TipSpread{tip_covariance}.deviation();
   }
   out.error = view.loop.error().value_or(std::numeric_limits<double>::quiet_NaN());
   out.accepted = view.pictures.accepted();

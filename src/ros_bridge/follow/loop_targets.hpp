@@ -62,9 +62,7 @@ class LoopTargets {
   void enabled() { rested_.release(); }
 
   /// As TargetAdmission::status().
-  diagnostic_msgs::DiagnosticStatus status(const std::string& node) {
-    return admission_.status(node);
-  }
+  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
 
  private:
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);

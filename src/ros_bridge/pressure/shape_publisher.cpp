@@ -304,9 +304,7 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2)) {
   sendBaseFrame();
   if (options.handle) {
-    const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);
-    handle_ = std::make_unique<TipHandle>(frames_.base, scene.planar.has_value(), size,
-                                          std::move(on_target));
+    handle_ = std::make_unique<TipHandle>(frames_.base, scene, std::move(on_target));
   }
 }
 
@@ -404,21 +402,19 @@ void ShapePublisher::draw() {
   marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
 }
 
-DiagnosticStatus ShapePublisher::status(const std::string& node) const {
-  DiagnosticStatus out;
-  out.name = statusName(node, names::kModelStatus);
+DiagnosticStatus ShapePublisher::status() const {
   const statics::TierChoice& choice = scene_.model.choice();
   const bool solved = solution_.converged();
-  out.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
-  out.message = solved
-                    ? "the model finds the arm's shape"
-                    : "the model finds no shape that balances the load: none is published; check "
-                      "the scene's load and arm.stiffness.K_eps_n";
-  addValue(out, names::kTierKey, statics::nameOf(choice.setting.tier));
-  addValue(out, names::kOrderKey, std::to_string(choice.setting.order));
-  addValue(out, names::kTierReasonKey, choice.reason);
-  addValue(out, names::kSolveStatusKey, statics::nameOf(solution_.status));
-  addValue(out, names::kUnsolvedKey, std::to_string(unsolved_.total()));
+  DiagnosticStatus out =
+      makeStatus(names::kModelStatus, solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+                 solved ? "the model finds the arm's shape"
+                        : "the model finds no shape that balances the load: none is published; "
+                          "check the scene's load and arm.stiffness.K_eps_n",
+                 {{names::kTierKey, statics::nameOf(choice.setting.tier)},
+                  {names::kOrderKey, std::to_string(choice.setting.order)},
+                  {names::kTierReasonKey, choice.reason},
+                  {names::kSolveStatusKey, statics::nameOf(solution_.status)},
+                  {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
   if (response_.instant()) return out;
   addValue(out, names::kMemoryKnownKey, response_.known() ? "true" : "false");
   addValue(out, names::kEffectiveUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));

@@ -14,42 +14,6 @@
 
 namespace helix_arm::ros_bridge {
 
-void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::string& commander,
-                        const std::string& message, const char* consequence) {
-  news_ = true;
-  last_fault_ = topic + " from " + basics::quoted(commander) + ": " + message;
-  if (!count.add()) return;
-  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence, count.total());
-}
-
-void TargetLedger::unreachable(const std::string& topic, const std::string& commander,
-                               const std::string& message) {
-  warn(unreachable_, topic, commander, message, "out of reach");
-}
-
-void TargetLedger::dropped(const std::string& topic, const std::string& commander,
-                           const control::Refusal& refusal) {
-  warn(dropped_[static_cast<std::size_t>(refusal.fault)], topic, commander, refusal.message,
-       "dropped");
-}
-
-void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
-  std::uint64_t total = 0;
-  for (const FaultCount& count : dropped_) total += count.total();
-  status.level =
-      news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
-  status.message = news_ ? last_fault_ : "no target was dropped or out of reach";
-  addValue(status, names::kReachedKey, std::to_string(reached_));
-  addValue(status, names::kUnreachableKey, std::to_string(unreachable_.total()));
-  addValue(status, names::kDroppedKey, std::to_string(total));
-  for (int i = 0; i < control::kFaultCount; ++i) {
-    addValue(status, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
-             std::to_string(dropped_[i].total()));
-  }
-  addValue(status, names::kLastFaultKey, last_fault_);
-  news_ = false;
-}
-
 namespace {
 
 TargetStatus answerTo(const TargetSender& sender) {
@@ -97,8 +61,16 @@ std::optional<control::Refusal> TargetAdmission::claim(const std::string& comman
   return control::Refusal{control::Fault::kOtherCommander, text};
 }
 
+void TargetAdmission::warn(FaultCount& count, const TargetSender& sender,
+                           const std::string& message, const char* consequence) {
+  news_ = true;
+  last_fault_ = sender.topic + " from " + basics::quoted(sender.commander) + ": " + message;
+  if (!count.add()) return;
+  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence, count.total());
+}
+
 void TargetAdmission::drop(const TargetSender& sender, const control::Refusal& refusal) {
-  ledger_.dropped(sender.topic, sender.commander, refusal);
+  warn(dropped_[static_cast<std::size_t>(refusal.fault)], sender, refusal.message, "dropped");
   TargetStatus status = answerTo(sender);
   status.outcome = TargetStatus::DROPPED;
   status.fault = control::nameOf(refusal.fault);
@@ -107,7 +79,7 @@ void TargetAdmission::drop(const TargetSender& sender, const control::Refusal& r
 }
 
 void TargetAdmission::accept(const TargetSender& sender) {
-  ledger_.reached();
+  ++reached_;
   publisher_.publish(answerTo(sender));
 }
 
@@ -115,31 +87,39 @@ void TargetAdmission::accept(const TargetSender& sender, const TargetSolution& s
   TargetStatus status = answerTo(sender);
   status.residual = solution.residual;
   status.position_error = solution.position_error;
-  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-    const std::string& name = scene_.arm.actuator(i).name;
-    const statics::Limit limit = solution.limits[static_cast<std::size_t>(i)];
-    if (limit == statics::Limit::kLower) status.at_lower_limit.push_back(name);
-    if (limit == statics::Limit::kUpper) status.at_upper_limit.push_back(name);
-  }
+  status.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, solution.limits);
+  status.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, solution.limits);
   if (solution.status == statics::InverseStatus::kReached) {
-    ledger_.reached();
+    ++reached_;
   } else {
     char text[160];
     std::snprintf(text, sizeof text,
                   "out of reach: the tip stays %.1f mm away; the closest shape is commanded",
                   1e3 * solution.position_error);
-    ledger_.unreachable(sender.topic, sender.commander, text);
+    warn(unreachable_, sender, text, "out of reach");
     status.outcome = TargetStatus::UNREACHABLE;
     status.message = text;
   }
   publisher_.publish(status);
 }
 
-diagnostic_msgs::DiagnosticStatus TargetAdmission::status(const std::string& node) {
-  diagnostic_msgs::DiagnosticStatus out;
-  out.name = statusName(node, names::kTargetsStatus);
-  ledger_.report(out);
+diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
+  using diagnostic_msgs::DiagnosticStatus;
+  unsigned long total = 0;
+  for (const FaultCount& count : dropped_) total += count.total();
+  DiagnosticStatus out =
+      makeStatus(names::kTargetsStatus, news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+                 news_ ? last_fault_ : "no target was dropped or out of reach",
+                 {{names::kReachedKey, std::to_string(reached_)},
+                  {names::kUnreachableKey, std::to_string(unreachable_.total())},
+                  {names::kDroppedKey, std::to_string(total)}});
+  for (int i = 0; i < control::kFaultCount; ++i) {
+    addValue(out, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
+             std::to_string(dropped_[i].total()));
+  }
+  addValue(out, names::kLastFaultKey, last_fault_);
   addValue(out, names::kLeaseHolderKey, lease_.holder());
+  news_ = false;
   return out;
 }
 
@@ -166,10 +146,6 @@ void TargetIntake::takeFromHandle(const TipTarget& target) {
 void TargetIntake::adopt() {
   admission_.adopt();
   solver_ = statics::InverseSolver(scene_.model);
-}
-
-diagnostic_msgs::DiagnosticStatus TargetIntake::status(const std::string& node) {
-  return admission_.status(node);
 }
 
 void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {

@@ -8,8 +8,8 @@
 
 #include "helix_arm/io/shipped_files.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
