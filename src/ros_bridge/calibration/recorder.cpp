@@ -125,16 +125,6 @@ void Recorder::onCommand(const PressureArrayConstPtr& command) {
   take(*command, names::kPressureCommand, &procedures::SettleWatch::command);
 }
 
-void Recorder::onVision(const VisionStatusConstPtr& status) {
-  const basics::MutexLock lock(mutex_);
-  vision_ = *status;
-}
-
-void Recorder::onWatch(const ros::SteadyTimerEvent&) {
-  const basics::MutexLock lock(mutex_);
-  clock_.now();
-}
-
 procedures::Settling Recorder::settlingAt(double now) const {
   procedures::Settling out = watch_.at(now);
   // If no tags are seen, vision_status knows the cause.
@@ -143,12 +133,6 @@ procedures::Settling Recorder::settlingAt(double now) const {
     out.reason += "; vision says: " + basics::quoted(vision_->message, kLongestMessage);
   }
   return out;
-}
-
-Recorder::Observation Recorder::observe() {
-  const basics::MutexLock lock(mutex_);
-  const double now = clock_.now();
-  return {now, clock_.stands(), settlingAt(now)};
 }
 
 procedures::Sample Recorder::record() {
@@ -164,16 +148,6 @@ procedures::Sample Recorder::record() {
   return samples_.back();
 }
 
-void Recorder::add(procedures::Sample sample) {
-  const basics::MutexLock lock(mutex_);
-  samples_.push_back(std::move(sample));
-}
-
-std::size_t Recorder::count() const {
-  const basics::MutexLock lock(mutex_);
-  return samples_.size();
-}
-
 std::size_t Recorder::clear() {
   const basics::MutexLock lock(mutex_);
   const std::size_t out = samples_.size();
@@ -181,22 +155,6 @@ std::size_t Recorder::clear() {
   series_.reset();
   records_series_ = false;
   return out;
-}
-
-void Recorder::startSeries() {
-  const basics::MutexLock lock(mutex_);
-  series_.emplace(scene_.arm.actuatorCount());
-  records_series_ = true;
-}
-
-void Recorder::stopSeries() {
-  const basics::MutexLock lock(mutex_);
-  records_series_ = false;
-}
-
-io::Scene Recorder::scene() const {
-  const basics::MutexLock lock(mutex_);
-  return scene_;
 }
 
 Recording Recorder::recording() const {

@@ -73,14 +73,6 @@ FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)
       moving_subscriber_(listen(node, names::kTf, 100, &FrameLookup::onMoving, this)),
       static_subscriber_(listen(node, names::kStaticTf, 100, &FrameLookup::onStatic, this)) {}
 
-void FrameLookup::onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) {
-  take(event, false);
-}
-
-void FrameLookup::onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) {
-  take(event, true);
-}
-
 void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static) {
   const ros::Time now = ros::Time::now();
   if (now < last_time_) buffer_.clear();  // a jump back in time; static transforms stay

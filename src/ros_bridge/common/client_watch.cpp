@@ -77,9 +77,6 @@ bool masterAnswers() {
   return answer == Reply::kSuccess || answer == Reply::kFailure;
 }
 
-MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
-    : thread_([this, period, misses] { watch(period, misses); }) {}
-
 MasterWatch::~MasterWatch() {
   {
     const basics::MutexLock lock(mutex_);

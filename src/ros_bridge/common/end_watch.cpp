@@ -58,8 +58,6 @@ constexpr double kPeriod = 0.1;  // between two checks [s]
 
 }  // namespace
 
-EndWatch::EndWatch() : thread_([this] { watch(); }) {}
-
 EndWatch::~EndWatch() {
   {
     const basics::MutexLock lock(mutex_);

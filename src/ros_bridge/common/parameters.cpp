@@ -31,13 +31,6 @@ std::optional<std::string> filePath(const std::string& given, const std::string&
   return join(io::shippedFolder(folder), "/", given, extension);
 }
 
-XmlRpc::XmlRpcValue ParameterReader::read(const std::string& name) {
-  known_.insert(node_.resolveName(name));
-  XmlRpc::XmlRpcValue value;
-  node_.getParam(name, value);
-  return value;
-}
-
 void ParameterReader::fault(const std::string& name, const XmlRpc::XmlRpcValue& value,
                             const std::string& rule) {
   faults_.push_back(value.valid() ? join("~", name, " is ", value, "; expected ", rule)
@@ -144,11 +137,6 @@ std::string ParameterReader::fileToWrite(const std::string& name, const std::str
     faults_.emplace_back(refusal.what());
   }
   return "";
-}
-
-std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
-  const std::string given = text(name, "");
-  return given.empty() ? fallback : absolute(name, given);
 }
 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {

@@ -94,8 +94,4 @@ void GuardedThread::start(std::function<void()> body, std::function<void()> on_f
   });
 }
 
-void GuardedThread::join() {
-  if (thread_.joinable()) thread_.join();
-}
-
 }  // namespace helix_arm::ros_bridge

@@ -66,7 +66,9 @@ class GuardedThread {
   /// @param on_failure  called by the thread as its last action if the body threw.
   void start(
       std::function<void()> body, std::function<void()> on_failure = [] { EndRequest::make(); });
-  void join();
+  void join() {
+    if (thread_.joinable()) thread_.join();
+  }
 
   /// Exit code of the node as far as the body is concerned.
   int verdict() const { return verdict_; }

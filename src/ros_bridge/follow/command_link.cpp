@@ -37,15 +37,6 @@ bool CommandLink::isFresh() const {
          ros::SteadyTime::now() - last_command_ < ros::WallDuration(kFresh);
 }
 
-bool CommandLink::follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
-
-void CommandLink::send(const Eigen::VectorXd& pressure) { publish(pressure); }
-
-void CommandLink::ask() {
-  if (trace_.wasRested()) return;  // until pressure_command knows that this node knows
-  publish(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
-}
-
 void CommandLink::publish(const Eigen::VectorXd& pressure) {
   if (!speaks_ || follows()) asks_since_ = ros::SteadyTime::now();
   std_msgs::Header header = toHeaderMsg(ros::Time::now());
@@ -54,17 +45,6 @@ void CommandLink::publish(const Eigen::VectorXd& pressure) {
   rests_ = false;
   trace_.sent(header.stamp);
   target_publisher_.publish(toPressureMsg(header, scene_.arm, pressure));
-}
-
-void CommandLink::fallSilent() {
-  speaks_ = accepted_ = false;
-  passing_.reset();
-  lasting_.reset();
-}
-
-void CommandLink::rest() {
-  rests_ = rests_ || follows() || trace_.awaitsAnswer();
-  fallSilent();
 }
 
 void CommandLink::restIfDue() {

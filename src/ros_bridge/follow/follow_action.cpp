@@ -58,20 +58,6 @@ FollowAction::FollowAction(ros::NodeHandle& private_node, const io::Scene& scene
   server_->start();
 }
 
-FollowAction::~FollowAction() = default;
-
-bool FollowAction::isHeld() const {
-  return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
-}
-
-bool FollowAction::wants() const { return run_.has_value() || isHeld(); }
-
-bool FollowAction::takeEndOfHold() {
-  if (!hold_since_ || wants()) return false;
-  endHold();
-  return true;
-}
-
 void FollowAction::onGoal(Handle handle) {
   const UnreadGoal goal = *handle.getGoal();
   if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
@@ -96,11 +82,6 @@ void FollowAction::onGoal(Handle handle) {
   candidate_ = std::move(handle);
 }
 
-void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
-  logWarning("follow_tip_path: %s", refusal.message.c_str());
-  handle.setRejected(resultOf(refusal), refusal.message);
-}
-
 void FollowAction::onCancel(Handle handle) {
   if (candidate_ && *candidate_ == handle) {
     handle.setCanceled(resultOf({Result::SUCCESSFUL, "cancelled before it began"}));
@@ -108,12 +89,6 @@ void FollowAction::onCancel(Handle handle) {
   } else if (run_ && run_->handle == handle) {
     cancel("cancelled: the arm stays where it was wanted");
   }
-}
-
-void FollowAction::discardCandidate() {
-  checker_.discard();
-  client_.releaseNext();
-  candidate_.reset();
 }
 
 void FollowAction::takeCandidate() {
@@ -184,11 +159,6 @@ void FollowAction::begin(double time, follow::VisualServo& loop) {
   }
 }
 
-void FollowAction::watch(double time, const follow::Turn& turn) {
-  if (!run_ || !run_->follows) return;
-  if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
-}
-
 void FollowAction::picture(const ros::Time& stamp, const lie::SE3& X_BT,
                            const Eigen::Matrix3d& tip_covariance) {
   if (!run_ || !run_->follows) return;
@@ -230,12 +200,6 @@ void FollowAction::end(const GoalEnding& ending) {
   leave();
 }
 
-void FollowAction::cancel(const std::string& reason) {
-  const GoalFigures figures = run_->watch.figures();
-  run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
-  leave();
-}
-
 // The last position is held if the arm was moved there.
 void FollowAction::leave() {
   const double longest = longestHold();
@@ -245,11 +209,6 @@ void FollowAction::leave() {
   if (run_->follows) hold_since_ = ros::SteadyTime::now();
   run_.reset();
   client_.release();
-}
-
-double FollowAction::longestHold() const {
-  const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
-  return simulated ? std::numeric_limits<double>::infinity() : kLongestHold;
 }
 
 }  // namespace helix_arm::ros_bridge

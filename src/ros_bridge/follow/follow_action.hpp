@@ -42,23 +42,30 @@ class FollowAction {
   /// @param scene, frames, targets  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
                LoopTargets& targets, MakePathCheck make_check);
-  ~FollowAction();
+  ~FollowAction() = default;
   FollowAction(const FollowAction&) = delete;
   FollowAction& operator=(const FollowAction&) = delete;
 
   /// A goal runs, or waits for its start or for the arm.
   bool runs() const { return run_.has_value(); }
   /// The arm is to be commanded: a goal runs, or its last place is held.
-  bool wants() const;
+  bool wants() const { return run_.has_value() || isHeld(); }
   /// Whether a hold has run out since the last call.
-  bool takeEndOfHold();
+  bool takeEndOfHold() {
+    if (!hold_since_ || wants()) return false;
+    endHold();
+    return true;
+  }
   /// No longer holds the last place of a goal: another command has come.
   void endHold() { hold_since_.reset(); }
 
   /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
   void prepare(double time, follow::VisualServo& loop, const CommandLink& link);
   /// After a turn in which the loop commands.
-  void watch(double time, const follow::Turn& turn);
+  void watch(double time, const follow::Turn& turn) {
+    if (!run_ || !run_->follows) return;
+    if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
+  }
   /// After a picture that the loop used.
   /// @param X_BT            measured tip.
   /// @param tip_covariance  of the predicted tip's position, base frame [m^2].
@@ -80,16 +87,32 @@ class FollowAction {
 
   void onGoal(Handle handle);
   void onCancel(Handle handle);
-  static void reject(Handle& handle, const GoalEnding& refusal);
-  void discardCandidate();
+  static void reject(Handle& handle, const GoalEnding& refusal) {
+    logWarning("follow_tip_path: %s", refusal.message.c_str());
+    handle.setRejected(resultOf(refusal), refusal.message);
+  }
+  void discardCandidate() {
+    checker_.discard();
+    client_.releaseNext();
+    candidate_.reset();
+  }
   void takeCandidate();
   void begin(double time, follow::VisualServo& loop);
   void end(const GoalEnding& ending);
-  void cancel(const std::string& reason);
+  void cancel(const std::string& reason) {
+    const GoalFigures figures = run_->watch.figures();
+    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+    leave();
+  }
   void leave();
-  bool isHeld() const;
+  bool isHeld() const {
+    return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
+  }
   /// Longest time for which a place may be held [s].
-  double longestHold() const;
+  double longestHold() const {
+    const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+    return simulated ? std::numeric_limits<double>::infinity() : kLongestHold;
+  }
 
   const io::Scene& scene_;
   const FrameLookup& frames_;

@@ -40,24 +40,6 @@ void LoopTargets::takeFromHandle(const TipTarget& target) {
   aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp}, seenFromBase(target));
 }
 
-const std::optional<follow::Target>& LoopTargets::target() {
-  const double silence = (ros::SteadyTime::now() - last_target_).toSec();
-  if (target_ && silence > scene_.safety.rules.target_timeout) forget();
-  return target_;
-}
-
-bool LoopTargets::takeChange() {
-  const bool changed = changed_;
-  changed_ = false;
-  return changed;
-}
-
-void LoopTargets::forget() {
-  target_.reset();
-  commander_.clear();
-  changed_ = false;
-}
-
 void LoopTargets::answer(const TargetSolution& solution) {
   for (const TargetSender& sender : unanswered_) {
     if (solution.status == statics::InverseStatus::kNotConverged) {

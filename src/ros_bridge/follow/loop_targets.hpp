@@ -38,11 +38,23 @@ class LoopTargets {
 
   /// The present target, base frame; nothing where its sender was silent for
   /// safety.target_timeout_s.
-  const std::optional<follow::Target>& target();
+  const std::optional<follow::Target>& target() {
+    const double silence = (ros::SteadyTime::now() - last_target_).toSec();
+    if (target_ && silence > scene_.safety.rules.target_timeout) forget();
+    return target_;
+  }
   /// Whether the target is another than at the last call.
-  bool takeChange();
+  bool takeChange() {
+    const bool changed = changed_;
+    changed_ = false;
+    return changed;
+  }
   /// Forgets the target.
-  void forget();
+  void forget() {
+    target_.reset();
+    commander_.clear();
+    changed_ = false;
+  }
   /// Who sent it; empty without a target.
   const std::string& commander() const { return commander_; }
 

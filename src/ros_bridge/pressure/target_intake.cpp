@@ -143,11 +143,6 @@ void TargetIntake::takeFromHandle(const TipTarget& target) {
          fromMsg(target, base_frame_));
 }
 
-void TargetIntake::adopt() {
-  admission_.adopt();
-  solver_ = statics::InverseSolver(scene_.model);
-}
-
 void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
   const PressureArray& target = *event.getMessage();
   const TargetSender sender{names::kPressureTarget, event.getPublisherName(), target.header.stamp};
@@ -187,13 +182,6 @@ void TargetIntake::aimTip(const TargetSender& sender, const control::Checked<Tip
   }
 }
 
-Eigen::VectorXd TargetIntake::beginSearch() {
-  if (response_.instant()) return commands_.goal();
-  response_.effectiveLimits(scene_.arm, lower_, upper_);
-  solver_.limit(lower_, upper_);
-  return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
-}
-
 void TargetIntake::follow(const TargetSender& sender, const statics::InverseResult& result) {
   Eigen::VectorXd pressure = result.input;
   if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure);
@@ -203,12 +191,6 @@ void TargetIntake::follow(const TargetSender& sender, const statics::InverseResu
     admission_.accept(sender,
                       {result.status, result.residual, result.position_error, result.limits});
   }
-}
-
-bool TargetIntake::command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
-  const auto refusal = commands_.send(sender.commander, pressure);
-  if (refusal) admission_.drop(sender, *refusal);
-  return !refusal;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -138,7 +138,10 @@ class TargetIntake {
   void takeFromHandle(const TipTarget& target);
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
-  void adopt();
+  void adopt() {
+    admission_.adopt();
+    solver_ = statics::InverseSolver(scene_.model);
+  }
 
   /// A warning about a commander whose pressures look like kPa, once for each; else empty.
   std::string unitWarning();
@@ -154,11 +157,20 @@ class TargetIntake {
 
   /// Where the search begins: the effective pressure of the present command. Limits the search to
   /// attainable effective pressures.
-  Eigen::VectorXd beginSearch();
+  Eigen::VectorXd beginSearch() {
+    if (response_.instant()) return commands_.goal();
+    response_.effectiveLimits(scene_.arm, lower_, upper_);
+    solver_.limit(lower_, upper_);
+    return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+  }
   /// Goes to where the result's pressures are effective.
   void follow(const TargetSender& sender, const statics::InverseResult& result);
   /// Commands it; else drops the target and returns false.
-  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
+  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
+    const auto refusal = commands_.send(sender.commander, pressure);
+    if (refusal) admission_.drop(sender, *refusal);
+    return !refusal;
+  }
 
   const io::Scene& scene_;
   const std::string base_frame_;

@@ -35,7 +35,7 @@
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_bridge/vision/vision_ledger.hpp"
+#include "ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

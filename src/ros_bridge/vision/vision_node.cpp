@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -5,19 +8,30 @@
 #include <utility>
 #include <variant>
 
+#include <opencv2/core.hpp>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
+#include <ros/time.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include "helix_arm/ArmShape.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "measurement_publisher.hpp"
-#include "picture_measurer.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frame_source.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "observations.hpp"
 #include "picture_source.hpp"
+#include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
@@ -26,6 +40,277 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+// Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
+// then, so a replay uses the same models.
+constexpr std::chrono::milliseconds kModelPatience(100);
+
+// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
+// the pictures down.
+constexpr std::chrono::milliseconds kLeastPatience(5);
+
+// Expected shape before the first model arrives.
+model::Shape restingShape(const io::Scene& scene) {
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+  const statics::Solution solution = scene.model.solve(rest);
+  if (!solution.converged()) {
+    logWarning(
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are expected "
+        "where they are without load until a model is received",
+        scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
+  }
+  return statics::startingShape(scene.model, solution, rest);
+}
+
+/// Finds the model of a picture's time, and the shape from which the search for tags starts.
+class ModelMatcher {
+ public:
+  /// @param scene   the search starts from its resting arm until a model comes.
+  /// @param status  is told how far models are behind the pictures; outlives this.
+  ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status)
+      : status_(status), start_(restingShape(scene)), patience_(kModelPatience) {}
+
+  /// From any thread.
+  void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    {
+      const basics::MutexLock lock(mutex_);
+      models_.add(stamp, shape);
+    }
+    changed_.notifyAll();
+  }
+
+  /// From any thread: match() waits no more.
+  void stop() HELIX_ARM_EXCLUDES(mutex_) {
+    {
+      const basics::MutexLock lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notifyAll();
+  }
+
+  // For the thread of the measurements only.
+
+  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
+  /// limited time while one that is yet to come may be nearer.
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    LookUp found = lookUp(stamp);
+    status_.modelLag(found.lag);
+    if (found.lag && (!found.in_time || std::abs(*found.lag) > ModelHistory::kReach)) {
+      warnOfLag(*found.lag);
+    }
+    if (found.model) start_ = found.model->shape;
+    return std::move(found.model);
+  }
+
+  /// Shape from which the search starts: the last model matched.
+  const model::Shape& start() const { return start_; }
+  /// The search starts from the scene's resting arm again.
+  void restart(const io::Scene& scene) { start_ = restingShape(scene); }
+
+ private:
+  /// What the history knows of a stamp.
+  struct LookUp {
+    std::optional<ModelHistory::Entry> model;
+    std::optional<double> lag;  ///< of the latest model [s]
+    bool in_time;               ///< no nearer one was to come when the wait ended
+  };
+
+  LookUp lookUp(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    basics::MutexLock lock(mutex_);
+    const std::optional<double> ahead = models_.lag(stamp);
+    models_.forgetFuture(stamp);
+    const bool waits = models_.mayGetNearer(stamp);
+    const auto due = std::chrono::steady_clock::now() + patience_;
+    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
+      return stop_ || !models_.mayGetNearer(stamp);
+    });
+    if (!in_time) {
+      patience_ = std::max(kLeastPatience, patience_ / 2);
+    } else if (waits) {
+      patience_ = std::min(kModelPatience, 2 * patience_);
+    }
+    const std::optional<double> lag = models_.lag(stamp);
+    return {models_.nearest(stamp), lag ? lag : ahead, in_time};
+  }
+
+  void warnOfLag(double lag) {
+    if (!late_models_.add()) return;
+    logWarning(
+        "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+        "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
+        "a shape that balances the load there is no model: see `%s` in its diagnostics",
+        std::abs(lag), lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
+  }
+
+  VisionStatusPublisher& status_;
+
+  // Used by the thread of the measurements only.
+  model::Shape start_;
+  std::chrono::milliseconds patience_;
+  FaultCount late_models_;
+
+  basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
+};
+
+/// A scene with camera and tags, and the localizer that looks for them.
+struct SceneLocalizer {
+  io::Scene scene;
+  std::unique_ptr<vision::ArmLocalizer> localizer;
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit SceneLocalizer(io::Scene of)
+      : scene(std::move(of)),
+        localizer(std::make_unique<vision::ArmLocalizer>(scene.view(),
+                                                         procedures::localizerConfigOf(scene))) {}
+};
+
+/// Measures the arm in one picture after another: checks size and camera, decodes, finds the model
+/// of its time, tracks the tags and fits the shape.
+///
+/// A picture stamped before the last one is a jump back in time: nothing from before it is used.
+/// One that equals the last one although the model has moved is refused: the camera hangs.
+class PictureMeasurer {
+ public:
+  /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
+  /// @param source       gives the camera's calibration; outlives this.
+  /// @param models       outlives this.
+  PictureMeasurer(SceneLocalizer first, double stale_after, const PictureSource& source,
+                  ModelMatcher& models)
+      : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
+
+  /// Measures the shape. For one thread.
+  /// @return why the picture is not taken, or what was seen in it.
+  CheckedPicture<Measurement> measure(const Picture& picture) HELIX_ARM_EXCLUDES(mutex_) {
+    adoptNext();
+    CheckedPicture<cv::Mat> taken = take(picture);
+    if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
+    const cv::Mat& gray = std::get<cv::Mat>(taken);
+    follow(picture.stamp);
+    auto model = models_.match(picture.stamp);
+    if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
+      return PictureRefusal{PictureFault::kSource,
+                            "the camera sends the same picture again and again, although the model "
+                            "has moved: it hangs; restart its node, or plug it in anew"};
+    }
+    const vision::Observation& observation = current_.localizer->locate(gray, models_.start());
+    return Measurement{picture.stamp,         gray,
+                       observation,           current_.localizer->view(),
+                       current_.scene.vision, std::move(model),
+                       calibration_};
+  }
+
+  /// Another file of the same rig, used from the next picture on. From any thread.
+  void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    next_ = std::move(next);
+  }
+
+ private:
+  void adoptNext() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (next_) current_ = std::move(*next_);
+    next_.reset();
+  }
+
+  /// The picture in gray, of the size of the camera that is used for it.
+  CheckedPicture<cv::Mat> take(const Picture& picture) {
+    // A picture of the wrong size is refused before decoding, which may take long.
+    if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+      const auto& data = (*jpeg)->data;
+      const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());
+      if (!claimed.empty()) {
+        if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
+      }
+    }
+    CheckedPicture<cv::Mat> taken = decode(picture);
+    if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
+      if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
+    }
+    return taken;
+  }
+
+  CheckedPicture<cv::Mat> decode(const Picture& picture) {
+    if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
+      return fromMsg(**raw, buffer_);
+    }
+    if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+      return fromMsg(**jpeg, decoder_, buffer_);
+    }
+    return std::get<cv::Mat>(picture.content);
+  }
+
+  /// Uses the camera that holds now, if it is of this size.
+  std::optional<PictureRefusal> adoptCamera(const cv::Size& size) {
+    estimation::ArmView view = current_.localizer->view();
+    const char* whose = kSceneCalibration;
+    if (const auto info = source_.cameraInfo()) {
+      if (const auto* refusal = std::get_if<PictureRefusal>(&*info)) return *refusal;
+      view.camera = std::get<estimation::Camera>(*info);
+      whose = "camera_info";
+    }
+    if (size != cv::Size(view.camera.width, view.camera.height)) {
+      return PictureRefusal{PictureFault::kWrongSize,
+                            "the picture is of " + sizeText(size.width, size.height) +
+                                " pixels, but " + whose + " of " +
+                                sizeText(view.camera.width, view.camera.height) +
+                                "; a calibration holds for one size only"};
+    }
+    if (!equal(view.camera, current_.localizer->view().camera)) {
+      if (adoptions_.add()) {
+        logInfo(
+            "camera_info differs from the intrinsics in use (%lu times so far): using "
+            "camera_info%s",
+            adoptions_.total(),
+            source_.infoPublishers() > 1
+                ? "; more than one node publishes it: stop all but the camera's"
+                : "");
+      }
+      current_.localizer = std::make_unique<vision::ArmLocalizer>(
+          view, procedures::localizerConfigOf(current_.scene));
+    }
+    calibration_ = whose;
+    return std::nullopt;
+  }
+
+  /// Forgets what a gap or a jump back in time makes useless.
+  void follow(const ros::Time& stamp) {
+    const double elapsed = secondsBetween(last_stamp_, stamp);
+    if (elapsed > stale_after_) current_.localizer->reset();
+    if (elapsed < 0) {
+      current_.localizer->forget();  // a recording that is played again gives the same again
+      frozen_watch_.reset();
+      if (jumps_.add()) {
+        logInfo(
+            "the time of the pictures jumped back by %.1f s (%lu times so far): tracking "
+            "restarts%s",
+            -elapsed, jumps_.total(),
+            source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
+                                     : "");
+      }
+      models_.restart(current_.scene);
+    }
+    last_stamp_ = stamp;
+  }
+
+  const double stale_after_;
+  const PictureSource& source_;
+  ModelMatcher& models_;
+
+  // Used by the thread of the measurements only.
+  SceneLocalizer current_;
+  vision::FrozenWatch frozen_watch_;
+  vision::JpegDecoder decoder_;
+  cv::Mat buffer_;
+  std::string calibration_;  ///< whose intrinsics are used
+  ros::Time last_stamp_;
+  FaultCount jumps_, adoptions_;
+
+  basics::Mutex mutex_;
+  std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
+};
 
 constexpr double kWatchPeriod = 0.05;  // [s]
 
@@ -112,7 +397,7 @@ class VisionNode : public Node {
         source_(node_, options_, scene_, status_),
         models_(scene_, status_),
         measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-        publisher_(node_, options_, frames_, status_) {
+        publish_(measurementPublisher(node_, options_, frames_, status_)) {
     sendCameraFrame();
     status_.lookAt(scene_);
     using Self = VisionNode;
@@ -204,7 +489,7 @@ class VisionNode : public Node {
     if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
       status_.refuse(*refusal);
     } else {
-      publisher_.publish(std::get<Measurement>(taken));
+      publish_(std::get<Measurement>(taken));
     }
   }
 
@@ -232,12 +517,13 @@ class VisionNode : public Node {
   ros::NodeHandle node_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
-  // A picture passes from source_ through measurer_, which asks models_, to publisher_.
-  VisionStatusPublisher status_;    ///< from any thread
-  PictureSource source_;            ///< locks what its threads share
-  ModelMatcher models_;             ///< locks what its threads share
-  PictureMeasurer measurer_;        ///< used by the thread of the measurements, except adopt()
-  MeasurementPublisher publisher_;  ///< used by the thread of the measurements only
+  // A picture passes from source_ through measurer_, which asks models_, to publish_.
+  VisionStatusPublisher status_;  ///< from any thread
+  PictureSource source_;          ///< locks what its threads share
+  ModelMatcher models_;           ///< locks what its threads share
+  PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
+  /// Used by the thread of the measurements only.
+  const std::function<void(const Measurement&)> publish_;
   FaultGuard picture_guard_{"a picture"};
 
   ros::Subscriber model_subscriber_;
