@@ -6,9 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <map>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -18,13 +16,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "bag_records.hpp"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "bag_records.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

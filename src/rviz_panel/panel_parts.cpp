@@ -9,8 +9,6 @@
 #include <cmath>
 #include <functional>
 
-#include "ros_bridge/cockpit/cockpit_words.hpp"
-
 namespace helix_arm::rviz_panel {
 
 QStringList paintedLines(const QString& text, const QFont& font, int width, int most) {

@@ -1,11 +1,9 @@
 #include "recorder.hpp"
 
-#include <string>
 #include <utility>
 #include <variant>
 
 #include "bag/bag_captures.hpp"
-#include "calibrator.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"

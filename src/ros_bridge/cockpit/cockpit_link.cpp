@@ -3,12 +3,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdint>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
 #include <thread>
-#include <utility>
 
 #include <ros/master.h>
 #include <ros/service.h>
@@ -16,9 +14,7 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "cockpit_words.hpp"
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
@@ -34,28 +30,6 @@ void HeldGoal::begin(double now, CockpitGoal goal) {
   last_look_ = now;
   answer_.clear();
   refused_ = short_of_ = false;
-}
-
-void HeldGoal::holdPressures(double now, std::vector<double> pressure) {
-  begin(now, CockpitGoal::kPressures);
-  pressures_ = std::move(pressure);
-}
-
-void HeldGoal::holdTip(double now, const std::array<double, 3>& position) {
-  begin(now, CockpitGoal::kTip);
-  tip_ = position;
-}
-
-void HeldGoal::end(const std::string& why) {
-  goal_ = CockpitGoal::kNone;
-  answer_ = why;
-  refused_ = short_of_ = false;
-  waits_since_.reset();
-}
-
-void HeldGoal::noteState(bool enabled, const std::string& reason) {
-  if (goal_ == CockpitGoal::kNone || enabled) return;
-  end("the hold ended with the arm: " + reason);
 }
 
 void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
@@ -167,32 +141,6 @@ CockpitLink::CockpitLink(const std::string& ns)
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &Link::onTurn, this);
   spinner_.start();
-}
-
-std::string CockpitLink::resolved(const std::string& ns) {
-  const std::string out = ros::NodeHandle(ns).getNamespace();
-  return out.empty() ? "/" : out;  // roscpp's root
-}
-
-CockpitLink::~CockpitLink() {
-  spinner_.stop();
-  timer_.stop();
-  client_.reset();
-  subscribers_.clear();
-}
-
-std::string CockpitLink::serviceOf(const std::string& node, const std::string& name) const {
-  return node_.resolveName(node + "/" + name);
-}
-
-void CockpitLink::note(const CallAnswer& answer) {
-  const basics::MutexLock lock(answers_mutex_);
-  answers_.push_back(answer);
-}
-
-std::vector<CallAnswer> CockpitLink::takeAnswers() {
-  const basics::MutexLock lock(answers_mutex_);
-  return std::exchange(answers_, {});
 }
 
 CockpitView CockpitLink::view() {
@@ -319,12 +267,6 @@ void CockpitLink::setPressure(std::size_t channel, double pressure) {
   send();
 }
 
-void CockpitLink::aimTip(const std::array<double, 3>& position) {
-  const basics::MutexLock lock(mutex_);
-  held_.holdTip(now(), position);
-  send();
-}
-
 void CockpitLink::send() {
   if (held_.goal() == CockpitGoal::kPressures) {
     PressureArray target;
@@ -377,16 +319,9 @@ void CockpitLink::watchCalibration(bool there) {
   calibration_.message = "the calibration node is gone; start it, then click Start again";
 }
 
-void CockpitLink::cancelCalibration() { client_->cancelGoal(); }
-
 void CockpitLink::useCalibration() {
   if (desk_.waits(kUseCall)) return;
   desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
-}
-
-void CockpitLink::onTurn(const ros::SteadyTimerEvent&) {
-  const basics::MutexLock lock(mutex_);
-  if (held_.turn(now())) send();
 }
 
 // What CockpitLink hears.
@@ -513,11 +448,6 @@ void CockpitLink::onModel(const ArmShapeConstPtr& message) {
   if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
 }
 
-void CockpitLink::onError(const ModelErrorConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  tip_error_.set(message->tip_error);
-}
-
 void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   CockpitLoop loop;
   loop.state = shownText(message->state);
@@ -526,11 +456,6 @@ void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
   const basics::MutexLock lock(mutex_);
   loop_.set(std::move(loop));
-}
-
-void CockpitLink::onBudget(const ErrorBudgetConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  budget_sd_.set(message->predicted_sd);
 }
 
 void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
@@ -598,8 +523,6 @@ struct LinkBuilder::State {
 };
 
 LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
-
-LinkBuilder::~LinkBuilder() { cancel(); }
 
 void LinkBuilder::begin(const std::string& ns) {
   const std::string resolved = CockpitLink::resolved(ns);

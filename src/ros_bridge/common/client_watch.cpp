@@ -1,9 +1,7 @@
 #include "client_watch.hpp"
 
-#include <chrono>
 #include <cstdint>
 #include <limits>
-#include <string>
 
 #include <poll.h>
 #include <ros/init.h>

@@ -7,7 +7,6 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,6 +1,5 @@
 #include "end_watch.hpp"
 
-#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstring>

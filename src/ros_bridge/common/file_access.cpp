@@ -5,10 +5,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <filesystem>
 #include <fstream>
 #include <optional>
-#include <string>
 #include <system_error>
 
 #include <unistd.h>

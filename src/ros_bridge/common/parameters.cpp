@@ -4,7 +4,6 @@
 #include <cmath>
 #include <filesystem>
 #include <sstream>
-#include <stdexcept>
 
 #include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"

@@ -1,12 +1,10 @@
 #include "run_node.hpp"
 
 #include <cstdio>
-#include <stdexcept>
 #include <utility>
 
 #include <ros/callback_queue.h>
 #include <ros/init.h>
-#include <ros/node_handle.h>
 
 #include "client_watch.hpp"
 #include "clock_gate.hpp"

@@ -1,8 +1,6 @@
 #include "command_link.hpp"
 
 #include <algorithm>
-#include <cstddef>
-#include <utility>
 #include <variant>
 
 #include <ros/this_node.h>

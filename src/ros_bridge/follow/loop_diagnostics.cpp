@@ -152,21 +152,6 @@ std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
   return out;
 }
 
-void TagMatcher::add(SeenArm seen, double now) { shapes_.push_back({std::move(seen), now}); }
-
-void TagMatcher::addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now) {
-  if (!tags_.empty() && stamp < tags_.back().stamp) tags_.clear();  // a jump back in time
-  tags_.push_back({stamp, std::move(tags)});
-  if (tags_.size() > kMost) tags_.pop_front();
-  last_tags_ = now;
-}
-
-bool TagMatcher::mayGetTags(const Waiting& shape, double now) const {
-  const bool come = last_tags_ && now - *last_tags_ <= kSilence;
-  const bool passed = !tags_.empty() && tags_.back().stamp > shape.seen.stamp;
-  return come && !passed && now - shape.since <= kPatience && shapes_.size() <= kMost;
-}
-
 std::optional<SeenArm> TagMatcher::take(double now) {
   if (shapes_.empty()) return std::nullopt;
   Waiting& first = shapes_.front();
@@ -178,11 +163,6 @@ std::optional<SeenArm> TagMatcher::take(double now) {
   shapes_.pop_front();
   if (of_it != tags_.end()) out->tags = of_it->fitted;
   return out;
-}
-
-void TagMatcher::clear() {
-  shapes_.clear();
-  tags_.clear();
 }
 
 namespace {

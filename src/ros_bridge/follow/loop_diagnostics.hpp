@@ -106,13 +106,21 @@ class TagMatcher {
   static constexpr double kSilence = 1.0;    ///< [s]
   static constexpr std::size_t kMost = 8;
 
-  void add(SeenArm seen, double now);
+  void add(SeenArm seen, double now) { shapes_.push_back({std::move(seen), now}); }
   /// @param tags  as SeenArm's.
-  void addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now);
+  void addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now) {
+    if (!tags_.empty() && stamp < tags_.back().stamp) tags_.clear();  // a jump back in time
+    tags_.push_back({stamp, std::move(tags)});
+    if (tags_.size() > kMost) tags_.pop_front();
+    last_tags_ = now;
+  }
   /// The next shape that need not wait any more; nothing if there is none.
   std::optional<SeenArm> take(double now);
   /// Forgets shapes and tags.
-  void clear();
+  void clear() {
+    shapes_.clear();
+    tags_.clear();
+  }
 
  private:
   struct Waiting {
@@ -124,7 +132,11 @@ class TagMatcher {
     std::optional<std::vector<int>> fitted;
   };
 
-  bool mayGetTags(const Waiting& shape, double now) const;
+  bool mayGetTags(const Waiting& shape, double now) const {
+    const bool come = last_tags_ && now - *last_tags_ <= kSilence;
+    const bool passed = !tags_.empty() && tags_.back().stamp > shape.seen.stamp;
+    return come && !passed && now - shape.since <= kPatience && shapes_.size() <= kMost;
+  }
 
   std::deque<Waiting> shapes_;  ///< as they came
   std::deque<Tags> tags_;       ///< by ascending stamp

@@ -13,7 +13,6 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -35,9 +34,6 @@ constexpr double kTableOffset = 0.23;   // to the side of the tip, clear of the 
 constexpr double kTableRise = 0.03;     // its end is clear of the measured tip's text [m]
 
 }  // namespace
-
-LoopMarkers::LoopMarkers(std::string base_frame, double lifetime)
-    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
 void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
                             bool drawn, visualization_msgs::MarkerArray& out) const {

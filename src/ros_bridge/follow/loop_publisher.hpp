@@ -44,7 +44,8 @@ class LoopMarkers {
   };
 
   /// @param lifetime  longer than the period of drawing [s].
-  LoopMarkers(std::string base_frame, double lifetime);
+  LoopMarkers(std::string base_frame, double lifetime)
+      : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
   /// @param view  in the axes of the base.
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const SideView& view,

@@ -6,10 +6,8 @@
 #include <cstdio>
 #include <exception>
 #include <stdexcept>
-#include <string>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -143,11 +141,6 @@ std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::
   if (error > rules_.goal_tolerance) return std::nullopt;
   return GoalEnding{Result::SUCCESSFUL,
                     text("the measured tip is %.2f mm from the last point", 1e3 * error)};
-}
-
-GoalFigures GoalWatch::figures() const {
-  if (pictures_ == 0) return {};
-  return {std::sqrt(sum2_ / pictures_), max_, pictures_};
 }
 
 namespace {
@@ -316,16 +309,6 @@ bool isReady(const std::future<DecidedGoal>& result) {
 }
 
 }  // namespace
-
-PathChecker::~PathChecker() {
-  discard();  // the futures wait
-}
-
-void PathChecker::begin(Check check) {
-  discard();
-  waiting_ = std::move(check);
-  start();
-}
 
 void PathChecker::discard() {
   waiting_ = nullptr;

@@ -1,14 +1,17 @@
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
-#include <deque>
 #include <functional>
+#include <limits>
+#include <memory>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <variant>
-#include <vector>
 
+#include <actionlib/server/action_server.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
@@ -18,7 +21,6 @@
 #include <std_srvs/Trigger.h>
 
 #include "command_link.hpp"
-#include "follow_action.hpp"
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
@@ -32,10 +34,13 @@
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "loop_diagnostics.hpp"
 #include "loop_publisher.hpp"
 #include "loop_targets.hpp"
+#include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
@@ -49,6 +54,298 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+using Result = FollowTipPathResult;
+
+Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
+  Result out;
+  out.error_code = ending.code;
+  out.error_string = ending.message;
+  out.rms_m = figures.rms;
+  out.max_m = figures.max;
+  out.pictures = figures.pictures;
+  return out;
+}
+
+// Reaction that a goal requests; the scene's by default.
+follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
+  switch (on_contact) {
+    case FollowTipPathGoal::REPORT:
+      return follow::OnContact::kReport;
+    case FollowTipPathGoal::YIELD:
+      return follow::OnContact::kYield;
+    case FollowTipPathGoal::STOP:
+      return follow::OnContact::kStop;
+    default:
+      return usual;
+  }
+}
+
+/// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
+/// decides how it ends. Afterwards the last wanted place is held for a time.
+///
+/// A goal lives as long as the node that sent it. Where that is gone, the goal is aborted and
+/// nothing is held, so that the arm vents. On hardware, a place is held for kLongestHold at most.
+///
+/// A new goal replaces the running one once it is accepted, and one whose path is still being
+/// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
+/// the thread of the node's callback queue, except what a PathChecker does: it reads the points of
+/// a goal and checks its path.
+class FollowAction {
+ public:
+  /// Longest time for which hardware stands at the last place of a goal [s].
+  static constexpr double kLongestHold = 60.0;
+
+  /// Makes a check for another thread, of the arm as it is now.
+  using MakePathCheck = std::function<PathCheck()>;
+
+  /// @param scene, frames, targets  Outlive this.
+  FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
+               LoopTargets& targets, MakePathCheck make_check)
+      : scene_(scene),
+        frames_(frames),
+        targets_(targets),
+        make_check_(std::move(make_check)),
+        client_(private_node, names::kFollowTipPath),
+        server_(std::make_unique<Server>(
+            private_node, names::kFollowTipPath,
+            [this](const Handle& handle) { guard_.run("", [&] { onGoal(handle); }); },
+            [this](const Handle& handle) { guard_.run("", [&] { onCancel(handle); }); }, false)) {
+    server_->start();
+  }
+
+  ~FollowAction() = default;
+  FollowAction(const FollowAction&) = delete;
+  FollowAction& operator=(const FollowAction&) = delete;
+
+  /// A goal runs, or waits for its start or for the arm.
+  bool runs() const { return run_.has_value(); }
+  /// The arm is to be commanded: a goal runs, or its last place is held.
+  bool wants() const { return run_.has_value() || isHeld(); }
+  /// Whether a hold has run out since the last call.
+  bool takeEndOfHold() {
+    if (!hold_since_ || wants()) return false;
+    endHold();
+    return true;
+  }
+  /// No longer holds the last place of a goal: another command has come.
+  void endHold() { hold_since_.reset(); }
+
+  /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
+  void prepare(double time, follow::VisualServo& loop, const CommandLink& link) {
+    const auto asked = link.refusal();
+    if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
+    takeCandidate();
+    if (!run_) {
+      if (!link.follows()) endHold();
+      // The goal's reaction holds as long as its last place: a stopped arm does not push on.
+      if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
+      loop.hold();
+      return;
+    }
+    if (client_.isGone()) {
+      end({Result::CLIENT_LOST, client_.whyGone()});
+      endHold();
+    } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
+      end({Result::NOT_ENABLED, other->message});
+    } else if (const auto refusal = link.refusal()) {
+      end({Result::NOT_ENABLED, refusal->message});
+    } else if (link.follows() && !run_->follows) {
+      begin(time, loop);
+    } else if (run_->follows && !link.follows()) {
+      end({Result::NOT_ENABLED, link.whyNot()});
+    }
+  }
+
+  /// After a turn in which the loop commands.
+  void watch(double time, const follow::Turn& turn) {
+    if (!run_ || !run_->follows) return;
+    if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
+  }
+
+  /// After a picture that the loop used.
+  /// @param X_BT            measured tip.
+  /// @param tip_covariance  of the predicted tip's position, base frame [m^2].
+  void picture(const ros::Time& stamp, const lie::SE3& X_BT,
+               const Eigen::Matrix3d& tip_covariance) {
+    if (!run_ || !run_->follows) return;
+    const auto moment = run_->watch.momentOf(stamp.toSec());
+    if (!moment) return;
+    const Eigen::Vector3d error = X_BT.translation - moment->wanted.translation;
+    const Eigen::Vector3d direction = error.stableNormalized();
+    FollowTipPathFeedback feedback;
+    feedback.header = toHeaderMsg(stamp, frames_.baseFrame());
+    feedback.desired = toPoseMsg(moment->wanted);
+    feedback.measured = toPoseMsg(X_BT);
+    if (moment->predicted) feedback.predicted = toPoseMsg(*moment->predicted);
+    feedback.error = error.norm();
+    feedback.sd = std::sqrt(std::max(0.0, direction.dot(tip_covariance * direction)));
+    feedback.state = follow::nameOf(moment->state);
+    feedback.time_from_start = ros::Duration(moment->path_time);
+    run_->handle.publishFeedback(feedback);
+    if (const auto ending = run_->watch.picture(*moment, X_BT.translation)) end(*ending);
+  }
+
+  /// The arm cannot be commanded: refuses or aborts the goal, and ends a hold.
+  void abandon(const std::string& reason) {
+    if (candidate_) {
+      reject(*candidate_, {Result::NOT_ENABLED, reason});
+      discardCandidate();
+    }
+    if (run_) end({Result::NOT_ENABLED, reason});
+    endHold();
+  }
+
+ private:
+  using Server = actionlib::ActionServer<UnreadPathAction>;
+  using Handle = Server::GoalHandle;
+
+  /// An accepted goal.
+  struct Run {
+    Handle handle;
+    PathGoal goal;
+    GoalWatch watch;
+    bool follows = false;  ///< the arm follows its path
+  };
+
+  void onGoal(Handle handle) {
+    const UnreadGoal goal = *handle.getGoal();
+    if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
+      reject(handle, *refusal);
+      return;
+    }
+    const auto frame = frameOf(goal, frames_);
+    if (const auto* refusal = std::get_if<GoalEnding>(&frame)) {
+      reject(handle, *refusal);
+      return;
+    }
+    if (candidate_) {
+      candidate_->setCanceled(resultOf(
+          {Result::SUCCESSFUL,
+           "replaced by a newer goal before its path was checked; wait for the answer to a "
+           "goal before the next one"}));
+      discardCandidate();
+    }
+    checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
+                       const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+    client_.watchNext(*handle.getGoal());
+    candidate_ = std::move(handle);
+  }
+
+  void onCancel(Handle handle) {
+    if (candidate_ && *candidate_ == handle) {
+      handle.setCanceled(resultOf({Result::SUCCESSFUL, "cancelled before it began"}));
+      discardCandidate();
+    } else if (run_ && run_->handle == handle) {
+      cancel("cancelled: the arm stays where it was wanted");
+    }
+  }
+
+  static void reject(Handle& handle, const GoalEnding& refusal) {
+    logWarning("follow_tip_path: %s", refusal.message.c_str());
+    handle.setRejected(resultOf(refusal), refusal.message);
+  }
+
+  void discardCandidate() {
+    checker_.discard();
+    client_.releaseNext();
+    candidate_.reset();
+  }
+
+  void takeCandidate() {
+    if (candidate_ && client_.nextIsGone()) {
+      reject(*candidate_, {Result::CLIENT_LOST, client_.whyNextGone()});
+      discardCandidate();
+    }
+    auto decided = checker_.take();
+    if (!candidate_ || !decided) return;
+    Handle next = std::move(*candidate_);
+    candidate_.reset();
+    if (const auto* refusal = std::get_if<GoalEnding>(&*decided)) {
+      reject(next, *refusal);
+      return;
+    }
+    auto& goal = std::get<PathGoal>(*decided);
+    if (goal.hold > longestHold()) {
+      std::ostringstream text;
+      text << "hold_s is " << *goal.hold << "; expected at most " << longestHold()
+           << " on hardware: a tip_target that is repeated keeps the tip where it is for longer";
+      reject(next, {Result::INVALID_GOAL, text.str()});
+      return;
+    }
+    if (const auto other = targets_.claim(names::kFollowTipPath)) {
+      reject(next, {Result::NOT_ENABLED, other->message});
+      return;
+    }
+    if (run_) cancel("replaced by a newer goal");
+    next.setAccepted("accepted");
+    client_.beginNext();
+    const GoalWatch watch(goal.rules, goal.path.lastTime());
+    run_.emplace(Run{std::move(next), std::move(goal), watch});
+  }
+
+  void begin(double time, follow::VisualServo& loop) {
+    const ros::Time& start = run_->goal.start;
+    if (start.isZero() || time >= start.toSec()) {
+      run_->follows = true;
+      loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
+      loop.follow(std::move(run_->goal.path));
+    } else if (!loop.hasTarget() && loop.turn().predicted) {
+      loop.aimAt(loop.turn().predicted->translation);
+    }
+  }
+
+  void end(const GoalEnding& ending) {
+    const Result result = resultOf(ending, run_->watch.figures());
+    if (ending.code == Result::SUCCESSFUL) {
+      logInfo("follow_tip_path: %s", ending.message.c_str());
+      run_->handle.setSucceeded(result, ending.message);
+    } else {
+      logWarning("follow_tip_path: %s", ending.message.c_str());
+      run_->handle.setAborted(result, ending.message);
+    }
+    leave();
+  }
+
+  void cancel(const std::string& reason) {
+    const GoalFigures figures = run_->watch.figures();
+    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+    leave();
+  }
+
+  // The last position is held if the arm was moved there.
+  void leave() {
+    const double longest = longestHold();
+    const double usual =
+        std::isinf(longest) ? longest : std::min(longest, scene_.safety.rules.target_timeout);
+    hold_time_ = run_->goal.hold.value_or(usual);
+    if (run_->follows) hold_since_ = ros::SteadyTime::now();
+    run_.reset();
+    client_.release();
+  }
+
+  bool isHeld() const {
+    return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
+  }
+  /// Longest time for which a place may be held [s].
+  double longestHold() const {
+    const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+    return simulated ? std::numeric_limits<double>::infinity() : kLongestHold;
+  }
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  LoopTargets& targets_;
+  const MakePathCheck make_check_;
+  std::optional<Handle> candidate_;  ///< its goal is being checked
+  PathChecker checker_;
+  std::optional<Run> run_;
+  std::optional<ros::SteadyTime> hold_since_;
+  double hold_time_ = 0.0;               ///< [s]
+  GoalClient<UnreadActionGoal> client_;  ///< of the running goal and of the candidate
+  FaultGuard guard_{"a goal of follow_tip_path"};
+  std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
+};
 
 using follow::LoopState;
 

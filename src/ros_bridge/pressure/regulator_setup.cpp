@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
 #include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {

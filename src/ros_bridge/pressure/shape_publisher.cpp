@@ -7,14 +7,11 @@
 #include <cstddef>
 #include <cstdio>
 #include <sstream>
-#include <utility>
-#include <vector>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -150,9 +147,6 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
 
 }  // namespace
 
-ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
-    : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
-
 Marker ArmMarkers::marker(const char* ns, int id, int type) const {
   const std_msgs::Header header = toHeaderMsg(stamp_, base_frame_);
   return makeMarker(header, ns, id, type, lifetime_);
@@ -164,11 +158,6 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (!trace_.empty() && (smooth_tip_ - trace_.back()).norm() < kTraceStep) return;
   trace_.push_back(smooth_tip_);
   if (trace_.size() > kTraceLength) trace_.pop_front();
-}
-
-void ArmMarkers::tell(const control::SafetyReport& report, const std::string& reason) {
-  safety_ = report;
-  reason_ = reason;
 }
 
 void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray& out) const {
@@ -308,16 +297,6 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
   }
 }
 
-void ShapePublisher::adopt() {
-  sendBaseFrame();
-  response_.adopt(scene_.arm);
-  solve();
-}
-
-void ShapePublisher::sendBaseFrame() {
-  static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
-}
-
 void ShapePublisher::solve() {
   const bool rests = last_reading_.isZero();  // before the first reading
   const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.effective());
@@ -370,17 +349,6 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
   }
   last_tf_stamp_ = stamp;
   tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
-}
-
-std::string ShapePublisher::unmeasuredText() const {
-  return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
-                        : "no pressure_measured is received; is the regulator's node running?";
-}
-
-void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
-  if (!handle_) return;
-  const statics::Tip commanded = scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
-  if (commanded.converged()) handle_->follow(commanded.tip);
 }
 
 void ShapePublisher::draw() {

@@ -75,10 +75,14 @@ class ArmMarkers {
   /// Keeps a reference to the scene.
   ///
   /// @param lifetime  longer than the period of drawing [s].
-  ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
+  ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
+      : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
   /// The text above the base, with the next drawing.
-  void tell(const control::SafetyReport& report, const std::string& reason);
+  void tell(const control::SafetyReport& report, const std::string& reason) {
+    safety_ = report;
+    reason_ = reason;
+  }
 
   /// @param shape     to draw.
   /// @param pressure  (n) pressures for the colours and the text, gauge [Pa].
@@ -122,7 +126,11 @@ class ShapePublisher {
                  const PressureCommandOptions& options, TipHandle::OnTarget on_target);
 
   /// Follows a change of the scene: frames, and the shape at the last reading.
-  void adopt();
+  void adopt() {
+    sendBaseFrame();
+    response_.adopt(scene_.arm);
+    solve();
+  }
 
   /// Publishes the shape at a reading.
   /// @param measured  (n) gauge [Pa]
@@ -131,7 +139,12 @@ class ShapePublisher {
   /// Brings the handle, if there is one, to the model's tip at these pressures once they are
   /// effective, if it finds one.
   /// @param goal  (n) gauge [Pa]
-  void moveHandle(const Eigen::VectorXd& goal);
+  void moveHandle(const Eigen::VectorXd& goal) {
+    if (!handle_) return;
+    const statics::Tip commanded =
+        scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
+    if (commanded.converged()) handle_->follow(commanded.tip);
+  }
   /// The state of the arm, drawn above its base from the next drawing on.
   void tell(const control::SafetyReport& report, const std::string& reason) {
     markers_.tell(report, reason);
@@ -152,8 +165,13 @@ class ShapePublisher {
  private:
   void solve();           ///< the shape at the effective pressures
   bool measures() const;  ///< the last reading is fresh
-  std::string unmeasuredText() const;
-  void sendBaseFrame();
+  std::string unmeasuredText() const {
+    return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
+                          : "no pressure_measured is received; is the regulator's node running?";
+  }
+  void sendBaseFrame() {
+    static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
+  }
   void sendFrames(const ros::Time& stamp);
 
   const io::Scene& scene_;

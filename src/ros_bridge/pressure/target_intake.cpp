@@ -2,11 +2,9 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <utility>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/model_history.hpp"

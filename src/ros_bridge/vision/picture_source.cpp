@@ -1,11 +1,8 @@
 #include "picture_source.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <stdexcept>
-#include <string>
 #include <utility>
-#include <variant>
 
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"

@@ -1,14 +1,12 @@
 #include "vision_status_publisher.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
