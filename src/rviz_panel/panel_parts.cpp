@@ -7,7 +7,6 @@
 #include <QTextLayout>
 #include <array>
 #include <cmath>
-#include <functional>
 
 namespace helix_arm::rviz_panel {
 

@@ -1,35 +1,20 @@
-#include <algorithm>
-#include <chrono>
-#include <cstdint>
 #include <exception>
-#include <filesystem>
-#include <functional>
 #include <limits>
-#include <memory>
-#include <optional>
-#include <stdexcept>
-#include <string>
 #include <system_error>
-#include <thread>
-#include <utility>
 #include <variant>
-#include <vector>
 
 #include <actionlib/server/simple_action_server.h>
 #include <ros/init.h>
-#include <ros/node_handle.h>
 #include <ros/this_node.h>
 
 #include "bag/bag_captures.hpp"
 #include "helix_arm/Calibrate.h"
 #include "helix_arm/ClearSamples.h"
 #include "helix_arm/FitContraction.h"
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/RecordSample.h"
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/RunCalibrationActionGoal.h"
 #include "helix_arm/Save.h"
-#include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -720,7 +705,6 @@ struct CalibrationNodeOptions {
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class CalibrationNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   CalibrationNode()
       : recorder_(node_, requirePneumatic(io::loadScene(options_.scene)), options_.settle),
         calibrator_(options_.data_folder, options_.out_folder, options_.settle,

@@ -1,6 +1,5 @@
 #include "recorder.hpp"
 
-#include <utility>
 #include <variant>
 
 #include "bag/bag_captures.hpp"

@@ -1,12 +1,9 @@
 #include "cockpit_link.hpp"
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
-#include <thread>
 
 #include <ros/master.h>
 #include <ros/service.h>

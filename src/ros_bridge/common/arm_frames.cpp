@@ -1,7 +1,6 @@
 #include "arm_frames.hpp"
 
 #include <Eigen/Geometry>
-#include <utility>
 
 #include <tf2/exceptions.h>
 

@@ -1,6 +1,5 @@
 #include "client_watch.hpp"
 
-#include <cstdint>
 #include <limits>
 
 #include <poll.h>
@@ -8,7 +7,6 @@
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
-#include <ros/time.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "end_watch.hpp"

@@ -1,8 +1,5 @@
 #include "clock_gate.hpp"
 
-#include <cstdint>
-#include <vector>
-
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>

@@ -1,7 +1,6 @@
 #include "reload_server.hpp"
 
 #include <exception>
-#include <utility>
 
 #include "file_access.hpp"
 #include "guarded_callbacks.hpp"

@@ -1,9 +1,7 @@
 #include "run_node.hpp"
 
 #include <cstdio>
-#include <utility>
 
-#include <ros/callback_queue.h>
 #include <ros/init.h>
 
 #include "client_watch.hpp"

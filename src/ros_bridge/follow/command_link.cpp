@@ -1,6 +1,5 @@
 #include "command_link.hpp"
 
-#include <algorithm>
 #include <variant>
 
 #include <ros/this_node.h>

@@ -1,10 +1,7 @@
 #include "loop_diagnostics.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <cstdio>
-#include <utility>
 #include <variant>
 
 #include "ros_bridge/common/conversions.hpp"
@@ -97,7 +94,7 @@ void LoopDiagnostics::sawForeign(const std::string& why) {
 DiagnosticStatus LoopDiagnostics::loop(const follow::VisualServo& loop,
                                        const std::string& message) const {
   DiagnosticStatus out = makeStatus(names::kLoopStatus, levelOf(loop.state()), message,
-                                    {{names::kStateKey, follow::nameOf(loop.state())},
+                                    {{"state", follow::nameOf(loop.state())},
                                      {names::kAcceptedKey, std::to_string(accepted_)},
                                      {names::kWithoutTagsKey, std::to_string(without_tags_)}});
   for (int i = 1; i < estimation::kObservationFaultCount; ++i) {
@@ -118,7 +115,7 @@ DiagnosticStatus LoopDiagnostics::correction(const follow::VisualServo& loop) co
   const estimation::Gaussian& state = filter.state();
   const std::string& advice = calibration_.advice();
   DiagnosticStatus out = makeStatus(
-      names::kCorrectionStatus, advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+      "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
       advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
   const int count = filter.parameterCount();
   for (int i = 0; i < count; ++i) {

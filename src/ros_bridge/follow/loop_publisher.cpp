@@ -1,12 +1,9 @@
 #include "loop_publisher.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/ExternalLoad.h"
 #include "helix_arm/localization/twist_fit.hpp"
@@ -74,7 +71,7 @@ Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
 }
 
 Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker(stamp, names::kPredictedCurveNs, Marker::LINE_STRIP);
+  Marker out = marker(stamp, "predicted_curve", Marker::LINE_STRIP);
   if (tips.curve.empty()) {
     out.action = Marker::DELETE;
     return out;

@@ -1,13 +1,10 @@
 #include "path_goal.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
-#include <stdexcept>
 #include <system_error>
-#include <utility>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"

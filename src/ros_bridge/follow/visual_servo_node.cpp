@@ -1,30 +1,24 @@
-#include <Eigen/Core>
-#include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <functional>
-#include <limits>
-#include <memory>
 #include <optional>
 #include <sstream>
 #include <string>
-#include <utility>
-#include <variant>
+#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <geometry_msgs/PoseStamped.h>
+#include <ros/message_event.h>
 #include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 #include <ros/this_node.h>
 #include <ros/time.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
 #include "command_link.hpp"
-#include "helix_arm/ArmShape.h"
-#include "helix_arm/PressureArray.h"
-#include "helix_arm/TagDetections.h"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
@@ -35,9 +29,9 @@
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "loop_diagnostics.hpp"
 #include "loop_publisher.hpp"
-#include "loop_targets.hpp"
 #include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
@@ -51,9 +45,184 @@
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
+#include "ros_bridge/pressure/target_intake.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+bool areEqual(const follow::Target& a, const follow::Target& b) {
+  if (a.index() != b.index()) return false;
+  if (const auto* position = std::get_if<Eigen::Vector3d>(&a)) {
+    return *position == std::get<Eigen::Vector3d>(b);
+  }
+  if (const auto* pose = std::get_if<lie::SE3>(&a)) {
+    const auto& other = std::get<lie::SE3>(b);
+    return pose->translation == other.translation && pose->rotation == other.rotation;
+  }
+  return std::get<model::Twists>(a) == std::get<model::Twists>(b);
+}
+
+// All zero, as in a message whose orientation was not set.
+bool isEmpty(const geometry_msgs::Quaternion& q) {
+  return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
+}
+
+/// The target that messages ask the loop for, until their sender falls silent.
+///
+/// Subscribes to tip_target, tip_pose and shape_target; answers each on target_status, when the
+/// loop has tried it. For the thread of the node's callback queue.
+class LoopTargets {
+ public:
+  /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
+  /// @param frames  Outlives this.
+  LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames)
+      : scene_(scene),
+        frames_(frames),
+        admission_(node, scene),
+        tip_subscriber_(listen(node, names::kTipTarget, 10, &LoopTargets::onTipTarget, this)),
+        pose_subscriber_(listen(node, names::kTipPose, 10, &LoopTargets::onTipPose, this)),
+        shape_subscriber_(
+            listen(node, names::kShapeTarget, 10, &LoopTargets::onShapeTarget, this)) {}
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target) {
+    aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp},
+           seenFromBase(target));
+  }
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt() { admission_.adopt(); }
+
+  /// The present target, base frame; nothing where its sender was silent for
+  /// safety.target_timeout_s.
+  const std::optional<follow::Target>& target() {
+    const double silence = (ros::SteadyTime::now() - last_target_).toSec();
+    if (target_ && silence > scene_.safety.rules.target_timeout) forget();
+    return target_;
+  }
+  /// Whether the target is another than at the last call.
+  bool takeChange() {
+    const bool changed = changed_;
+    changed_ = false;
+    return changed;
+  }
+  /// Forgets the target.
+  void forget() {
+    target_.reset();
+    commander_.clear();
+    changed_ = false;
+  }
+  /// Who sent it; empty without a target.
+  const std::string& commander() const { return commander_; }
+
+  /// Grants or renews the lease of a commander that sends no messages, or says who holds it.
+  std::optional<control::Refusal> claim(const std::string& commander) {
+    return admission_.claim(commander);
+  }
+
+  /// Whether messages wait for an answer.
+  bool areUnanswered() const { return !unanswered_.empty(); }
+
+  /// Answers them: the loop commands the target.
+  void answer(const TargetSolution& solution) {
+    for (const TargetSender& sender : unanswered_) {
+      if (solution.status == statics::InverseStatus::kNotConverged) {
+        admission_.drop(sender, notConverged());
+      } else {
+        admission_.accept(sender, solution);
+      }
+    }
+    unanswered_.clear();
+  }
+
+  /// Answers them, and forgets the target. After a rest (Fault::kRested), its commander must pause
+  /// for safety.target_timeout before its next target counts, or the arm be enabled (enabled()).
+  void refuse(const control::Refusal& refusal) {
+    if (refusal.fault == control::Fault::kRested) rested_.hold(commander_, regulator::steadyNow());
+    for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
+    unanswered_.clear();
+    forget();
+  }
+
+  /// The arm was enabled: whoever was brought to rest may command again.
+  void enabled() { rested_.release(); }
+
+  /// As TargetAdmission::status().
+  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
+
+ private:
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
+    const TipTarget& target = *event.getMessage();
+    const TargetSender sender{names::kTipTarget, event.getPublisherName(), target.header.stamp};
+    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+  }
+
+  void onTipPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
+    const geometry_msgs::PoseStamped& pose = *event.getMessage();
+    const TargetSender sender{names::kTipPose, event.getPublisherName(), pose.header.stamp};
+    TipTarget target;
+    target.header = pose.header;
+    target.mode = isEmpty(pose.pose.orientation) ? TipTarget::POSITION : TipTarget::POSE;
+    target.pose = pose.pose;
+    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+  }
+
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
+    const ShapeTarget& target = *event.getMessage();
+    const TargetSender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
+    const auto checked = admission_.fresh(sender, fromMsg(target, scene_.arm.sectionCount()));
+    if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
+  }
+
+  /// The goal of a tip target in any frame that tf knows.
+  control::Checked<TipGoal> seenFromBase(const TipTarget& target) const {
+    const std::string& frame = target.header.frame_id;
+    const auto place = frames_.find(frame);
+    if (const auto* refusal = std::get_if<control::Refusal>(&place)) return *refusal;
+    const auto checked = fromMsg(target, frame);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) return *refusal;
+    TipGoal goal = std::get<TipGoal>(checked);
+    goal.X_BT = std::get<FrameLookup::Place>(place).X_BF * goal.X_BT;
+    const auto inside = control::checkPosition(goal.X_BT.translation);
+    if (const auto* refusal = std::get_if<control::Refusal>(&inside)) return *refusal;
+    return goal;
+  }
+
+  void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked) {
+    const TipGoal* goal = admission_.admit(sender, checked);
+    if (goal == nullptr) return;
+    if (goal->with_rotation) {
+      set(sender, goal->X_BT);
+    } else {
+      set(sender, goal->X_BT.translation);
+    }
+  }
+
+  void set(const TargetSender& sender, const follow::Target& target) {
+    const double pause = scene_.safety.rules.target_timeout;
+    if (rested_.refuses(sender.commander, regulator::steadyNow(), pause)) {
+      admission_.drop(sender, control::restedRefusal(pause));
+      return;
+    }
+    // A repeated target renews the lease but does not restart the watch for divergence.
+    changed_ = changed_ || !target_ || !areEqual(*target_, target);
+    target_ = target;
+    commander_ = sender.commander;
+    last_target_ = ros::SteadyTime::now();
+    unanswered_.push_back(sender);
+  }
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  TargetAdmission admission_;
+  control::RestedCommander rested_;
+  std::optional<follow::Target> target_;
+  bool changed_ = false;
+  std::string commander_;
+  ros::SteadyTime last_target_;
+  std::vector<TargetSender> unanswered_;
+  ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
+};
 
 using Result = FollowTipPathResult;
 
@@ -416,7 +585,6 @@ struct VisualServoOptions {
 /// it runs in the main thread, except that goals are read and their paths checked in others.
 class VisualServoNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   VisualServoNode() {
     logInfo("%s: closes the loop of %d actuators over vision", scene_.name.c_str(),
             scene_.arm.actuatorCount());

@@ -1,23 +1,10 @@
 #include <Eigen/Geometry>
-#include <atomic>
 #include <cmath>
-#include <cstdint>
 #include <limits>
-#include <memory>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include <ros/callback_queue.h>
-#include <ros/node_handle.h>
 #include <ros/spinner.h>
-#include <ros/steady_timer.h>
 #include <ros/this_node.h>
-#include <ros/time.h>
 
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
@@ -107,7 +94,7 @@ DiagnosticStatus safetyStatus(const io::Scene& scene, const PressureLoop::Snapsh
 }
 
 DiagnosticStatus regulatorStatus(const io::Scene& scene, const regulator::IoStatus& io) {
-  return makeStatus(names::kRegulatorStatus, io.up ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+  return makeStatus("regulator", io.up ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
                     io.up ? "the regulator answers" : "no link to the regulator: " + io.last_error,
                     {{"regulator", regulator::describe(*scene.regulator)},
                      {"writes", std::to_string(io.writes)},
@@ -363,7 +350,6 @@ class ModelServer {
 /// ModelServer run in the main thread only.
 class PressureCommandNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   PressureCommandNode()
       : shapes_(node_, scene_, options_,
                 [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
@@ -507,7 +493,7 @@ class PressureCommandNode : public Node {
                       slow ? "the loop is slower than ~rate" : "the loop keeps its rate",
                       {{names::kRateKey, fixed(rate)},
                        {names::kWantedRateKey, fixed(options_.rate)},
-                       {names::kBadReadingsKey, std::to_string(path.bad_readings.total())}});
+                       {"bad_readings", std::to_string(path.bad_readings.total())}});
   }
 
   void onDiagnose(const ros::SteadyTimerEvent&) {

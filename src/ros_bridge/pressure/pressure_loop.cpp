@@ -1,9 +1,6 @@
 #include "pressure_loop.hpp"
 
-#include <algorithm>
-#include <cstddef>
 #include <limits>
-#include <utility>
 
 #include <boost/make_shared.hpp>
 

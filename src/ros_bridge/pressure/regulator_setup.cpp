@@ -4,9 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <stdexcept>
-#include <utility>
 #include <variant>
-#include <vector>
 
 #include "helix_arm/regulator/config.hpp"
 #include "ros_bridge/common/log.hpp"

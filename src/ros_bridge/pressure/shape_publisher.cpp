@@ -1,14 +1,11 @@
 #include "shape_publisher.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <cstddef>
 #include <cstdio>
 #include <sstream>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
@@ -379,13 +376,13 @@ DiagnosticStatus ShapePublisher::status() const {
                         : "the model finds no shape that balances the load: none is published; "
                           "check the scene's load and arm.stiffness.K_eps_n",
                  {{names::kTierKey, statics::nameOf(choice.setting.tier)},
-                  {names::kOrderKey, std::to_string(choice.setting.order)},
-                  {names::kTierReasonKey, choice.reason},
+                  {"order", std::to_string(choice.setting.order)},
+                  {"tier_reason", choice.reason},
                   {names::kSolveStatusKey, statics::nameOf(solution_.status)},
                   {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
   if (response_.instant()) return out;
-  addValue(out, names::kMemoryKnownKey, response_.known() ? "true" : "false");
-  addValue(out, names::kEffectiveUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));
+  addValue(out, "memory_known", response_.known() ? "true" : "false");
+  addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
   return out;
 }
 

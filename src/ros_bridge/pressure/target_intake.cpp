@@ -1,6 +1,5 @@
 #include "target_intake.hpp"
 
-#include <algorithm>
 #include <cstdio>
 
 #include "helix_arm/basics/quote.hpp"
@@ -108,7 +107,7 @@ diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
   DiagnosticStatus out =
       makeStatus(names::kTargetsStatus, news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
                  news_ ? last_fault_ : "no target was dropped or out of reach",
-                 {{names::kReachedKey, std::to_string(reached_)},
+                 {{"reached", std::to_string(reached_)},
                   {names::kUnreachableKey, std::to_string(unreachable_.total())},
                   {names::kDroppedKey, std::to_string(total)}});
   for (int i = 0; i < control::kFaultCount; ++i) {

@@ -1,8 +1,6 @@
 #include "tip_handle.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/marker_parts.hpp"

@@ -1,23 +1,11 @@
-#include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <exception>
-#include <filesystem>
-#include <optional>
 #include <sstream>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include <actionlib/client/simple_action_client.h>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/FollowTipPathAction.h"
 #include "helix_arm/FollowTipPathFeedback.h"
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
@@ -326,7 +314,6 @@ FollowTipPathGoal goalOf(const FollowPathOptions& options) {
 /// or path file.
 class FollowPathNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   FollowPathNode()
       : goal_(goalOf(options_)),
         client_(node_, options_.action, false),

@@ -1,21 +1,12 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
-#include <memory>
-#include <optional>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/names.h>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
@@ -94,7 +85,6 @@ struct MonitorOptions {
 /// or parameter.
 class MonitorNode : public Node {
  public:
-  /// @throws ParameterError or io::DocumentError with every fault.
   MonitorNode()
       : command_{names::kPressureCommand, options_.min_rate},
         measured_{names::kPressureMeasured, options_.min_rate},

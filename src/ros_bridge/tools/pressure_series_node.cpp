@@ -1,16 +1,7 @@
-#include <algorithm>
-#include <optional>
 #include <sstream>
-#include <stdexcept>
-#include <string>
-#include <vector>
 
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 #include <ros/this_node.h>
 
-#include "helix_arm/PressureArray.h"
-#include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/data_set.hpp"
@@ -117,7 +108,6 @@ bool passes(const std::string& fault) {
 /// ends it.
 class PressureSeriesNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   PressureSeriesNode() {
     using Self = PressureSeriesNode;
     target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);

@@ -1,20 +1,7 @@
-#include <algorithm>
 #include <chrono>
-#include <memory>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <utility>
 
-#include <geometry_msgs/WrenchStamped.h>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 #include <rosgraph_msgs/Clock.h>
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/CompressedImage.h>
-#include <sensor_msgs/Image.h>
 
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -104,7 +91,6 @@ struct SimulatedRigOptions {
 /// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter.
 class SimulatedRigNode : public Node {
  public:
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   SimulatedRigNode()
       : scene_(requirePneumatic(io::loadScene(options_.scene))),
         true_arm_(scene_.model, scene_.simulation.arm),

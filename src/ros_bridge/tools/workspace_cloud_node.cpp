@@ -1,12 +1,5 @@
-#include <algorithm>
-#include <cstring>
 #include <limits>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include "helix_arm/io/scene.hpp"
@@ -69,7 +62,6 @@ statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceCloudOptio
 /// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad parameter or scene.
 class WorkspaceCloudNode : public Node {
  public:
-  /// @throws ParameterError or io::DocumentError with every fault.
   WorkspaceCloudNode()
       : scene_(io::loadScene(options_.scene)),
         sensitivity_(allPressures(scene_.arm)),

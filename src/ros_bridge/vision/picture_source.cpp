@@ -1,9 +1,5 @@
 #include "picture_source.hpp"
 
-#include <algorithm>
-#include <stdexcept>
-#include <utility>
-
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"

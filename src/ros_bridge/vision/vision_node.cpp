@@ -1,20 +1,8 @@
-#include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <memory>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <variant>
 
 #include <opencv2/core.hpp>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
-#include <ros/time.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"

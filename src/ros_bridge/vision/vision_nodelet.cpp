@@ -1,5 +1,3 @@
-#include <memory>
-#include <stdexcept>
 
 #include <nodelet/nodelet.h>
 #include <pluginlib/class_list_macros.hpp>

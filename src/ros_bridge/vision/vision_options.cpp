@@ -1,9 +1,7 @@
 #include "vision_options.hpp"
 
 #include <algorithm>
-#include <filesystem>
 #include <system_error>
-#include <vector>
 
 #include "helix_arm/io/shipped_files.hpp"
 #include "ros_bridge/common/file_access.hpp"

@@ -1,8 +1,6 @@
 #include "vision_status_publisher.hpp"
 
 #include <algorithm>
-#include <cstddef>
-#include <utility>
 
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -259,17 +257,17 @@ DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
   const bool down =
       status_.state == VisionStatus::STALE || status_.state == VisionStatus::CAMERA_FAULT;
   const bool waits = status_.state == VisionStatus::WAITING;
-  DiagnosticStatus out = makeStatus(
-      names::kCameraStatus,
-      down            ? DiagnosticStatus::ERROR
-      : news || waits ? DiagnosticStatus::WARN
-                      : DiagnosticStatus::OK,
-      down || waits ? status_.message
-      : news        ? status_.last_fault
-                    : "pictures are received",
-      {{names::kPictureRateKey, rateText(status_.pictures - reported_.pictures, seconds)},
-       {"pictures", std::to_string(status_.pictures)},
-       {"skipped", std::to_string(status_.skipped)}});
+  DiagnosticStatus out =
+      makeStatus("camera",
+                 down            ? DiagnosticStatus::ERROR
+                 : news || waits ? DiagnosticStatus::WARN
+                                 : DiagnosticStatus::OK,
+                 down || waits ? status_.message
+                 : news        ? status_.last_fault
+                               : "pictures are received",
+                 {{"pictures_hz", rateText(status_.pictures - reported_.pictures, seconds)},
+                  {"pictures", std::to_string(status_.pictures)},
+                  {"skipped", std::to_string(status_.skipped)}});
   for (int i = 0; i < kPictureFaultCount; ++i) {
     addValue(out, nameOf(PictureFault(i)), std::to_string(faults_[i].total()));
   }
@@ -280,15 +278,14 @@ DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
 
 DiagnosticStatus VisionStatusPublisher::measurementStatus(double seconds) const {
   const auto ids = [](const auto& of) { return listOf({of.begin(), of.end()}); };
-  return makeStatus(
-      names::kMeasurementStatus, measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
-      status_.message,
-      {{"state", nameOfState(status_.state)},
-       {names::kMeasuredRateKey, rateText(status_.measured - reported_.measured, seconds)},
-       {"tags", std::to_string(status_.tags)},
-       {"unknown_ids", ids(status_.unknown_ids)},
-       {"repeated_ids", ids(status_.repeated_ids)},
-       {"model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : ""}});
+  return makeStatus("measurement", measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+                    status_.message,
+                    {{"state", nameOfState(status_.state)},
+                     {"measured_hz", rateText(status_.measured - reported_.measured, seconds)},
+                     {"tags", std::to_string(status_.tags)},
+                     {"unknown_ids", ids(status_.unknown_ids)},
+                     {"repeated_ids", ids(status_.repeated_ids)},
+                     {"model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : ""}});
 }
 
 void VisionStatusPublisher::report(const std::string& scene) {
