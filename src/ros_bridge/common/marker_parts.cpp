@@ -25,10 +25,10 @@ std_msgs::ColorRGBA color(double r, double g, double b, double a) {
   return out;
 }
 
-visualization_msgs::Marker makeMarker(const std_msgs::Header& header, const char* ns, int id,
-                                      int type, const ros::Duration& lifetime) {
+visualization_msgs::Marker MarkerFrame::operator()(const ros::Time& stamp, const char* ns, int type,
+                                                   int id) const {
   visualization_msgs::Marker out;
-  out.header = header;
+  out.header = toHeaderMsg(stamp, frame);
   out.ns = ns;
   out.id = id;
   out.type = type;

@@ -35,18 +35,13 @@ constexpr double kTableRise = 0.03;     // its end is clear of the measured tip'
 void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
                             bool drawn, visualization_msgs::MarkerArray& out) const {
   out.markers.push_back(
-      legendLine(line, view, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+      legendLine(line, view, marker_(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
   if (!drawn) out.markers.back().action = Marker::DELETE;
-}
-
-Marker LoopMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
-  const std_msgs::Header header = toHeaderMsg(stamp, base_frame_);
-  return makeMarker(header, ns, 0, type, lifetime_);
 }
 
 Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
                          const std::optional<Eigen::Vector3d>& centre, double size) const {
-  Marker out = marker(stamp, ns, Marker::SPHERE);
+  Marker out = marker_(stamp, ns, Marker::SPHERE);
   if (!centre) {
     out.action = Marker::DELETE;
     return out;
@@ -57,7 +52,7 @@ Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
 }
 
 Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker(stamp, names::kTipForceNs, Marker::ARROW);
+  Marker out = marker_(stamp, names::kTipForceNs, Marker::ARROW);
   if (!tips.force || !tips.predicted) {
     out.action = Marker::DELETE;
     return out;
@@ -71,7 +66,7 @@ Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
 }
 
 Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker(stamp, "predicted_curve", Marker::LINE_STRIP);
+  Marker out = marker_(stamp, "predicted_curve", Marker::LINE_STRIP);
   if (tips.curve.empty()) {
     out.action = Marker::DELETE;
     return out;
@@ -85,7 +80,7 @@ Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
 Marker LoopMarkers::words(const ros::Time& stamp, const char* ns,
                           const std::optional<Eigen::Vector3d>& place, double height,
                           const std::string& text) const {
-  Marker out = marker(stamp, ns, Marker::TEXT_VIEW_FACING);
+  Marker out = marker_(stamp, ns, Marker::TEXT_VIEW_FACING);
   if (!place || text.empty()) {
     out.action = Marker::DELETE;
     return out;

@@ -45,14 +45,13 @@ class LoopMarkers {
 
   /// @param lifetime  longer than the period of drawing [s].
   LoopMarkers(std::string base_frame, double lifetime)
-      : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+      : marker_{std::move(base_frame), ros::Duration(lifetime)} {}
 
   /// @param view  in the axes of the base.
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const SideView& view,
                                        const Tips& tips) const;
 
  private:
-  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
                                   const std::optional<Eigen::Vector3d>& centre, double size) const;
   visualization_msgs::Marker curve(const ros::Time& stamp, const Tips& tips) const;
@@ -63,8 +62,7 @@ class LoopMarkers {
                  visualization_msgs::MarkerArray& out) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
 };
 
 /// Publishes loop_status, estimate and loop_markers, and holds the tip handle at the wanted tip.

@@ -144,11 +144,6 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
 
 }  // namespace
 
-Marker ArmMarkers::marker(const char* ns, int id, int type) const {
-  const std_msgs::Header header = toHeaderMsg(stamp_, base_frame_);
-  return makeMarker(header, ns, id, type, lifetime_);
-}
-
 void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (trace_.empty()) smooth_tip_ = tip;
   smooth_tip_ += kTraceSmoothing * (tip - smooth_tip_);
@@ -158,10 +153,10 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
 }
 
 void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray& out) const {
-  Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
+  Marker banner = marker_(stamp_, names::kStateBannerNs, Marker::TEXT_VIEW_FACING);
   banner.scale.z = kBannerHeight * view.scale;
   banner.color = stateColor(safety_);
-  banner.text = nameOf(base_frame_) + stateText(safety_);
+  banner.text = nameOf(marker_.frame) + stateText(safety_);
   banner.pose.position = toPointMsg(view.headline);
   const std::vector<std::string> lines = wrapped(reason_);
   if (!lines.empty()) {
@@ -180,7 +175,53 @@ void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray&
   for (const LegendLine line : {LegendLine::kModel, LegendLine::kTrace}) {
     if (line == LegendLine::kTrace && trace_.size() < 2) continue;
     out.markers.push_back(
-        legendLine(line, view, marker(names::kLegendNs, 0, Marker::TEXT_VIEW_FACING)));
+        legendLine(line, view, marker_(stamp_, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+  }
+}
+
+void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
+                            const model::InputRef& pressure, const SideView& view,
+                            visualization_msgs::MarkerArray& out) const {
+  const model::Arm& arm = scene_.arm;
+  for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    Marker tube = marker_(stamp_, names::kMusclesNs, Marker::TRIANGLE_LIST, i);
+    tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
+    tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
+    addTube(curve, section * kRings, (section + 1) * kRings, X_end, actuator,
+            scene_.looks[section].muscle_radius, tube.points);
+
+    Marker text = marker_(stamp_, names::kPressuresNs, Marker::TEXT_VIEW_FACING, i);
+    text.scale.z = kLineHeight * view.scale;
+    text.color = tube.color;
+    text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
+    text.pose.position =
+        toPointMsg(centreOfLines(view, view.table_top, arm.actuatorCount(), text.scale.z));
+    tube.color.a = kMuscleOpacity;
+    out.markers.push_back(std::move(tube));
+    out.markers.push_back(std::move(text));
+  }
+}
+
+void ArmMarkers::addDiscs(const model::Shape& shape, const lie::SE3& X_end, int section, int& disc,
+                          visualization_msgs::MarkerArray& out) const {
+  const io::SectionLook& look = scene_.looks[section];
+  const model::Actuator& first = scene_.arm.actuator(scene_.arm.firstActuator(section));
+  const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
+    Marker plate = marker_(stamp_, names::kSeparatorsNs, Marker::CYLINDER, disc++);
+    plate.pose = toPoseMsg(standAlongX(X));
+    plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
+    plate.scale.z = thickness;
+    plate.color = color(0.75, 0.75, 0.8, 0.55);
+    out.markers.push_back(std::move(plate));
+  };
+  for (int j = 0; j < look.separators; ++j) {
+    const double s = static_cast<double>(j) / (look.separators - 1);
+    addDisc(model::poseAt(shape, section, s), s, kDisc);
+  }
+  if (const double plate = scene_.arm.plate(section); plate > 0) {
+    addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
   }
 }
 
@@ -190,65 +231,29 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   if (stamp < stamp_) trace_.clear();
   stamp_ = stamp;
   const SideView view = sideViewOf(scene_);
-  const model::Arm& arm = scene_.arm;
-  const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
-  extendTrace(model::tipPose(shape).translation);
+  const int sections = scene_.arm.sectionCount();
+  const Curve curve = model::sampleCurve(shape, sections * kRings + 1);
+  const Eigen::Vector3d tip = model::tipPose(shape).translation;
+  extendTrace(tip);
 
   visualization_msgs::MarkerArray out;
-  int disc = 0;
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const io::SectionLook& look = scene_.looks[k];
+  for (int k = 0, disc = 0; k < sections; ++k) {
     const lie::SE3 X_end = model::poseAt(shape, k, 1.0);
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      const model::Actuator& actuator = arm.actuator(i);
-      const model::Range& limits = actuator.limits;
-      Marker tube = marker(names::kMusclesNs, i, Marker::TRIANGLE_LIST);
-      tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
-      tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
-      addTube(curve, k * kRings, (k + 1) * kRings, X_end, actuator, look.muscle_radius,
-              tube.points);
-
-      Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kLineHeight * view.scale;
-      text.color = tube.color;
-      text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
-      text.pose.position =
-          toPointMsg(centreOfLines(view, view.table_top, arm.actuatorCount(), text.scale.z));
-      tube.color.a = kMuscleOpacity;
-      out.markers.push_back(std::move(tube));
-      out.markers.push_back(std::move(text));
-    }
-    const model::Actuator& first = arm.actuator(arm.firstActuator(k));
-    const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
-      Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
-      plate.pose = toPoseMsg(standAlongX(X));
-      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
-      plate.scale.z = thickness;
-      plate.color = color(0.75, 0.75, 0.8, 0.55);
-      out.markers.push_back(std::move(plate));
-    };
-    for (int j = 0; j < look.separators; ++j) {
-      const double s = static_cast<double>(j) / (look.separators - 1);
-      addDisc(model::poseAt(shape, k, s), s, kDisc);
-    }
-    if (const double plate = arm.plate(k); plate > 0) {
-      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
-    }
+    addMuscles(curve, X_end, k, pressure, view, out);
+    addDiscs(shape, X_end, k, disc, out);
   }
-
-  Marker base_curve = marker(names::kBaseCurveNs, 0, Marker::LINE_STRIP);
-  base_curve.scale.x = kLine;
-  base_curve.color = color(1.0, 1.0, 1.0);
-  for (const auto& point : curve) base_curve.points.push_back(toPointMsg(point.X.translation));
-  if (shape.links()) base_curve.points.push_back(toPointMsg(model::tipPose(shape).translation));
-  out.markers.push_back(std::move(base_curve));
-
+  const auto addLine = [&](const char* ns, const std_msgs::ColorRGBA& color) -> auto& {
+    Marker& line = out.markers.emplace_back(marker_(stamp_, ns, Marker::LINE_STRIP));
+    line.scale.x = kLine;
+    line.color = color;
+    return line.points;
+  };
+  auto& points = addLine(names::kBaseCurveNs, color(1.0, 1.0, 1.0));
+  for (const auto& point : curve) points.push_back(toPointMsg(point.X.translation));
+  if (shape.links()) points.push_back(toPointMsg(tip));
   if (trace_.size() > 1) {
-    Marker trace = marker(names::kTipTraceNs, 0, Marker::LINE_STRIP);
-    trace.scale.x = kLine;
-    trace.color = color(0.4, 1.0, 0.6, 0.8);
-    for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
-    out.markers.push_back(std::move(trace));
+    auto& traced = addLine(names::kTipTraceNs, color(0.4, 1.0, 0.6, 0.8));
+    for (const auto& point : trace_) traced.push_back(toPointMsg(point));
   }
   addWords(view, out);
   drawn_.clear();
@@ -261,7 +266,7 @@ visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
   trace_.clear();
   visualization_msgs::MarkerArray out;
   for (const auto& [ns, id] : drawn_) {
-    out.markers.push_back(marker(ns.c_str(), id, Marker::SPHERE));
+    out.markers.push_back(marker_(stamp_, ns.c_str(), Marker::SPHERE, id));
     out.markers.back().action = Marker::DELETE;
   }
   drawn_.clear();
@@ -325,27 +330,12 @@ void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stam
   if (!solution_.converged()) return;
   const std_msgs::Header header = toHeaderMsg(stamp, frames_.base);
   model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
-  if (readings_ % readings_per_tf_ == 0) sendFrames(stamp);
+  if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
 }
 
 bool ShapePublisher::measures() const {
   return !last_reading_.isZero() &&
          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
-}
-
-void ShapePublisher::sendFrames(const ros::Time& stamp) {
-  if (stamp == last_tf_stamp_) return;  // under a paused clock, tf would warn of repeated stamps
-  if (endsTf(stamp)) {
-    if (far_stamps_.add()) {
-      logWarning(
-          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no tf is "
-          "published for it; synchronise the clocks",
-          secondsBetween(ros::Time::now(), stamp), far_stamps_.total());
-    }
-    return;
-  }
-  last_tf_stamp_ = stamp;
-  tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
 }
 
 void ShapePublisher::draw() {

@@ -12,12 +12,12 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 #include <tf2_ros/static_transform_broadcaster.h>
-#include <tf2_ros/transform_broadcaster.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -76,7 +76,7 @@ class ArmMarkers {
   ///
   /// @param lifetime  longer than the period of drawing [s].
   ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
-      : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+      : scene_(scene), marker_{std::move(base_frame), ros::Duration(lifetime)} {}
 
   /// The text above the base, with the next drawing.
   void tell(const control::SafetyReport& report, const std::string& reason) {
@@ -95,13 +95,19 @@ class ArmMarkers {
   visualization_msgs::MarkerArray remove(const ros::Time& stamp);
 
  private:
-  visualization_msgs::Marker marker(const char* ns, int id, int type) const;
+  using Curve = std::vector<model::CurvePoint<lie::SE3>>;
+
+  void addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
+                  const model::InputRef& pressure, const SideView& view,
+                  visualization_msgs::MarkerArray& out) const;
+  /// @param disc  id of the next disc.
+  void addDiscs(const model::Shape& shape, const lie::SE3& X_end, int section, int& disc,
+                visualization_msgs::MarkerArray& out) const;
   void extendTrace(const Eigen::Vector3d& tip);
   void addWords(const SideView& view, visualization_msgs::MarkerArray& out) const;
 
   const io::Scene& scene_;
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
   ros::Time stamp_;
   control::SafetyReport safety_;
   std::string reason_;
@@ -172,7 +178,6 @@ class ShapePublisher {
   void sendBaseFrame() {
     static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
   }
-  void sendFrames(const ros::Time& stamp);
 
   const io::Scene& scene_;
   const FrameNames frames_;
@@ -182,18 +187,16 @@ class ShapePublisher {
 
   Eigen::VectorXd measured_;  ///< last reading [Pa]
   model::ArmResponse response_;
-  statics::Solution solution_;  ///< at the effective pressures, clamped
-  ros::Time last_tf_stamp_;
+  statics::Solution solution_;    ///< at the effective pressures, clamped
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
-  FaultCount far_stamps_;
   FaultCount unsolved_;  ///< readings at which the model finds no shape
   FaultCount losses_;    ///< of pressure_measured
   FaultCount restarts_;  ///< of the responses
   bool drawn_ = false;   ///< the arm is on the screen
 
   ros::Publisher model_publisher_, marker_publisher_;
-  tf2_ros::TransformBroadcaster tf_;
+  CurveFrames curve_frames_{frames_, "pressure_measured is", "it"};
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
 };

@@ -6,7 +6,6 @@
 #include <boost/make_shared.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <tf2_ros/transform_broadcaster.h>
 
 #include "helix_arm/model/curve.hpp"
 #include "observations.hpp"
@@ -313,7 +312,10 @@ class MeasurementPublisher {
     status_.saw(measurement, report);
     if (report.shape) measured_publisher_.publish(*report.shape);
     if (report.error) error_publisher_.publish(*report.error);
-    if (measurement.measured()) sendFrames(measurement);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
     detections_publisher_.publish(report.detections);
     republish(measurement);
     draw(measurement, report);
@@ -329,26 +331,6 @@ class MeasurementPublisher {
       image_publisher_.publish(
           boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
     }
-  }
-
-  void sendFrames(const Measurement& measurement) {
-    const ros::Time& stamp = measurement.stamp;
-    if (endsTf(stamp)) {
-      if (far_stamps_.add()) {
-        logWarning(
-            "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
-            "for them; synchronise the clocks",
-            secondsBetween(ros::Time::now(), stamp), far_stamps_.total());
-      }
-      return;
-    }
-    // tf warns of repeated stamps, except after a jump back in time.
-    if (stamp < last_stamp_) last_tf_stamp_ = ros::Time();
-    last_stamp_ = stamp;
-    if (stamp == last_tf_stamp_) return;
-    const estimation::TwistFit& fit = measurement.observation.fit;
-    tf_.sendTransform(curveTransforms(frames_, fit.shape, stamp, fit.X_B0B));
-    last_tf_stamp_ = stamp;
   }
 
   void draw(const Measurement& measurement, const ObservationReport& report) {
@@ -367,13 +349,10 @@ class MeasurementPublisher {
   const ros::WallDuration drawing_period_;
   VisionStatusPublisher& status_;
 
-  ros::Time last_stamp_;     // of the last measured picture
-  ros::Time last_tf_stamp_;  // of the last frames sent since time jumped back
   ros::SteadyTime last_drawing_;
-  FaultCount far_stamps_;
   ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
   ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
-  tf2_ros::TransformBroadcaster tf_;
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
 };
 
 }  // namespace

@@ -35,15 +35,10 @@ std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
 }  // namespace
 
 VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
-    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
-
-Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
-  const std_msgs::Header header = toHeaderMsg(stamp, base_frame_);
-  return makeMarker(header, ns, 0, type, lifetime_);
-}
+    : marker_{std::move(base_frame), ros::Duration(lifetime)} {}
 
 Marker VisionMarkers::modelCurve(const Measurement& measurement) const {
-  Marker dashed = marker(measurement.stamp, names::kModelCurveNs, Marker::LINE_LIST);
+  Marker dashed = marker_(measurement.stamp, names::kModelCurveNs, Marker::LINE_LIST);
   const model::Shape* model = measurement.modelShape();
   if (model == nullptr) {
     dashed.action = Marker::DELETE;
@@ -63,7 +58,7 @@ Marker VisionMarkers::modelCurve(const Measurement& measurement) const {
 Marker VisionMarkers::outlines(const Measurement& measurement) const {
   const estimation::TagLayout& layout = measurement.view.layout;
   const estimation::TwistFit& fit = measurement.observation.fit;
-  Marker tags = marker(measurement.stamp, names::kTagsNs, Marker::LINE_LIST);
+  Marker tags = marker_(measurement.stamp, names::kTagsNs, Marker::LINE_LIST);
   tags.pose = toPoseMsg(fit.X_B0B);
   tags.scale.x = 0.2 * kLine;
   tags.color = color(1.0, 1.0, 1.0);
@@ -87,26 +82,26 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
   visualization_msgs::MarkerArray out;
 
-  Marker measured = marker(stamp, names::kMeasuredCurveNs, Marker::LINE_STRIP);
+  Marker measured = marker_(stamp, names::kMeasuredCurveNs, Marker::LINE_STRIP);
   measured.pose = toPoseMsg(fit.X_B0B);
   measured.scale.x = kLine;
   measured.color = color(1.0, 0.55, 0.1, kOpacity);
   measured.points = pointsOf(fit.shape);
 
-  Marker words = marker(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
+  Marker words = marker_(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
   words.pose.position = toPointMsg(tip.translation + view_.beyond * (kTextOffset * view_.scale));
   words.scale.z = kTextHeight * view_.scale;
   words.color = color(1.0, 0.55, 0.1);
   words.text = text;
 
-  Marker ball = marker(stamp, names::kTipCovarianceNs, Marker::SPHERE);
+  Marker ball = marker_(stamp, names::kTipCovarianceNs, Marker::SPHERE);
   shapeLike(fit.tip_covariance, tip.translation, ball);
   ball.color = color(1.0, 0.55, 0.1, 0.5);
   out.markers = {std::move(measured), modelCurve(measurement), outlines(measurement),
                  std::move(words), std::move(ball)};
   for (const LegendLine line : kLines) {
     out.markers.push_back(
-        legendLine(line, view_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+        legendLine(line, view_, marker_(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
     if (line == LegendLine::kModelThen && measurement.modelShape() == nullptr) {
       out.markers.back().action = Marker::DELETE;
     }
@@ -117,11 +112,11 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
 visualization_msgs::MarkerArray VisionMarkers::remove(const ros::Time& stamp) const {
   visualization_msgs::MarkerArray out;
   for (const char* ns : kNamespaces) {
-    out.markers.push_back(marker(stamp, ns, Marker::SPHERE));
+    out.markers.push_back(marker_(stamp, ns, Marker::SPHERE));
     out.markers.back().action = Marker::DELETE;
   }
   for (const LegendLine line : kLines) {
-    out.markers.push_back(marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING));
+    out.markers.push_back(marker_(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING));
     out.markers.back().id = static_cast<int>(line);
     out.markers.back().action = Marker::DELETE;
   }

@@ -44,13 +44,11 @@ class VisionMarkers {
   visualization_msgs::MarkerArray remove(const ros::Time& stamp) const;
 
  private:
-  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker modelCurve(const Measurement& measurement) const;
   visualization_msgs::Marker outlines(const Measurement& measurement) const;
 
   SideView view_ = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
 };
 
 /// Whose intrinsics are used, in words, while no camera_info holds.
