@@ -210,43 +210,6 @@ Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& top
   return std::get<Eigen::VectorXd>(checked);
 }
 
-}  // namespace
-
-std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
-                                                       const io::Scene& scene) {
-  std::map<int, procedures::TagObservation> found;
-  for (const TagDetection& tag : detections.tags) {
-    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
-    procedures::TagObservation& observation = found[tag.id];
-    observation.id = tag.id;
-    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
-      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
-    }
-  }
-  std::vector<procedures::TagObservation> out;
-  for (const auto& [id, observation] : found) {
-    if (observation.corners.allFinite()) out.push_back(observation);
-  }
-  return out;
-}
-
-std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
-                                           const model::Arm& arm) {
-  std::vector<io::TagCornerCapture> out;
-  for (const procedures::Sample& sample : samples) {
-    io::TagCornerCapture& capture = out.emplace_back();
-    capture.number = static_cast<int>(out.size());
-    capture.pressure = arm.clamped(sample.pressure);
-    capture.time = sample.time;
-    for (const procedures::TagObservation& tag : sample.tags) {
-      capture.tags.push_back({tag.id, tag.corners});
-    }
-  }
-  return out;
-}
-
-namespace {
-
 std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const std::string& path,
                                           const io::Scene& scene,
                                           const procedures::SettleRules& rules) {
@@ -300,6 +263,39 @@ void requireOpen(const basics::RegularFile& file, const std::string& path) {
 }
 
 }  // namespace
+
+std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+                                                       const io::Scene& scene) {
+  std::map<int, procedures::TagObservation> found;
+  for (const TagDetection& tag : detections.tags) {
+    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
+    procedures::TagObservation& observation = found[tag.id];
+    observation.id = tag.id;
+    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
+      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
+    }
+  }
+  std::vector<procedures::TagObservation> out;
+  for (const auto& [id, observation] : found) {
+    if (observation.corners.allFinite()) out.push_back(observation);
+  }
+  return out;
+}
+
+std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
+                                           const model::Arm& arm) {
+  std::vector<io::TagCornerCapture> out;
+  for (const procedures::Sample& sample : samples) {
+    io::TagCornerCapture& capture = out.emplace_back();
+    capture.number = static_cast<int>(out.size());
+    capture.pressure = arm.clamped(sample.pressure);
+    capture.time = sample.time;
+    for (const procedures::TagObservation& tag : sample.tags) {
+      capture.tags.push_back({tag.id, tag.corners});
+    }
+  }
+  return out;
+}
 
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
                                         const procedures::SettleRules& rules) {

@@ -21,6 +21,14 @@ namespace {
 constexpr char kRecorded[] = "recorded samples";
 constexpr char kRecordedSeries[] = "recorded series";
 
+constexpr double kWatchPeriod = 0.1;  // [s]
+
+std::vector<std::string> actuatorNames(const model::Arm& arm) {
+  std::vector<std::string> out;
+  for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
+  return out;
+}
+
 }  // namespace
 
 procedures::CalibrationData Recording::data() const {
@@ -54,18 +62,6 @@ std::string Recording::seriesTable() const {
   return procedures::tipSeriesCsv(series,
                                   kRecordedTitle + scene.name + ", " + procedures::utcNow());
 }
-
-namespace {
-
-constexpr double kWatchPeriod = 0.1;  // [s]
-
-std::vector<std::string> actuatorNames(const model::Arm& arm) {
-  std::vector<std::string> out;
-  for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
-  return out;
-}
-
-}  // namespace
 
 Recorder::Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::SettleRules& rules)
     : scene_(std::move(scene)),

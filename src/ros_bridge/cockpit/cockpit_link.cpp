@@ -113,6 +113,39 @@ CallAnswer unlessOvertaken(const std::string& what, const Overtaken& overtaken, 
           false};
 }
 
+constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
+
+bool isSound(const PressureArray& array) {
+  return !array.name.empty() && array.name.size() == array.pressure.size() &&
+         array.name.size() <= kMostChannels;
+}
+
+std::vector<double> tipPositionOf(const ArmShape& shape) {
+  const auto& p = shape.tip.position;
+  return {p.x, p.y, p.z};
+}
+
+// Sum of the sections' lengths; the speed along a constant twist is |v|.
+double lengthOf(const ArmShape& shape) {
+  double out = 0;
+  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
+    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
+  }
+  return out;
+}
+
+double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  const std::string text = valueOf(status, key);
+  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
+}
+
+// The value of a key in kPa, in Pa.
+double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  return 1e3 * numberOf(status, key);
+}
+
+constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
+
 }  // namespace
 
 CockpitLink::CockpitLink(const std::string& ns)
@@ -323,41 +356,6 @@ void CockpitLink::useCalibration() {
 
 // What CockpitLink hears.
 
-namespace {
-
-constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
-
-bool isSound(const PressureArray& array) {
-  return !array.name.empty() && array.name.size() == array.pressure.size() &&
-         array.name.size() <= kMostChannels;
-}
-
-std::vector<double> tipPositionOf(const ArmShape& shape) {
-  const auto& p = shape.tip.position;
-  return {p.x, p.y, p.z};
-}
-
-// Sum of the sections' lengths; the speed along a constant twist is |v|.
-double lengthOf(const ArmShape& shape) {
-  double out = 0;
-  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
-    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
-  }
-  return out;
-}
-
-double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  const std::string text = valueOf(status, key);
-  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
-}
-
-// The value of a key in kPa, in Pa.
-double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  return 1e3 * numberOf(status, key);
-}
-
-}  // namespace
-
 void CockpitLink::onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback) {
   const basics::MutexLock lock(mutex_);
   if (run != runs_ || !calibration_.running) return;
@@ -471,12 +469,6 @@ void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
     }
   }
 }
-
-namespace {
-
-constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
-
-}  // namespace
 
 // Shared with the thread, which may outlive the builder.
 struct LinkBuilder::State {

@@ -26,6 +26,12 @@ geometry_msgs::TransformStamped transform(const std::string& parent, const std::
   return msg;
 }
 
+lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
+  const auto& q = transform.rotation;
+  const auto& p = transform.translation;
+  return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
+}
+
 }  // namespace
 
 FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix,
@@ -65,16 +71,6 @@ bool endsTf(const ros::Time& stamp) {
   constexpr double kFarAhead = 9;  // [s]
   return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
-
-namespace {
-
-lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
-  const auto& q = transform.rotation;
-  const auto& p = transform.translation;
-  return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
-}
-
-}  // namespace
 
 FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)
     : base_frame_(std::move(base_frame)),

@@ -40,6 +40,10 @@ Reply askMaster() {
                     question, answer);
 }
 
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+double steadySeconds() { return ros::SteadyTime::now().toSec(); }
+
 }  // namespace
 
 Reply callXmlRpc(const std::string& host, int port, const char* method,
@@ -99,14 +103,6 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
     lock.lock();
   }
 }
-
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-double steadySeconds() { return ros::SteadyTime::now().toSec(); }
-
-}  // namespace
 
 ClientWatch::ClientWatch() : last_answer_(kInfinity), thread_([this] { run(); }) {}
 

@@ -14,6 +14,33 @@ namespace {
 constexpr double kSigmas = 2.0;
 constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
 
+constexpr double kUsualLength = 0.3;  // of an arm, for which all lengths here are given [m]
+constexpr double kUpright = 0.85;     // |cosine| of the angle to the vertical of an upright arm
+constexpr double kSideways = 0.2;     // horizontal part of a direction that has a side to look from
+constexpr double kUsualYaw = 0.3;     // of an upright arm: from any side, and not straight on
+constexpr double kUsualPitch = 0.15;  // slightly from above: the ground shows depth
+constexpr double kBeside = 0.08;      // from the discs to the columns [m]
+constexpr double kAbove = 0.04;       // from the discs to columns above them [m]
+constexpr double kBetween = 0.17;     // from the middle of the arm to columns above it [m]
+constexpr double kHalfColumn = 0.12;  // half the width of a column [m]
+constexpr double kColumn = 0.17;      // height of the legend [m]
+constexpr double kBanner = 0.16;      // height of state and reason [m]
+constexpr double kTipTexts = 0.2;     // beyond the tip [m]
+constexpr double kTipTable = 0.34;    // from the tip to the end of the loop's table [m]
+constexpr double kLegendHeight = 0.016;  // of its letters [m]
+
+struct LegendText {
+  const char* text;
+  double r, g, b;
+};
+constexpr std::array<LegendText, kLegendLineCount> kLegend = {
+    {{"white: model", 1.0, 1.0, 1.0},
+     {"green: tip trace", 0.4, 1.0, 0.6},
+     {"orange: measured", 1.0, 0.55, 0.1},
+     {"yellow: model at the picture", 1.0, 0.95, 0.4},
+     {"cyan line: predicted", 0.2, 0.9, 1.0},
+     {"magenta: wanted tip", 1.0, 0.3, 0.9}}};
+
 }  // namespace
 
 std_msgs::ColorRGBA color(double r, double g, double b, double a) {
@@ -52,37 +79,6 @@ void shapeLike(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& centre,
   sphere.scale.y = diameter(1);
   sphere.scale.z = diameter(2);
 }
-
-namespace {
-
-constexpr double kUsualLength = 0.3;  // of an arm, for which all lengths here are given [m]
-constexpr double kUpright = 0.85;     // |cosine| of the angle to the vertical of an upright arm
-constexpr double kSideways = 0.2;     // horizontal part of a direction that has a side to look from
-constexpr double kUsualYaw = 0.3;     // of an upright arm: from any side, and not straight on
-constexpr double kUsualPitch = 0.15;  // slightly from above: the ground shows depth
-constexpr double kBeside = 0.08;      // from the discs to the columns [m]
-constexpr double kAbove = 0.04;       // from the discs to columns above them [m]
-constexpr double kBetween = 0.17;     // from the middle of the arm to columns above it [m]
-constexpr double kHalfColumn = 0.12;  // half the width of a column [m]
-constexpr double kColumn = 0.17;      // height of the legend [m]
-constexpr double kBanner = 0.16;      // height of state and reason [m]
-constexpr double kTipTexts = 0.2;     // beyond the tip [m]
-constexpr double kTipTable = 0.34;    // from the tip to the end of the loop's table [m]
-constexpr double kLegendHeight = 0.016;  // of its letters [m]
-
-struct LegendText {
-  const char* text;
-  double r, g, b;
-};
-constexpr std::array<LegendText, kLegendLineCount> kLegend = {
-    {{"white: model", 1.0, 1.0, 1.0},
-     {"green: tip trace", 0.4, 1.0, 0.6},
-     {"orange: measured", 1.0, 0.55, 0.1},
-     {"yellow: model at the picture", 1.0, 0.95, 0.4},
-     {"cyan line: predicted", 0.2, 0.9, 1.0},
-     {"magenta: wanted tip", 1.0, 0.3, 0.9}}};
-
-}  // namespace
 
 double SideView::distance(double field_of_view, double aspect) const {
   const double half = std::tan(0.5 * field_of_view);

@@ -63,6 +63,21 @@ std::string wrongStampText(double lead, estimation::ObservationFault fault) {
 
 std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
 
+// Covariance of the twists of a `measured`, or why it cannot be used.
+control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
+  const auto size = static_cast<Eigen::Index>(6) * sections;
+  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
+    return control::Refusal{control::Fault::kWrongSize,
+                            std::to_string(shape.twist_covariance.size()) +
+                                " numbers in twist_covariance; send " +
+                                std::to_string(size * size) + ", the covariance of `twist`"};
+  }
+  return Eigen::MatrixXd(
+      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+}
+
+double now() { return ros::SteadyTime::now().toSec(); }
+
 }  // namespace
 
 void LoopDiagnostics::saw(double time, double lead, const estimation::Observation& observation,
@@ -161,25 +176,6 @@ std::optional<SeenArm> TagMatcher::take(double now) {
   if (of_it != tags_.end()) out->tags = of_it->fitted;
   return out;
 }
-
-namespace {
-
-// Covariance of the twists of a `measured`, or why it cannot be used.
-control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
-  const auto size = static_cast<Eigen::Index>(6) * sections;
-  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
-    return control::Refusal{control::Fault::kWrongSize,
-                            std::to_string(shape.twist_covariance.size()) +
-                                " numbers in twist_covariance; send " +
-                                std::to_string(size * size) + ", the covariance of `twist`"};
-  }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
-}
-
-double now() { return ros::SteadyTime::now().toSec(); }
-
-}  // namespace
 
 ObservationIntake::ObservationIntake(ros::NodeHandle& node, const io::Scene& scene,
                                      std::string base_frame, LoopDiagnostics& pictures,

@@ -30,6 +30,38 @@ constexpr double kTableHeight = 0.013;  // of its letters [m]
 constexpr double kTableOffset = 0.23;   // to the side of the tip, clear of the ellipsoid [m]
 constexpr double kTableRise = 0.03;     // its end is clear of the measured tip's text [m]
 
+// Readings are not exactly periodic; one slightly early must not be skipped.
+constexpr double kSlack = 0.9;
+constexpr int kPoints = 24;           // of the drawn curve, a section
+constexpr double kFreshBudget = 1.0;  // since its picture [s]
+
+// Covariance of the filter's shape at the present pressures.
+Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
+  const double elapsed =
+      view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
+  return view.loop.tracker().twistCovariance(elapsed);
+}
+
+constexpr double kBudgetPeriod = 0.2;  // [s]
+constexpr char kUnexplained[] =
+    "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
+    "that has moved";
+
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
+  geometry_msgs::Vector3 out;
+  out.x = vector.x();
+  out.y = vector.y();
+  out.z = vector.z();
+  return out;
+}
+
+const std::string& stateOf(const follow::VisualServo& loop) {
+  if (!loop.sees()) return ExternalLoad::UNSEEN;
+  if (loop.load().contact) return ExternalLoad::CONTACT;
+  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
+  return outside ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
+}
+
 }  // namespace
 
 void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
@@ -122,22 +154,6 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   addLegend(stamp, view, LegendLine::kWanted, tips.wanted.has_value(), out);
   return out;
 }
-
-namespace {
-
-// Readings are not exactly periodic; one slightly early must not be skipped.
-constexpr double kSlack = 0.9;
-constexpr int kPoints = 24;           // of the drawn curve, a section
-constexpr double kFreshBudget = 1.0;  // since its picture [s]
-
-// Covariance of the filter's shape at the present pressures.
-Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
-  const double elapsed =
-      view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
-  return view.loop.tracker().twistCovariance(elapsed);
-}
-
-}  // namespace
 
 LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
                              double rate, double draw_rate, TipHandle::OnTarget on_target)
@@ -255,30 +271,6 @@ void LoopPublisher::draw() {
     handle_->follow({Eigen::Matrix3d::Identity(), *at});
   }
 }
-
-namespace {
-
-constexpr double kBudgetPeriod = 0.2;  // [s]
-constexpr char kUnexplained[] =
-    "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
-    "that has moved";
-
-geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
-  geometry_msgs::Vector3 out;
-  out.x = vector.x();
-  out.y = vector.y();
-  out.z = vector.z();
-  return out;
-}
-
-const std::string& stateOf(const follow::VisualServo& loop) {
-  if (!loop.sees()) return ExternalLoad::UNSEEN;
-  if (loop.load().contact) return ExternalLoad::CONTACT;
-  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
-  return outside ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
-}
-
-}  // namespace
 
 LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
     : base_frame_(std::move(base_frame)),

@@ -142,6 +142,10 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
   return color(0.8, 0.8, 0.85);
 }
 
+using diagnostic_msgs::DiagnosticStatus;
+
+constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
+
 }  // namespace
 
 void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
@@ -272,14 +276,6 @@ visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
   drawn_.clear();
   return out;
 }
-
-namespace {
-
-using diagnostic_msgs::DiagnosticStatus;
-
-constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
-
-}  // namespace
 
 ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
                                const PressureCommandOptions& options, TipHandle::OnTarget on_target)

@@ -32,6 +32,24 @@ std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   return points;
 }
 
+std::uint8_t stateOf(vision::ObservationState state) {
+  switch (state) {
+    case vision::ObservationState::kMeasured:
+      return VisionStatus::MEASURED;
+    case vision::ObservationState::kTooFewTags:
+      return VisionStatus::FEW_TAGS;
+    case vision::ObservationState::kNoTags:
+      return VisionStatus::NO_TAGS;
+    case vision::ObservationState::kNoFit:
+      break;
+  }
+  return VisionStatus::NO_FIT;
+}
+
+std::string rateText(std::uint64_t count, double seconds) {
+  return fixed(static_cast<double>(count) / seconds);
+}
+
 }  // namespace
 
 VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
@@ -122,28 +140,6 @@ visualization_msgs::MarkerArray VisionMarkers::remove(const ros::Time& stamp) co
   }
   return out;
 }
-
-namespace {
-
-std::uint8_t stateOf(vision::ObservationState state) {
-  switch (state) {
-    case vision::ObservationState::kMeasured:
-      return VisionStatus::MEASURED;
-    case vision::ObservationState::kTooFewTags:
-      return VisionStatus::FEW_TAGS;
-    case vision::ObservationState::kNoTags:
-      return VisionStatus::NO_TAGS;
-    case vision::ObservationState::kNoFit:
-      break;
-  }
-  return VisionStatus::NO_FIT;
-}
-
-std::string rateText(std::uint64_t count, double seconds) {
-  return fixed(static_cast<double>(count) / seconds);
-}
-
-}  // namespace
 
 VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const VisionOptions& options,
                                              std::string node_name, const std::string& base_frame)
