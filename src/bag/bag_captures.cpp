@@ -6,9 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <map>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -18,16 +16,17 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/PressureArray.h"
+#include "bag_records.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "bag_records.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+namespace {
 
 /// A record of a recording. Its bytes come from a process that read a file of unknown make.
 struct BagRecord {
@@ -35,34 +34,6 @@ struct BagRecord {
   RecordTopic topic;
   std::vector<std::uint8_t> bytes;
 };
-
-/// Has a rosbag read by bag_reader, a process of its own, which does not outlive the object.
-/// Whatever the bag holds, this process goes on.
-class BagProcess {
- public:
-  /// @param path  of the file, for messages.
-  /// @throws io::DocumentError where no process can be started.
-  BagProcess(const basics::RegularFile& file, std::string path);
-  ~BagProcess();
-  BagProcess(const BagProcess&) = delete;
-  BagProcess& operator=(const BagProcess&) = delete;
-
-  /// The next record; kEnd is the last.
-  /// @throws io::DocumentError naming the bag where reading it failed: it is damaged, and took the
-  /// process down, more memory or time than it may.
-  BagRecord next();
-
- private:
-  void read(void* bytes, std::size_t size);
-  [[noreturn]] void failed();
-  [[noreturn]] void refuse(const std::string& fault) const;
-
-  const std::string path_;
-  pid_t process_ = -1;
-  int pipe_ = -1;
-};
-
-namespace {
 
 constexpr int kSilence = 300'000;  // [ms] without output, after which the reader is killed
 
@@ -76,106 +47,121 @@ std::string readerProgram() {
   return (here / "helix_arm/bag_reader").string();
 }
 
-}  // namespace
-
-BagProcess::BagProcess(const basics::RegularFile& file, std::string path) : path_(std::move(path)) {
-  const std::string program = readerProgram();
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) refuse(std::string("cannot be read: ") + std::strerror(errno));
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, file.descriptor(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
-  posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+/// Has a rosbag read by bag_reader, a process of its own, which does not outlive the object.
+/// Whatever the bag holds, this process goes on.
+class BagProcess {
+ public:
+  /// @param path  of the file, for messages.
+  /// @throws io::DocumentError where no process can be started.
+  BagProcess(const basics::RegularFile& file, std::string path) : path_(std::move(path)) {
+    const std::string program = readerProgram();
+    int ends[2];
+    if (pipe2(ends, O_CLOEXEC) != 0) refuse(std::string("cannot be read: ") + std::strerror(errno));
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, file.descriptor(), STDIN_FILENO);
+    posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
 #if __GLIBC_PREREQ(2, 34)
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+    posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
-  // The child starts with default signals, whatever this process has set.
-  sigset_t all, none;
-  sigfillset(&all);
-  sigemptyset(&none);
-  posix_spawnattr_t attributes;
-  posix_spawnattr_init(&attributes);
-  posix_spawnattr_setsigdefault(&attributes, &all);
-  posix_spawnattr_setsigmask(&attributes, &none);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
-  char* const arguments[] = {const_cast<char*>(program.c_str()), nullptr};
-  const int error =
-      posix_spawn(&process_, program.c_str(), &actions, &attributes, arguments, environ);
-  posix_spawnattr_destroy(&attributes);
-  posix_spawn_file_actions_destroy(&actions);
-  ::close(ends[1]);
-  pipe_ = ends[0];
-  if (error == 0) return;
-  ::close(pipe_);
-  process_ = -1;
-  refuse("cannot be read: " + program + " does not start: " + std::strerror(error) +
-         "; install helix_arm again");
-}
-
-BagProcess::~BagProcess() {
-  ::close(pipe_);
-  if (process_ < 0) return;
-  kill(process_, SIGKILL);
-  while (waitpid(process_, nullptr, 0) < 0 && errno == EINTR) continue;
-}
-
-BagRecord BagProcess::next() {
-  RecordHead head{};
-  read(&head, sizeof head);
-  const bool sound = head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
-  if (!sound) {
-    kill(process_, SIGKILL);  // it may wait for the rest of its output to be read
-    refuse("is damaged: its content is not valid; expected an intact bag");
+    // The child starts with default signals, whatever this process has set.
+    sigset_t all, none;
+    sigfillset(&all);
+    sigemptyset(&none);
+    posix_spawnattr_t attributes;
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setsigdefault(&attributes, &all);
+    posix_spawnattr_setsigmask(&attributes, &none);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
+    char* const arguments[] = {const_cast<char*>(program.c_str()), nullptr};
+    const int error =
+        posix_spawn(&process_, program.c_str(), &actions, &attributes, arguments, environ);
+    posix_spawnattr_destroy(&attributes);
+    posix_spawn_file_actions_destroy(&actions);
+    ::close(ends[1]);
+    pipe_ = ends[0];
+    if (error == 0) return;
+    ::close(pipe_);
+    process_ = -1;
+    refuse("cannot be read: " + program + " does not start: " + std::strerror(error) +
+           "; install helix_arm again");
   }
-  BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
-  read(record.bytes.data(), record.bytes.size());
-  if (record.kind == RecordKind::kFault) {
-    const std::string fault(record.bytes.begin(), record.bytes.end());
-    refuse("cannot be read: " + basics::quoted(fault, 200) +
-           "; expected a bag that was closed (rosbag reindex repairs one that was not)");
+
+  ~BagProcess() {
+    ::close(pipe_);
+    if (process_ < 0) return;
+    kill(process_, SIGKILL);
+    while (waitpid(process_, nullptr, 0) < 0 && errno == EINTR) continue;
   }
-  return record;
-}
 
-void BagProcess::read(void* bytes, std::size_t size) {
-  auto* place = static_cast<char*>(bytes);
-  while (size > 0) {
-    pollfd waited{pipe_, POLLIN, 0};
-    const int ready = poll(&waited, 1, kSilence);
-    if (ready < 0 && errno == EINTR) continue;
-    if (ready == 0) refuse("takes too long to read; expected an intact bag");
-    const ssize_t count = ::read(pipe_, place, size);
-    if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) failed();
-    place += count;
-    size -= static_cast<std::size_t>(count);
+  BagProcess(const BagProcess&) = delete;
+  BagProcess& operator=(const BagProcess&) = delete;
+
+  /// The next record; kEnd is the last.
+  /// @throws io::DocumentError naming the bag where reading it failed: it is damaged, and took the
+  /// process down, more memory or time than it may.
+  BagRecord next() {
+    RecordHead head{};
+    read(&head, sizeof head);
+    const bool sound =
+        head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
+    if (!sound) {
+      kill(process_, SIGKILL);  // it may wait for the rest of its output to be read
+      refuse("is damaged: its content is not valid; expected an intact bag");
+    }
+    BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
+    read(record.bytes.data(), record.bytes.size());
+    if (record.kind == RecordKind::kFault) {
+      const std::string fault(record.bytes.begin(), record.bytes.end());
+      refuse("cannot be read: " + basics::quoted(fault, 200) +
+             "; expected a bag that was closed (rosbag reindex repairs one that was not)");
+    }
+    return record;
   }
-}
 
-void BagProcess::failed() {
-  int status = 0;
-  pid_t ended = 0;
-  while ((ended = waitpid(process_, &status, 0)) < 0 && errno == EINTR) continue;
-  process_ = -1;
-  if (ended > 0 && WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
-    refuse("takes more than " + std::to_string(kMostReaderTime) +
-           " s of processor time to read; expected a shorter or an intact bag");
+ private:
+  void read(void* bytes, std::size_t size) {
+    auto* place = static_cast<char*>(bytes);
+    while (size > 0) {
+      pollfd waited{pipe_, POLLIN, 0};
+      const int ready = poll(&waited, 1, kSilence);
+      if (ready < 0 && errno == EINTR) continue;
+      if (ready == 0) refuse("takes too long to read; expected an intact bag");
+      const ssize_t count = ::read(pipe_, place, size);
+      if (count < 0 && errno == EINTR) continue;
+      if (count <= 0) failed();
+      place += count;
+      size -= static_cast<std::size_t>(count);
+    }
   }
-  const std::string reason =
-      ended > 0 && WIFSIGNALED(status)
-          ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
-          : "reading it did not end";
-  refuse("is damaged: " + reason +
-         "; expected an intact bag (rosbag check examines it, rosbag reindex "
-         "may repair it)");
-}
 
-void BagProcess::refuse(const std::string& fault) const {
-  throw io::DocumentError(path_ + " " + fault);
-}
+  [[noreturn]] void failed() {
+    int status = 0;
+    pid_t ended = 0;
+    while ((ended = waitpid(process_, &status, 0)) < 0 && errno == EINTR) continue;
+    process_ = -1;
+    if (ended > 0 && WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
+      refuse("takes more than " + std::to_string(kMostReaderTime) +
+             " s of processor time to read; expected a shorter or an intact bag");
+    }
+    const std::string reason =
+        ended > 0 && WIFSIGNALED(status)
+            ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
+            : "reading it did not end";
+    refuse("is damaged: " + reason +
+           "; expected an intact bag (rosbag check examines it, rosbag reindex "
+           "may repair it)");
+  }
 
-namespace {
+  [[noreturn]] void refuse(const std::string& fault) const {
+    throw io::DocumentError(path_ + " " + fault);
+  }
+
+  const std::string path_;
+  pid_t process_ = -1;
+  int pipe_ = -1;
+};
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
@@ -223,43 +209,6 @@ Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& top
   }
   return std::get<Eigen::VectorXd>(checked);
 }
-
-}  // namespace
-
-std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
-                                                       const io::Scene& scene) {
-  std::map<int, procedures::TagObservation> found;
-  for (const TagDetection& tag : detections.tags) {
-    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
-    procedures::TagObservation& observation = found[tag.id];
-    observation.id = tag.id;
-    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
-      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
-    }
-  }
-  std::vector<procedures::TagObservation> out;
-  for (const auto& [id, observation] : found) {
-    if (observation.corners.allFinite()) out.push_back(observation);
-  }
-  return out;
-}
-
-std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
-                                           const model::Arm& arm) {
-  std::vector<io::TagCornerCapture> out;
-  for (const procedures::Sample& sample : samples) {
-    io::TagCornerCapture& capture = out.emplace_back();
-    capture.number = static_cast<int>(out.size());
-    capture.pressure = arm.clamped(sample.pressure);
-    capture.time = sample.time;
-    for (const procedures::TagObservation& tag : sample.tags) {
-      capture.tags.push_back({tag.id, tag.corners});
-    }
-  }
-  return out;
-}
-
-namespace {
 
 std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const std::string& path,
                                           const io::Scene& scene,
@@ -314,6 +263,39 @@ void requireOpen(const basics::RegularFile& file, const std::string& path) {
 }
 
 }  // namespace
+
+std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+                                                       const io::Scene& scene) {
+  std::map<int, procedures::TagObservation> found;
+  for (const TagDetection& tag : detections.tags) {
+    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
+    procedures::TagObservation& observation = found[tag.id];
+    observation.id = tag.id;
+    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
+      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
+    }
+  }
+  std::vector<procedures::TagObservation> out;
+  for (const auto& [id, observation] : found) {
+    if (observation.corners.allFinite()) out.push_back(observation);
+  }
+  return out;
+}
+
+std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
+                                           const model::Arm& arm) {
+  std::vector<io::TagCornerCapture> out;
+  for (const procedures::Sample& sample : samples) {
+    io::TagCornerCapture& capture = out.emplace_back();
+    capture.number = static_cast<int>(out.size());
+    capture.pressure = arm.clamped(sample.pressure);
+    capture.time = sample.time;
+    for (const procedures::TagObservation& tag : sample.tags) {
+      capture.tags.push_back({tag.id, tag.corners});
+    }
+  }
+  return out;
+}
 
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
                                         const procedures::SettleRules& rules) {

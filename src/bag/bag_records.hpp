@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"

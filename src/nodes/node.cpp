@@ -1,10 +1,7 @@
-// One program for each node, compiled with its name; node_mains.cpp defines the functions.
-namespace helix_arm::ros_bridge::mains {
-
-int HELIX_ARM_NODE(int argc, char** argv);
-
-}  // namespace helix_arm::ros_bridge::mains
+// One program for each node, compiled with its name.
+#include "nodes.hpp"
 
 int main(int argc, char** argv) {
-  return helix_arm::ros_bridge::mains::HELIX_ARM_NODE(argc, argv);
+  using namespace helix_arm::ros_bridge;
+  return runNode(argc, argv, HELIX_ARM_NODE, [] { return makeNode(HELIX_ARM_NODE); });
 }

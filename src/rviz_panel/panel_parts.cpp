@@ -7,9 +7,6 @@
 #include <QTextLayout>
 #include <array>
 #include <cmath>
-#include <functional>
-
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 

@@ -1,20 +1,14 @@
 // Every node in which something throws ends with 1, in order: while its publishers and services
 // leave queues and a ROS that are still there.
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <ros/ros.h>
 
-#include "ros_bridge/calibration/calibration_node.hpp"
-#include "ros_bridge/follow/visual_servo_node.hpp"
-#include "ros_bridge/pressure/pressure_command_node.hpp"
-#include "ros_bridge/tools/follow_path_node.hpp"
-#include "ros_bridge/tools/monitor_node.hpp"
-#include "ros_bridge/tools/pressure_series_node.hpp"
-#include "ros_bridge/tools/simulated_rig_node.hpp"
-#include "ros_bridge/tools/workspace_cloud_node.hpp"
-#include "ros_bridge/vision/vision_node.hpp"
+#include "nodes/nodes.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 
@@ -29,53 +23,53 @@ const std::string kDestroy = "--destroy";
 const char* const kWords = "something threw";
 const char* const kPathKind = "follow_path";  // takes a path file
 
-// One of whose callbacks throws once the others have begun.
-template <class Node>
+// A node one of whose callbacks throws once the others have begun.
 struct Throwing : Node {
-  ros::NodeHandle node;
-  ros::SteadyTimer timer = node.createSteadyTimer(
+  explicit Throwing(const std::string& program) : node(makeNode(program)) {}
+  bool mayEnd() const override { return node->mayEnd(); }
+  int finish() override { return node->finish(); }
+
+  const std::unique_ptr<Node> node;
+  ros::NodeHandle handle;
+  ros::SteadyTimer timer = handle.createSteadyTimer(
       ros::WallDuration(0.5),
       [](const ros::SteadyTimerEvent&) { throw std::runtime_error(kWords); }, true);
 };
-template <class Node>
-bool mayEnd(const Throwing<Node>& node) {
-  return ros_bridge::mayEnd(static_cast<const Node&>(node));
-}
 
 // What throws is not caught before the node's destructor.
-template <class Node>
-int destroy(int argc, char** argv, const char* name) {
-  ros::init(argc, argv, name);
+int destroy(int argc, char** argv, const std::string& program) {
+  ros::init(argc, argv, program);
   const ros::NodeHandle started;
-  return guarded([]() -> int {
-    const Throwing<Node> node;
+  return guarded([&]() -> int {
+    const Throwing node(program);
     ros::spin();
     return kDone;
   });
 }
 
-template <class Node>
-int run(int argc, char** argv, const char* name) {
+int run(int argc, char** argv, const std::string& program) {
   const bool destroys = argv[argc - 1] == kDestroy;
-  return destroys ? destroy<Node>(argc, argv, name) : runNode<Throwing<Node>>(argc, argv, name);
+  return destroys
+             ? destroy(argc, argv, program)
+             : runNode(argc, argv, program, [&] { return std::make_unique<Throwing>(program); });
 }
 
 struct Kind {
   const char* name;
-  int (*run)(int, char**, const char*);
+  const char* program;
   std::vector<std::string> arguments;
 };
 const Kind kKinds[] = {
-    {"calibration", run<CalibrationNode>, {kScene}},
-    {kPathKind, run<FollowPathNode>, {}},
-    {"monitor", run<MonitorNode>, {}},
-    {"pressure_command", run<PressureCommandNode>, {kScene}},
-    {"pressure_command_on_a_topic", run<PressureCommandNode>, {kScene, "_regulator:=topic"}},
-    {"pressure_series", run<PressureSeriesNode>, {kScene}},
-    {"visual_servo", run<VisualServoNode>, {kScene}},
-    {"simulated_rig", run<SimulatedRigNode>, {kScene}},
-    {"vision", run<VisionNode>, {kScene}},
-    {"workspace_cloud", run<WorkspaceCloudNode>, {kScene, "_count:=100"}},
+    {"calibration", "calibration", {kScene}},
+    {kPathKind, "follow_path", {}},
+    {"monitor", "monitor", {}},
+    {"pressure_command", "pressure_command", {kScene}},
+    {"pressure_command_on_a_topic", "pressure_command", {kScene, "_regulator:=topic"}},
+    {"pressure_series", "pressure_series", {kScene}},
+    {"visual_servo", "visual_servo", {kScene}},
+    {"simulated_rig", "simulated_rig", {kScene}},
+    {"vision", "vision", {kScene}},
+    {"workspace_cloud", "workspace_cloud", {kScene, "_count:=100"}},
 };
 
 TEST(ThrowingNodes, EndInOrderWith1) {
@@ -101,7 +95,7 @@ TEST(ThrowingNodes, EndInOrderWith1) {
 int main(int argc, char** argv) {
   using namespace helix_arm::test;
   for (const Kind& kind : kKinds) {
-    if (argc > 1 && argv[1] == kNode + kind.name) return kind.run(argc, argv, kind.name);
+    if (argc > 1 && argv[1] == kNode + kind.name) return run(argc, argv, kind.program);
   }
   ::testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();

@@ -1,11 +1,8 @@
 #include "recorder.hpp"
 
-#include <string>
-#include <utility>
 #include <variant>
 
 #include "bag/bag_captures.hpp"
-#include "calibrator.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -14,15 +11,23 @@
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr char kRecorded[] = "recorded samples";
 constexpr char kRecordedSeries[] = "recorded series";
+
+constexpr double kWatchPeriod = 0.1;  // [s]
+
+std::vector<std::string> actuatorNames(const model::Arm& arm) {
+  std::vector<std::string> out;
+  for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
+  return out;
+}
 
 }  // namespace
 
@@ -57,18 +62,6 @@ std::string Recording::seriesTable() const {
   return procedures::tipSeriesCsv(series,
                                   kRecordedTitle + scene.name + ", " + procedures::utcNow());
 }
-
-namespace {
-
-constexpr double kWatchPeriod = 0.1;  // [s]
-
-std::vector<std::string> actuatorNames(const model::Arm& arm) {
-  std::vector<std::string> out;
-  for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
-  return out;
-}
-
-}  // namespace
 
 Recorder::Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::SettleRules& rules)
     : scene_(std::move(scene)),
@@ -111,7 +104,7 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     if (!foreign_pressures_.add()) return;
     scene = scene_.name;
     fault = std::get<control::Refusal>(checked).message;
-    times = static_cast<unsigned long>(foreign_pressures_.total());
+    times = foreign_pressures_.total();
   }
   logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
              fault.c_str(), times);
@@ -125,16 +118,6 @@ void Recorder::onCommand(const PressureArrayConstPtr& command) {
   take(*command, names::kPressureCommand, &procedures::SettleWatch::command);
 }
 
-void Recorder::onVision(const VisionStatusConstPtr& status) {
-  const basics::MutexLock lock(mutex_);
-  vision_ = *status;
-}
-
-void Recorder::onWatch(const ros::SteadyTimerEvent&) {
-  const basics::MutexLock lock(mutex_);
-  clock_.now();
-}
-
 procedures::Settling Recorder::settlingAt(double now) const {
   procedures::Settling out = watch_.at(now);
   // If no tags are seen, vision_status knows the cause.
@@ -143,12 +126,6 @@ procedures::Settling Recorder::settlingAt(double now) const {
     out.reason += "; vision says: " + basics::quoted(vision_->message, kLongestMessage);
   }
   return out;
-}
-
-Recorder::Observation Recorder::observe() {
-  const basics::MutexLock lock(mutex_);
-  const double now = clock_.now();
-  return {now, clock_.stands(), settlingAt(now)};
 }
 
 procedures::Sample Recorder::record() {
@@ -164,16 +141,6 @@ procedures::Sample Recorder::record() {
   return samples_.back();
 }
 
-void Recorder::add(procedures::Sample sample) {
-  const basics::MutexLock lock(mutex_);
-  samples_.push_back(std::move(sample));
-}
-
-std::size_t Recorder::count() const {
-  const basics::MutexLock lock(mutex_);
-  return samples_.size();
-}
-
 std::size_t Recorder::clear() {
   const basics::MutexLock lock(mutex_);
   const std::size_t out = samples_.size();
@@ -181,22 +148,6 @@ std::size_t Recorder::clear() {
   series_.reset();
   records_series_ = false;
   return out;
-}
-
-void Recorder::startSeries() {
-  const basics::MutexLock lock(mutex_);
-  series_.emplace(scene_.arm.actuatorCount());
-  records_series_ = true;
-}
-
-void Recorder::stopSeries() {
-  const basics::MutexLock lock(mutex_);
-  records_series_ = false;
-}
-
-io::Scene Recorder::scene() const {
-  const basics::MutexLock lock(mutex_);
-  return scene_;
 }
 
 Recording Recorder::recording() const {

@@ -62,23 +62,44 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  Observation observe() HELIX_ARM_EXCLUDES(mutex_);
+  Observation observe() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const double now = clock_.now();
+    return {now, clock_.stands(), settlingAt(now)};
+  }
 
   /// Adds the median of the pictures of the window.
   /// @return what was added.
   /// @throws std::invalid_argument where the arm does not stand still or is not measured, and where
   /// the last sample is of these pictures.
   procedures::Sample record() HELIX_ARM_EXCLUDES(mutex_);
-  void add(procedures::Sample sample) HELIX_ARM_EXCLUDES(mutex_);
-  std::size_t count() const HELIX_ARM_EXCLUDES(mutex_);  ///< of the samples
+  void add(procedures::Sample sample) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    samples_.push_back(std::move(sample));
+  }
+  /// of the samples
+  std::size_t count() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return samples_.size();
+  }
   /// Forgets the samples and the series.
   /// @return how many samples there were.
   std::size_t clear() HELIX_ARM_EXCLUDES(mutex_);
   /// Records a series of pressures and tips, until it is stopped; forgets the one before.
-  void startSeries() HELIX_ARM_EXCLUDES(mutex_);
-  void stopSeries() HELIX_ARM_EXCLUDES(mutex_);
+  void startSeries() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    series_.emplace(scene_.arm.actuatorCount());
+    records_series_ = true;
+  }
+  void stopSeries() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    records_series_ = false;
+  }
 
-  io::Scene scene() const HELIX_ARM_EXCLUDES(mutex_);
+  io::Scene scene() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return scene_;
+  }
   Recording recording() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Replaces the scene; the samples stay.
@@ -91,8 +112,14 @@ class Recorder {
   void onMeasured(const PressureArrayConstPtr& measured) HELIX_ARM_EXCLUDES(mutex_);
   void onCommand(const PressureArrayConstPtr& command) HELIX_ARM_EXCLUDES(mutex_);
   void onShape(const ArmShapeConstPtr& shape) HELIX_ARM_EXCLUDES(mutex_);
-  void onVision(const VisionStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_);
-  void onWatch(const ros::SteadyTimerEvent& event) HELIX_ARM_EXCLUDES(mutex_);
+  void onVision(const VisionStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    vision_ = *status;
+  }
+  void onWatch(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    clock_.now();
+  }
 
   using Input = void (procedures::SettleWatch::*)(double time, const Eigen::VectorXd& pressure);
   /// Hands a message's pressures to the watch; warns where they are not of the scene.

@@ -1,14 +1,9 @@
 #include "cockpit_link.hpp"
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <cstdint>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
-#include <thread>
-#include <utility>
 
 #include <ros/master.h>
 #include <ros/service.h>
@@ -16,9 +11,7 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "cockpit_words.hpp"
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
@@ -34,28 +27,6 @@ void HeldGoal::begin(double now, CockpitGoal goal) {
   last_look_ = now;
   answer_.clear();
   refused_ = short_of_ = false;
-}
-
-void HeldGoal::holdPressures(double now, std::vector<double> pressure) {
-  begin(now, CockpitGoal::kPressures);
-  pressures_ = std::move(pressure);
-}
-
-void HeldGoal::holdTip(double now, const std::array<double, 3>& position) {
-  begin(now, CockpitGoal::kTip);
-  tip_ = position;
-}
-
-void HeldGoal::end(const std::string& why) {
-  goal_ = CockpitGoal::kNone;
-  answer_ = why;
-  refused_ = short_of_ = false;
-  waits_since_.reset();
-}
-
-void HeldGoal::noteState(bool enabled, const std::string& reason) {
-  if (goal_ == CockpitGoal::kNone || enabled) return;
-  end("the hold ended with the arm: " + reason);
 }
 
 void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
@@ -142,6 +113,39 @@ CallAnswer unlessOvertaken(const std::string& what, const Overtaken& overtaken, 
           false};
 }
 
+constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
+
+bool isSound(const PressureArray& array) {
+  return !array.name.empty() && array.name.size() == array.pressure.size() &&
+         array.name.size() <= kMostChannels;
+}
+
+std::vector<double> tipPositionOf(const ArmShape& shape) {
+  const auto& p = shape.tip.position;
+  return {p.x, p.y, p.z};
+}
+
+// Sum of the sections' lengths; the speed along a constant twist is |v|.
+double lengthOf(const ArmShape& shape) {
+  double out = 0;
+  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
+    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
+  }
+  return out;
+}
+
+double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  const std::string text = valueOf(status, key);
+  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
+}
+
+// The value of a key in kPa, in Pa.
+double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  return 1e3 * numberOf(status, key);
+}
+
+constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
+
 }  // namespace
 
 CockpitLink::CockpitLink(const std::string& ns)
@@ -167,32 +171,6 @@ CockpitLink::CockpitLink(const std::string& ns)
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &Link::onTurn, this);
   spinner_.start();
-}
-
-std::string CockpitLink::resolved(const std::string& ns) {
-  const std::string out = ros::NodeHandle(ns).getNamespace();
-  return out.empty() ? "/" : out;  // roscpp's root
-}
-
-CockpitLink::~CockpitLink() {
-  spinner_.stop();
-  timer_.stop();
-  client_.reset();
-  subscribers_.clear();
-}
-
-std::string CockpitLink::serviceOf(const std::string& node, const std::string& name) const {
-  return node_.resolveName(node + "/" + name);
-}
-
-void CockpitLink::note(const CallAnswer& answer) {
-  const basics::MutexLock lock(answers_mutex_);
-  answers_.push_back(answer);
-}
-
-std::vector<CallAnswer> CockpitLink::takeAnswers() {
-  const basics::MutexLock lock(answers_mutex_);
-  return std::exchange(answers_, {});
 }
 
 CockpitView CockpitLink::view() {
@@ -319,12 +297,6 @@ void CockpitLink::setPressure(std::size_t channel, double pressure) {
   send();
 }
 
-void CockpitLink::aimTip(const std::array<double, 3>& position) {
-  const basics::MutexLock lock(mutex_);
-  held_.holdTip(now(), position);
-  send();
-}
-
 void CockpitLink::send() {
   if (held_.goal() == CockpitGoal::kPressures) {
     PressureArray target;
@@ -377,54 +349,12 @@ void CockpitLink::watchCalibration(bool there) {
   calibration_.message = "the calibration node is gone; start it, then click Start again";
 }
 
-void CockpitLink::cancelCalibration() { client_->cancelGoal(); }
-
 void CockpitLink::useCalibration() {
   if (desk_.waits(kUseCall)) return;
   desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
 }
 
-void CockpitLink::onTurn(const ros::SteadyTimerEvent&) {
-  const basics::MutexLock lock(mutex_);
-  if (held_.turn(now())) send();
-}
-
 // What CockpitLink hears.
-
-namespace {
-
-constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
-
-bool isSound(const PressureArray& array) {
-  return !array.name.empty() && array.name.size() == array.pressure.size() &&
-         array.name.size() <= kMostChannels;
-}
-
-std::vector<double> tipPositionOf(const ArmShape& shape) {
-  const auto& p = shape.tip.position;
-  return {p.x, p.y, p.z};
-}
-
-// Sum of the sections' lengths; the speed along a constant twist is |v|.
-double lengthOf(const ArmShape& shape) {
-  double out = 0;
-  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
-    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
-  }
-  return out;
-}
-
-double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  const std::string text = valueOf(status, key);
-  return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
-}
-
-// The value of a key in kPa, in Pa.
-double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  return 1e3 * numberOf(status, key);
-}
-
-}  // namespace
 
 void CockpitLink::onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback) {
   const basics::MutexLock lock(mutex_);
@@ -513,11 +443,6 @@ void CockpitLink::onModel(const ArmShapeConstPtr& message) {
   if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
 }
 
-void CockpitLink::onError(const ModelErrorConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  tip_error_.set(message->tip_error);
-}
-
 void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   CockpitLoop loop;
   loop.state = shownText(message->state);
@@ -526,11 +451,6 @@ void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
   const basics::MutexLock lock(mutex_);
   loop_.set(std::move(loop));
-}
-
-void CockpitLink::onBudget(const ErrorBudgetConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  budget_sd_.set(message->predicted_sd);
 }
 
 void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
@@ -549,12 +469,6 @@ void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
     }
   }
 }
-
-namespace {
-
-constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
-
-}  // namespace
 
 // Shared with the thread, which may outlive the builder.
 struct LinkBuilder::State {
@@ -598,8 +512,6 @@ struct LinkBuilder::State {
 };
 
 LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
-
-LinkBuilder::~LinkBuilder() { cancel(); }
 
 void LinkBuilder::begin(const std::string& ns) {
   const std::string resolved = CockpitLink::resolved(ns);

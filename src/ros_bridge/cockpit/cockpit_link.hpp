@@ -46,10 +46,23 @@ class HeldGoal {
   static constexpr double kBlind = 3.0;       ///< [s]
   static constexpr double kUnanswered = 5.0;  ///< [s]
 
-  void holdPressures(double now, std::vector<double> pressure);     ///< (n) gauge [Pa]
-  void holdTip(double now, const std::array<double, 3>& position);  ///< base frame [m]
+  /// (n) gauge [Pa]
+  void holdPressures(double now, std::vector<double> pressure) {
+    begin(now, CockpitGoal::kPressures);
+    pressures_ = std::move(pressure);
+  }
+  /// base frame [m]
+  void holdTip(double now, const std::array<double, 3>& position) {
+    begin(now, CockpitGoal::kTip);
+    tip_ = position;
+  }
   /// @param why  shown to the user; may be empty.
-  void end(const std::string& why);
+  void end(const std::string& why) {
+    goal_ = CockpitGoal::kNone;
+    answer_ = why;
+    refused_ = short_of_ = false;
+    waits_since_.reset();
+  }
 
   CockpitGoal goal() const { return goal_; }
   const std::vector<double>& pressures() const { return pressures_; }
@@ -61,7 +74,10 @@ class HeldGoal {
   /// The window is alive.
   void look(double now) { last_look_ = now; }
   /// The state of the arm.
-  void noteState(bool enabled, const std::string& reason);
+  void noteState(bool enabled, const std::string& reason) {
+    if (goal_ == CockpitGoal::kNone || enabled) return;
+    end("the hold ended with the arm: " + reason);
+  }
   /// An answer to one of its targets.
   /// @param dropped  whether it was dropped.
   /// @param fault    of a dropped target: other_commander, stale, ...
@@ -104,8 +120,16 @@ class CockpitLink {
   explicit CockpitLink(const std::string& ns);
   /// The same namespace from the root, such as / or /left. Asks nobody.
   /// @throws ros::InvalidNameException if it is no name.
-  static std::string resolved(const std::string& ns);
-  ~CockpitLink();
+  static std::string resolved(const std::string& ns) {
+    const std::string out = ros::NodeHandle(ns).getNamespace();
+    return out.empty() ? "/" : out;  // roscpp's root
+  }
+  ~CockpitLink() {
+    spinner_.stop();
+    timer_.stop();
+    client_.reset();
+    subscribers_.clear();
+  }
   CockpitLink(const CockpitLink&) = delete;
   CockpitLink& operator=(const CockpitLink&) = delete;
 
@@ -113,7 +137,10 @@ class CockpitLink {
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Answers of the services that came since the last call.
-  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_);
+  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_) {
+    const basics::MutexLock lock(answers_mutex_);
+    return std::exchange(answers_, {});
+  }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
   void enable();
@@ -125,10 +152,14 @@ class CockpitLink {
   /// @param channel  index in scene order.
   void setPressure(std::size_t channel, double pressure) HELIX_ARM_EXCLUDES(mutex_);
   /// Holds this tip, base frame [m].
-  void aimTip(const std::array<double, 3>& position) HELIX_ARM_EXCLUDES(mutex_);
+  void aimTip(const std::array<double, 3>& position) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    held_.holdTip(now(), position);
+    send();
+  }
   /// @param fit  as in RunCalibration.
   void startCalibration(const std::vector<std::string>& fit) HELIX_ARM_EXCLUDES(mutex_);
-  void cancelCalibration();
+  void cancelCalibration() { client_->cancelGoal(); }
   /// Saves the calibrated scene and loads it in all nodes of the arm.
   void useCalibration();
 
@@ -160,9 +191,15 @@ class CockpitLink {
   void onStatus(const TargetStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onMeasured(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onModel(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onError(const ModelErrorConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onError(const ModelErrorConstPtr& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    tip_error_.set(message->tip_error);
+  }
   void onLoop(const LoopStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    budget_sd_.set(message->predicted_sd);
+  }
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
       HELIX_ARM_EXCLUDES(mutex_);
   void onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback)
@@ -170,13 +207,21 @@ class CockpitLink {
   /// @param run  of which it is, as runs_ was at its start.
   void onResult(std::uint64_t run, const RunCalibrationResult* result,
                 const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
-  void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
+  void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (held_.turn(now())) send();
+  }
 
-  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_);
+  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_) {
+    const basics::MutexLock lock(answers_mutex_);
+    answers_.push_back(answer);
+  }
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
   void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
-  std::string serviceOf(const std::string& node, const std::string& name) const;
+  std::string serviceOf(const std::string& node, const std::string& name) const {
+    return node_.resolveName(node + "/" + name);
+  }
 
   basics::Mutex answers_mutex_;
   std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
@@ -217,7 +262,7 @@ class LinkBuilder {
  public:
   LinkBuilder();
   /// What is under way ends in its own time.
-  ~LinkBuilder();
+  ~LinkBuilder() { cancel(); }
   LinkBuilder(const LinkBuilder&) = delete;
   LinkBuilder& operator=(const LinkBuilder&) = delete;
 

@@ -6,14 +6,12 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <map>
 #include <set>
 #include <system_error>
 #include <thread>
-#include <utility>
 
 #include <ros/names.h>
 #include <ros/param.h>
@@ -35,6 +33,60 @@ using Clock = std::chrono::steady_clock;
 
 CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
+}
+
+constexpr char kDisabled[] = "disabled";
+constexpr char kEnabled[] = "enabled";
+constexpr char kFault[] = "fault";
+constexpr char kVented[] = "vented";
+constexpr std::size_t kLongestText = 500;  // of another node
+
+bool is(const CockpitView& view, const char* state) {
+  return view.safety && view.safety->state == state;
+}
+
+std::string nodeOf(const CockpitView& view, const char* node) {
+  return (view.ns == "/" ? "" : view.ns) + "/" + node;
+}
+
+std::string disconnected(const CockpitView& view) {
+  if (view.ns.empty() && !view.silent_master.empty()) return masterWords(view);
+  if (view.ns.empty() && !view.connecting_to.empty()) return "connects to " + view.connecting_to;
+  if (view.ns.empty()) return "the namespace above is no name; correct it";
+  return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
+         "; start the arm (arm.launch or demo.launch), or correct the namespace";
+}
+
+// What stands in the way of every command of the arm; empty if nothing does.
+std::string unheard(const CockpitView& view) {
+  if (!view.connected) return disconnected(view);
+  if (!view.safety) return "safety_state has not come yet";
+  return {};
+}
+
+std::string notEnabled(const CockpitView& view) {
+  std::string out = unheard(view);
+  if (!out.empty() || is(view, kEnabled)) return out;
+  if (view.safety->stopped) return "the emergency stop is engaged; release it, then enable the arm";
+  return "the arm is " + view.safety->state + "; enable it first";
+}
+
+bool calibrates(const CockpitView& view) { return view.calibration.running; }
+
+template <class... Arguments>
+std::string format(const char* pattern, Arguments... arguments) {
+  char text[400];
+  std::snprintf(text, sizeof text, pattern, arguments...);
+  return text;
+}
+
+// Of a file: digits and T, Z alone.
+std::string timeStamp() {
+  std::string out = procedures::utcNow();
+  out.erase(
+      std::remove_if(out.begin(), out.end(), [](unsigned char c) { return std::isalnum(c) == 0; }),
+      out.end());
+  return out;
 }
 
 }  // namespace
@@ -163,55 +215,6 @@ void CallDesk::ask(const std::string& what, double limit, Call call, const std::
 }
 
 bool CallDesk::waits(const std::string& what) const { return state_->waits(what); }
-
-namespace {
-
-constexpr char kDisabled[] = "disabled";
-constexpr char kEnabled[] = "enabled";
-constexpr char kFault[] = "fault";
-constexpr char kVented[] = "vented";
-constexpr std::size_t kLongestText = 500;  // of another node
-
-bool is(const CockpitView& view, const char* state) {
-  return view.safety && view.safety->state == state;
-}
-
-std::string nodeOf(const CockpitView& view, const char* node) {
-  return (view.ns == "/" ? "" : view.ns) + "/" + node;
-}
-
-std::string disconnected(const CockpitView& view) {
-  if (view.ns.empty() && !view.silent_master.empty()) return masterWords(view);
-  if (view.ns.empty() && !view.connecting_to.empty()) return "connects to " + view.connecting_to;
-  if (view.ns.empty()) return "the namespace above is no name; correct it";
-  return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
-         "; start the arm (arm.launch or demo.launch), or correct the namespace";
-}
-
-// What stands in the way of every command of the arm; empty if nothing does.
-std::string unheard(const CockpitView& view) {
-  if (!view.connected) return disconnected(view);
-  if (!view.safety) return "safety_state has not come yet";
-  return {};
-}
-
-std::string notEnabled(const CockpitView& view) {
-  std::string out = unheard(view);
-  if (!out.empty() || is(view, kEnabled)) return out;
-  if (view.safety->stopped) return "the emergency stop is engaged; release it, then enable the arm";
-  return "the arm is " + view.safety->state + "; enable it first";
-}
-
-bool calibrates(const CockpitView& view) { return view.calibration.running; }
-
-template <class... Arguments>
-std::string format(const char* pattern, Arguments... arguments) {
-  char text[400];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
-}
-
-}  // namespace
 
 std::string armName(const CockpitView& view) {
   if (view.ns.empty()) return "no arm";
@@ -441,19 +444,6 @@ std::string placeWords(const std::optional<std::vector<double>>& position) {
   }
   return format("%.1f, %.1f, %.1f mm", shown[0], shown[1], shown[2]);
 }
-
-namespace {
-
-// Of a file: digits and T, Z alone.
-std::string timeStamp() {
-  std::string out = procedures::utcNow();
-  out.erase(
-      std::remove_if(out.begin(), out.end(), [](unsigned char c) { return std::isalnum(c) == 0; }),
-      out.end());
-  return out;
-}
-
-}  // namespace
 
 std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
   const std::size_t count =

@@ -1,7 +1,6 @@
 #include "arm_frames.hpp"
 
 #include <Eigen/Geometry>
-#include <utility>
 
 #include <tf2/exceptions.h>
 
@@ -10,6 +9,7 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "log.hpp"
 #include "model_history.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -26,6 +26,12 @@ geometry_msgs::TransformStamped transform(const std::string& parent, const std::
   return msg;
 }
 
+lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
+  const auto& q = transform.rotation;
+  const auto& p = transform.translation;
+  return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
+}
+
 }  // namespace
 
 FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix,
@@ -39,18 +45,26 @@ geometry_msgs::TransformStamped worldTransform(const std::string& world, const s
   return transform(world, frame, X, ros::Time::now());
 }
 
-std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
-                                                             const model::Shape& shape,
-                                                             const ros::Time& stamp,
-                                                             const lie::SE3& X_BS) {
-  const auto curve = model::sampleCurve(shape, static_cast<int>(names.curve.size()));
+void CurveFrames::send(const model::Shape& shape, const ros::Time& stamp, const lie::SE3& X_BS) {
+  if (stamp == last_stamp_) return;
+  if (endsTf(stamp)) {
+    if (far_stamps_.add()) {
+      logWarning(
+          "%s stamped %.1f s ahead of ROS time (%lu times so far): no tf is published for %s; "
+          "synchronise the clocks",
+          what_.c_str(), secondsBetween(ros::Time::now(), stamp), far_stamps_.total(), it_.c_str());
+    }
+    return;
+  }
+  last_stamp_ = stamp;
+  const auto curve = model::sampleCurve(shape, static_cast<int>(names_.curve.size()));
   std::vector<geometry_msgs::TransformStamped> out;
   out.reserve(curve.size() + 1);
   for (std::size_t k = 0; k < curve.size(); ++k) {
-    out.push_back(transform(names.base, names.curve[k], X_BS * curve[k].X, stamp));
+    out.push_back(transform(names_.base, names_.curve[k], X_BS * curve[k].X, stamp));
   }
-  out.push_back(transform(names.base, names.tip, X_BS * model::tipPose(shape), stamp));
-  return out;
+  out.push_back(transform(names_.base, names_.tip, X_BS * model::tipPose(shape), stamp));
+  tf_.sendTransform(out);
 }
 
 bool endsTf(const ros::Time& stamp) {
@@ -58,28 +72,10 @@ bool endsTf(const ros::Time& stamp) {
   return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
 
-namespace {
-
-lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
-  const auto& q = transform.rotation;
-  const auto& p = transform.translation;
-  return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
-}
-
-}  // namespace
-
 FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)
     : base_frame_(std::move(base_frame)),
       moving_subscriber_(listen(node, names::kTf, 100, &FrameLookup::onMoving, this)),
       static_subscriber_(listen(node, names::kStaticTf, 100, &FrameLookup::onStatic, this)) {}
-
-void FrameLookup::onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) {
-  take(event, false);
-}
-
-void FrameLookup::onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) {
-  take(event, true);
-}
 
 void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static) {
   const ros::Time now = ros::Time::now();

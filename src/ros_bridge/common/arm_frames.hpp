@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <geometry_msgs/TransformStamped.h>
@@ -8,7 +9,9 @@
 #include <ros/time.h>
 #include <tf2/buffer_core.h>
 #include <tf2_msgs/TFMessage.h>
+#include <tf2_ros/transform_broadcaster.h>
 
+#include "diagnostics.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/shape.hpp"
@@ -37,19 +40,30 @@ struct FrameNames {
 geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
                                                const lie::SE3& X);
 
-/// base -> every frame on the curve, and base -> tip. All have the base as parent, so that errors
-/// do not accumulate.
-///
-/// @param X_BS  start of the curve, seen from the base.
-std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
-                                                             const model::Shape& shape,
-                                                             const ros::Time& stamp,
-                                                             const lie::SE3& X_BS = {});
-
 /// Whether frames with this stamp would break tf for its listeners: they keep 10 s, and ignore
 /// everything older than their newest frame by more than that. True for stamps at least 9 s ahead
 /// of ROS time, as from a sender whose clock is wrong.
 bool endsTf(const ros::Time& stamp);
+
+/// Sends to tf base -> every frame on the curve, and base -> tip, each stamp once, since tf would
+/// warn of repeated ones. All have the base as parent, so that errors do not accumulate. Frames
+/// that would break tf (endsTf()) are not sent, with a warning.
+class CurveFrames {
+ public:
+  /// @param what, it  What is stamped and how it is referred to, such as "pictures are" and "them".
+  CurveFrames(FrameNames names, std::string what, std::string it)
+      : names_(std::move(names)), what_(std::move(what)), it_(std::move(it)) {}
+
+  /// @param X_BS  start of the curve, seen from the base.
+  void send(const model::Shape& shape, const ros::Time& stamp, const lie::SE3& X_BS = {});
+
+ private:
+  const FrameNames names_;
+  const std::string what_, it_;
+  ros::Time last_stamp_;
+  FaultCount far_stamps_;
+  tf2_ros::TransformBroadcaster tf_;
+};
 
 /// Where the frames of tf are, seen from one frame. For the thread of the node's callback queue.
 ///
@@ -72,8 +86,8 @@ class FrameLookup {
   const std::string& baseFrame() const { return base_frame_; }
 
  private:
-  void onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event);
-  void onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event);
+  void onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, false); }
+  void onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, true); }
   void take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static);
 
   const std::string base_frame_;

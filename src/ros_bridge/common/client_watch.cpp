@@ -1,16 +1,12 @@
 #include "client_watch.hpp"
 
-#include <chrono>
-#include <cstdint>
 #include <limits>
-#include <string>
 
 #include <poll.h>
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
-#include <ros/time.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "end_watch.hpp"
@@ -43,6 +39,10 @@ Reply askMaster() {
   return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
                     question, answer);
 }
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+double steadySeconds() { return ros::SteadyTime::now().toSec(); }
 
 }  // namespace
 
@@ -77,9 +77,6 @@ bool masterAnswers() {
   return answer == Reply::kSuccess || answer == Reply::kFailure;
 }
 
-MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
-    : thread_([this, period, misses] { watch(period, misses); }) {}
-
 MasterWatch::~MasterWatch() {
   {
     const basics::MutexLock lock(mutex_);
@@ -106,14 +103,6 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
     lock.lock();
   }
 }
-
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-double steadySeconds() { return ros::SteadyTime::now().toSec(); }
-
-}  // namespace
 
 ClientWatch::ClientWatch() : last_answer_(kInfinity), thread_([this] { run(); }) {}
 

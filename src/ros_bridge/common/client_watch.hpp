@@ -44,7 +44,8 @@ class MasterWatch {
   /// @param period  time between two queries.
   /// @param misses  number of unanswered queries in a row after which the master counts as gone, >=
   /// 1.
-  explicit MasterWatch(std::chrono::milliseconds period = std::chrono::seconds(1), int misses = 3);
+  explicit MasterWatch(std::chrono::milliseconds period = std::chrono::seconds(1), int misses = 3)
+      : thread_([this, period, misses] { watch(period, misses); }) {}
   /// Waits at most kPatience.
   ~MasterWatch();
   MasterWatch(const MasterWatch&) = delete;

@@ -1,8 +1,5 @@
 #include "clock_gate.hpp"
 
-#include <cstdint>
-#include <vector>
-
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
@@ -72,7 +69,7 @@ void ClockGate::onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
     logWarning(
         "%s gives %u s and %u ns, beyond the range of ROS time (2^31 s): the message is ignored "
         "(%lu times so far); stop the node that publishes it",
-        names::kClock, time.sec, time.nsec, static_cast<unsigned long>(bad_times_.total()));
+        names::kClock, time.sec, time.nsec, bad_times_.total());
   }
 }
 

@@ -7,7 +7,6 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -57,6 +56,13 @@ std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
 }
 
 }  // namespace
+
+std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame) {
+  std_msgs::Header out;
+  out.stamp = stamp;
+  out.frame_id = frame;
+  return out;
+}
 
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
   geometry_msgs::Point msg;
@@ -129,6 +135,20 @@ ArmShape toShapeMsg(const std_msgs::Header& header, const statics::TierChoice& c
   msg.order = static_cast<std::uint32_t>(choice.setting.order);
   msg.tier_reason = choice.reason;
   return msg;
+}
+
+const char* inverseWord(statics::InverseStatus status) {
+  if (status == statics::InverseStatus::kReached) return "reached";
+  return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
+}
+
+std::vector<std::string> namesAt(statics::Limit limit, const model::Arm& arm,
+                                 const std::vector<statics::Limit>& limits) {
+  std::vector<std::string> out;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (limits[static_cast<std::size_t>(i)] == limit) out.push_back(arm.actuator(i).name);
+  }
+  return out;
 }
 
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,

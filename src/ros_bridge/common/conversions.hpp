@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <boost/array.hpp>
 #include <geometry_msgs/Pose.h>
@@ -15,11 +16,13 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/tier.hpp"
 
 /// Conversions between messages and values. All incoming numbers are checked here.
 namespace helix_arm::ros_bridge {
 
+std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
@@ -38,6 +41,12 @@ ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
 /// The same for a model's shape, with its tier and the reason for that tier.
 ArmShape toShapeMsg(const std_msgs::Header& header, const statics::TierChoice& choice,
                     const model::Shape& shape);
+
+/// Outcome of an inverse: `reached`, `unreachable` or `not_converged`.
+const char* inverseWord(statics::InverseStatus status);
+/// Names of the actuators at a limit.
+std::vector<std::string> namesAt(statics::Limit limit, const model::Arm& arm,
+                                 const std::vector<statics::Limit>& limits);
 
 /// Pressures (n) [Pa] of all the arm's actuators, with their names.
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,

@@ -2,6 +2,10 @@
 
 #include <cstdio>
 
+#include <diagnostic_msgs/DiagnosticArray.h>
+
+#include "ros_bridge/names.hpp"
+
 namespace helix_arm::ros_bridge {
 namespace {
 
@@ -19,6 +23,32 @@ void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
   entry.key = key;
   entry.value = value;
   status.values.push_back(entry);
+}
+
+diagnostic_msgs::DiagnosticStatus makeStatus(
+    const std::string& what, unsigned char level, const std::string& message,
+    const std::vector<std::pair<std::string, std::string>>& values) {
+  diagnostic_msgs::DiagnosticStatus out;
+  out.name = what;
+  out.level = level;
+  out.message = message;
+  for (const auto& [key, value] : values) addValue(out, key, value);
+  return out;
+}
+
+DiagnosticsPublisher::DiagnosticsPublisher(ros::NodeHandle& node)
+    : publisher_(node.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)) {}
+
+void DiagnosticsPublisher::publish(const std::string& node, const std::string& scene,
+                                   std::vector<diagnostic_msgs::DiagnosticStatus> statuses) {
+  diagnostic_msgs::DiagnosticArray msg;
+  msg.header.stamp = ros::Time::now();
+  msg.status = std::move(statuses);
+  for (auto& status : msg.status) {
+    status.name = statusName(node, status.name);
+    status.hardware_id = scene;
+  }
+  publisher_.publish(msg);
 }
 
 std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {

@@ -1,9 +1,11 @@
 #pragma once
 
-#include <cstdint>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/node_handle.h>
 #include <ros/time.h>
 
 /// Diagnostics and warnings common to all nodes.
@@ -15,6 +17,24 @@ std::string statusName(const std::string& node, const std::string& what);
 /// Appends a key and its value.
 void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
               const std::string& value);
+
+/// A status of a node. @param what  the part of the node; its name is prepended when published.
+diagnostic_msgs::DiagnosticStatus makeStatus(
+    const std::string& what, unsigned char level, const std::string& message,
+    const std::vector<std::pair<std::string, std::string>>& values = {});
+
+/// Publishes the statuses of a node on /diagnostics.
+class DiagnosticsPublisher {
+ public:
+  explicit DiagnosticsPublisher(ros::NodeHandle& node);
+  /// @param node  its name. @param scene  name of the scene.
+  void publish(const std::string& node, const std::string& scene,
+               std::vector<diagnostic_msgs::DiagnosticStatus> statuses);
+
+ private:
+  ros::Publisher publisher_;
+};
+
 /// The value of a key; empty without it.
 std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key);
 
@@ -26,10 +46,10 @@ class FaultCount {
  public:
   /// Counts a fault. @return true if a warning is due.
   bool add();
-  std::uint64_t total() const { return total_; }
+  unsigned long total() const { return total_; }
 
  private:
-  std::uint64_t total_ = 0;
+  unsigned long total_ = 0;
   ros::SteadyTime last_warning_;
 };
 

@@ -1,6 +1,5 @@
 #include "end_watch.hpp"
 
-#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstring>
@@ -25,22 +24,6 @@ void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
   result = ros::xmlrpc::responseInt(1, "", 0);
 }
 
-}  // namespace
-
-EndRequest::EndRequest() {
-  std::signal(SIGINT, onSignal);
-  std::signal(SIGTERM, onSignal);
-  const auto& manager = ros::XMLRPCManager::instance();
-  manager->unbind("shutdown");
-  manager->bind("shutdown", onShutdown);
-}
-
-void EndRequest::make() { requests.fetch_add(kUrgent); }
-bool EndRequest::made() { return requests > 0; }
-bool EndRequest::isUrgent() { return requests >= kUrgent; }
-
-namespace {
-
 constexpr double kPeriod = 0.1;  // between two checks [s]
 
 // Uses neither ROS nor buffered streams, which may be what blocks.
@@ -58,7 +41,17 @@ constexpr double kPeriod = 0.1;  // between two checks [s]
 
 }  // namespace
 
-EndWatch::EndWatch() : thread_([this] { watch(); }) {}
+EndRequest::EndRequest() {
+  std::signal(SIGINT, onSignal);
+  std::signal(SIGTERM, onSignal);
+  const auto& manager = ros::XMLRPCManager::instance();
+  manager->unbind("shutdown");
+  manager->bind("shutdown", onShutdown);
+}
+
+void EndRequest::make() { requests.fetch_add(kUrgent); }
+bool EndRequest::made() { return requests > 0; }
+bool EndRequest::isUrgent() { return requests >= kUrgent; }
 
 EndWatch::~EndWatch() {
   {

@@ -37,7 +37,7 @@ class EndRequest {
 /// guard vents.
 class EndWatch {
  public:
-  EndWatch();
+  EndWatch() : thread_([this] { watch(); }) {}
   ~EndWatch();
   EndWatch(const EndWatch&) = delete;
   EndWatch& operator=(const EndWatch&) = delete;

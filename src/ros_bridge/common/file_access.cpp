@@ -5,10 +5,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <filesystem>
 #include <fstream>
 #include <optional>
-#include <string>
 #include <system_error>
 
 #include <unistd.h>
@@ -68,6 +66,52 @@ bool isOurs(const std::string& path) {
   } catch (const std::exception&) {
     return false;
   }
+}
+
+constexpr int kMostAncestors = 8;  // between a node and its roslaunch: launch-prefix, a shell
+
+bool isSameFolder(const fs::path& a, const fs::path& b) {
+  std::error_code fault;
+  return fs::equivalent(a, b, fault) && !fault;
+}
+
+fs::path rosHome() { return fs::path(defaultFolder()).parent_path(); }
+
+fs::path ofProcess(long process, const char* file) {
+  return fs::path("/proc") / std::to_string(process) / file;
+}
+
+// `roslaunch ...` or `python3 .../roslaunch ...`. A rostest is one, too.
+bool isLauncher(long process) {
+  std::ifstream line(ofProcess(process, "cmdline"));
+  std::string word;
+  for (int k = 0; k < 3 && std::getline(line, word, '\0'); ++k) {
+    const fs::path name = fs::path(word).filename();
+    if (name == "roslaunch" || name == "rostest") return true;
+  }
+  return false;
+}
+
+// 0 if there is none.
+long parentOf(long process) {
+  std::ifstream file(ofProcess(process, "stat"));
+  std::string text;
+  std::getline(file, text, '\0');
+  const std::size_t name_end = text.rfind(") ");  // then come the state and the parent
+  if (name_end == std::string::npos || name_end + 4 > text.size()) return 0;
+  return std::strtol(text.c_str() + name_end + 4, nullptr, 10);
+}
+
+std::optional<fs::path> launchersFolder() {
+  long process = getppid();
+  for (int k = 0; k < kMostAncestors && process > 1; ++k, process = parentOf(process)) {
+    if (!isLauncher(process)) continue;
+    std::error_code fault;
+    const fs::path folder = fs::read_symlink(ofProcess(process, "cwd"), fault);
+    if (fault) return std::nullopt;
+    return folder;
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -134,58 +178,6 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
                   std::strerror(error), "); expected a path in a folder that can");
   return path;
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-constexpr int kMostAncestors = 8;  // between a node and its roslaunch: launch-prefix, a shell
-
-bool isSameFolder(const fs::path& a, const fs::path& b) {
-  std::error_code fault;
-  return fs::equivalent(a, b, fault) && !fault;
-}
-
-fs::path rosHome() { return fs::path(defaultFolder()).parent_path(); }
-
-fs::path ofProcess(long process, const char* file) {
-  return fs::path("/proc") / std::to_string(process) / file;
-}
-
-// `roslaunch ...` or `python3 .../roslaunch ...`. A rostest is one, too.
-bool isLauncher(long process) {
-  std::ifstream line(ofProcess(process, "cmdline"));
-  std::string word;
-  for (int k = 0; k < 3 && std::getline(line, word, '\0'); ++k) {
-    const fs::path name = fs::path(word).filename();
-    if (name == "roslaunch" || name == "rostest") return true;
-  }
-  return false;
-}
-
-// 0 if there is none.
-long parentOf(long process) {
-  std::ifstream file(ofProcess(process, "stat"));
-  std::string text;
-  std::getline(file, text, '\0');
-  const std::size_t name_end = text.rfind(") ");  // then come the state and the parent
-  if (name_end == std::string::npos || name_end + 4 > text.size()) return 0;
-  return std::strtol(text.c_str() + name_end + 4, nullptr, 10);
-}
-
-std::optional<fs::path> launchersFolder() {
-  long process = getppid();
-  for (int k = 0; k < kMostAncestors && process > 1; ++k, process = parentOf(process)) {
-    if (!isLauncher(process)) continue;
-    std::error_code fault;
-    const fs::path folder = fs::read_symlink(ofProcess(process, "cwd"), fault);
-    if (fault) return std::nullopt;
-    return folder;
-  }
-  return std::nullopt;
-}
-
-}  // namespace
 
 std::filesystem::path callersFolder() {
   const char* const pwd = std::getenv("PWD");

@@ -125,8 +125,8 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
   using Event = ros::MessageEvent<const Message>;
   using Callback = std::function<void(const Event&)>;
 
-  GuardedSubscription(const std::string& topic, Callback callback, FaultGuard::Log log)
-      : guard_("a message on " + topic, std::move(log)), callback_(std::move(callback)) {}
+  GuardedSubscription(const std::string& topic, Callback callback)
+      : guard_("a message on " + topic), callback_(std::move(callback)) {}
 
   ros::VoidConstPtr deserialize(
       const ros::SubscriptionCallbackHelperDeserializeParams& params) override {
@@ -198,12 +198,11 @@ class GuardedService : public ros::ServiceCallbackHelper {
 template <class Message>
 ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic,
                                  std::uint32_t queue,
-                                 typename GuardedSubscription<Message>::Callback callback,
-                                 FaultGuard::Log log) {
+                                 typename GuardedSubscription<Message>::Callback callback) {
   ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
                                 ros::message_traits::datatype<Message>());
-  options.helper = boost::make_shared<GuardedSubscription<Message>>(
-      node.resolveName(topic), std::move(callback), std::move(log));
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(node.resolveName(topic),
+                                                                    std::move(callback));
   options.transport_hints = ros::TransportHints().tcpNoDelay();
   return node.subscribe(options);
 }
@@ -212,32 +211,27 @@ ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic
 /// sender.
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const ros::MessageEvent<const Message>&), Node* owner,
-                       FaultGuard::Log log = {}) {
+                       void (Node::*callback)(const ros::MessageEvent<const Message>&),
+                       Node* owner) {
   return subscribeGuarded<Message>(
-      node, topic, queue,
-      [owner, callback](const ros::MessageEvent<const Message>& event) {
+      node, topic, queue, [owner, callback](const ros::MessageEvent<const Message>& event) {
         (owner->*callback)(event);
-      },
-      std::move(log));
+      });
 }
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const boost::shared_ptr<const Message>&), Node* owner,
-                       FaultGuard::Log log = {}) {
+                       void (Node::*callback)(const boost::shared_ptr<const Message>&),
+                       Node* owner) {
   return subscribeGuarded<Message>(
-      node, topic, queue,
-      [owner, callback](const ros::MessageEvent<const Message>& event) {
+      node, topic, queue, [owner, callback](const ros::MessageEvent<const Message>& event) {
         (owner->*callback)(event.getConstMessage());
-      },
-      std::move(log));
+      });
 }
 
 /// Advertises a service; called by serve().
 template <class Request, class Response>
 ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& service,
-                                typename GuardedService<Request, Response>::Callback callback,
-                                FaultGuard::Log log) {
+                                typename GuardedService<Request, Response>::Callback callback) {
   ros::AdvertiseServiceOptions options;
   options.service = service;
   options.md5sum = ros::service_traits::md5sum<Request>();
@@ -245,32 +239,28 @@ ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& servic
   options.req_datatype = ros::message_traits::datatype<Request>();
   options.res_datatype = ros::message_traits::datatype<Response>();
   options.helper = boost::make_shared<GuardedService<Request, Response>>(
-      node.resolveName(service), std::move(callback), std::move(log));
+      node.resolveName(service), std::move(callback), FaultGuard::Log());
   return node.advertiseService(options);
 }
 
 /// Advertises a service. The callback may take the name of the calling node first.
 template <class Node, class Request, class Response>
 ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(Request&, Response&), Node* owner,
-                         FaultGuard::Log log = {}) {
+                         bool (Node::*callback)(Request&, Response&), Node* owner) {
   return serveGuarded<Request, Response>(
-      node, service,
-      [owner, callback](const std::string&, Request& request, Response& response) {
+      node, service, [owner, callback](const std::string&, Request& request, Response& response) {
         return (owner->*callback)(request, response);
-      },
-      std::move(log));
+      });
 }
 template <class Node, class Request, class Response>
 ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
                          bool (Node::*callback)(const std::string&, Request&, Response&),
-                         Node* owner, FaultGuard::Log log = {}) {
+                         Node* owner) {
   return serveGuarded<Request, Response>(
       node, service,
       [owner, callback](const std::string& caller, Request& request, Response& response) {
         return (owner->*callback)(caller, request, response);
-      },
-      std::move(log));
+      });
 }
 
 /// Calls back periodically, on a steady clock.
@@ -278,10 +268,9 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
 /// @param period  [s]
 template <class Node>
 ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
-                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner,
-                        FaultGuard::Log log = {}) {
+                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner) {
   // Caught here: roscpp removes a timer whose callback throws.
-  const auto guard = std::make_shared<FaultGuard>("a turn of " + what, std::move(log));
+  const auto guard = std::make_shared<FaultGuard>("a turn of " + what);
   return node.createSteadyTimer(ros::WallDuration(period),
                                 [guard, owner, callback](const ros::SteadyTimerEvent& event) {
                                   guard->run("", [&] { (owner->*callback)(event); });

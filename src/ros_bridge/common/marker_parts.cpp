@@ -14,47 +14,6 @@ namespace {
 constexpr double kSigmas = 2.0;
 constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
 
-}  // namespace
-
-std_msgs::ColorRGBA color(double r, double g, double b, double a) {
-  std_msgs::ColorRGBA out;
-  out.r = static_cast<float>(r);
-  out.g = static_cast<float>(g);
-  out.b = static_cast<float>(b);
-  out.a = static_cast<float>(a);
-  return out;
-}
-
-visualization_msgs::Marker makeMarker(const std_msgs::Header& header, const char* ns, int id,
-                                      int type, const ros::Duration& lifetime) {
-  visualization_msgs::Marker out;
-  out.header = header;
-  out.ns = ns;
-  out.id = id;
-  out.type = type;
-  out.action = visualization_msgs::Marker::ADD;
-  out.pose.orientation.w = 1.0;
-  out.lifetime = lifetime;
-  return out;
-}
-
-void shapeLike(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& centre,
-               visualization_msgs::Marker& sphere) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
-  Eigen::Matrix3d axes = solver.eigenvectors();
-  if (axes.determinant() < 0) axes.col(0) *= -1.0;  // right-handed
-  sphere.pose = toPoseMsg({axes, centre});
-  const auto diameter = [&](int axis) {
-    const double sigma = std::sqrt(std::max(0.0, solver.eigenvalues()[axis]));
-    return std::max(kThinnest, 2.0 * kSigmas * sigma);
-  };
-  sphere.scale.x = diameter(0);
-  sphere.scale.y = diameter(1);
-  sphere.scale.z = diameter(2);
-}
-
-namespace {
-
 constexpr double kUsualLength = 0.3;  // of an arm, for which all lengths here are given [m]
 constexpr double kUpright = 0.85;     // |cosine| of the angle to the vertical of an upright arm
 constexpr double kSideways = 0.2;     // horizontal part of a direction that has a side to look from
@@ -83,6 +42,43 @@ constexpr std::array<LegendText, kLegendLineCount> kLegend = {
      {"magenta: wanted tip", 1.0, 0.3, 0.9}}};
 
 }  // namespace
+
+std_msgs::ColorRGBA color(double r, double g, double b, double a) {
+  std_msgs::ColorRGBA out;
+  out.r = static_cast<float>(r);
+  out.g = static_cast<float>(g);
+  out.b = static_cast<float>(b);
+  out.a = static_cast<float>(a);
+  return out;
+}
+
+visualization_msgs::Marker MarkerFrame::operator()(const ros::Time& stamp, const char* ns, int type,
+                                                   int id) const {
+  visualization_msgs::Marker out;
+  out.header = toHeaderMsg(stamp, frame);
+  out.ns = ns;
+  out.id = id;
+  out.type = type;
+  out.action = visualization_msgs::Marker::ADD;
+  out.pose.orientation.w = 1.0;
+  out.lifetime = lifetime;
+  return out;
+}
+
+void shapeLike(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& centre,
+               visualization_msgs::Marker& sphere) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+  Eigen::Matrix3d axes = solver.eigenvectors();
+  if (axes.determinant() < 0) axes.col(0) *= -1.0;  // right-handed
+  sphere.pose = toPoseMsg({axes, centre});
+  const auto diameter = [&](int axis) {
+    const double sigma = std::sqrt(std::max(0.0, solver.eigenvalues()[axis]));
+    return std::max(kThinnest, 2.0 * kSigmas * sigma);
+  };
+  sphere.scale.x = diameter(0);
+  sphere.scale.y = diameter(1);
+  sphere.scale.z = diameter(2);
+}
 
 double SideView::distance(double field_of_view, double aspect) const {
   const double half = std::tan(0.5 * field_of_view);

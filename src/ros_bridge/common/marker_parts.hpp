@@ -12,9 +12,15 @@ namespace helix_arm::ros_bridge {
 
 std_msgs::ColorRGBA color(double r, double g, double b, double a = 1.0);
 
-/// A marker with action ADD, at the origin of its frame.
-visualization_msgs::Marker makeMarker(const std_msgs::Header& header, const char* ns, int id,
-                                      int type, const ros::Duration& lifetime);
+/// Makes the markers of one frame.
+struct MarkerFrame {
+  std::string frame;
+  ros::Duration lifetime;
+
+  /// A marker with action ADD, at the origin of the frame.
+  visualization_msgs::Marker operator()(const ros::Time& stamp, const char* ns, int type,
+                                        int id = 0) const;
+};
 
 /// Makes a sphere the ellipsoid of two standard deviations about its centre.
 /// @param covariance  of a position, in the marker's frame [m^2].

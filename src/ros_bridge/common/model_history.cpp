@@ -22,16 +22,6 @@ void ModelHistory::add(const ros::Time& stamp, const model::Shape& shape) {
   while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
 }
 
-void ModelHistory::forgetFuture(const ros::Time& now) {
-  while (!entries_.empty() && secondsBetween(now, entries_.back().stamp) > kReach)
-    entries_.pop_back();
-}
-
-std::optional<double> ModelHistory::lag(const ros::Time& stamp) const {
-  if (entries_.empty()) return std::nullopt;
-  return secondsBetween(entries_.back().stamp, stamp);
-}
-
 std::optional<ModelHistory::Entry> ModelHistory::nearest(const ros::Time& stamp) const {
   const auto distance = [&](const Entry& entry) {
     return std::abs(secondsBetween(entry.stamp, stamp));
@@ -41,11 +31,6 @@ std::optional<ModelHistory::Entry> ModelHistory::nearest(const ros::Time& stamp)
                        [&](const Entry& a, const Entry& b) { return distance(a) < distance(b); });
   if (found == entries_.end() || distance(*found) > kReach) return std::nullopt;
   return *found;
-}
-
-bool ModelHistory::mayGetNearer(const ros::Time& stamp) const {
-  return !entries_.empty() && entries_.back().stamp < stamp &&
-         secondsBetween(entries_.back().stamp, stamp) <= kReach;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -33,10 +33,16 @@ class ModelHistory {
   void add(const ros::Time& stamp, const model::Shape& shape);
 
   /// Forgets entries more than kReach ahead of `now`: they are from before a jump back in time.
-  void forgetFuture(const ros::Time& now);
+  void forgetFuture(const ros::Time& now) {
+    while (!entries_.empty() && secondsBetween(now, entries_.back().stamp) > kReach)
+      entries_.pop_back();
+  }
 
   /// Time of the latest model behind the stamp, negative if ahead [s]; nothing without a model.
-  std::optional<double> lag(const ros::Time& stamp) const;
+  std::optional<double> lag(const ros::Time& stamp) const {
+    if (entries_.empty()) return std::nullopt;
+    return secondsBetween(entries_.back().stamp, stamp);
+  }
 
   std::size_t size() const { return entries_.size(); }
 
@@ -45,7 +51,10 @@ class ModelHistory {
 
   /// True if a future model may be nearer than the present ones: models are arriving, and none is
   /// as late as the stamp.
-  bool mayGetNearer(const ros::Time& stamp) const;
+  bool mayGetNearer(const ros::Time& stamp) const {
+    return !entries_.empty() && entries_.back().stamp < stamp &&
+           secondsBetween(entries_.back().stamp, stamp) <= kReach;
+  }
 
  private:
   std::deque<Entry> entries_;  ///< by ascending stamp

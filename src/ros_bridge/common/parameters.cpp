@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <sstream>
-#include <stdexcept>
 
 #include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -29,13 +27,6 @@ std::optional<std::string> filePath(const std::string& given, const std::string&
   if (given.front() == '/') return given;
   if (io::isPath(given)) return std::nullopt;
   return join(io::shippedFolder(folder), "/", given, extension);
-}
-
-XmlRpc::XmlRpcValue ParameterReader::read(const std::string& name) {
-  known_.insert(node_.resolveName(name));
-  XmlRpc::XmlRpcValue value;
-  node_.getParam(name, value);
-  return value;
 }
 
 void ParameterReader::fault(const std::string& name, const XmlRpc::XmlRpcValue& value,
@@ -144,11 +135,6 @@ std::string ParameterReader::fileToWrite(const std::string& name, const std::str
     faults_.emplace_back(refusal.what());
   }
   return "";
-}
-
-std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
-  const std::string given = text(name, "");
-  return given.empty() ? fallback : absolute(name, given);
 }
 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {

@@ -55,7 +55,10 @@ class ParameterReader {
   std::string fileToWrite(const std::string& name, const std::string& extension);
 
   /// Path of a folder; the fallback if the parameter is absent or empty.
-  std::string folder(const std::string& name, const std::string& fallback);
+  std::string folder(const std::string& name, const std::string& fallback) {
+    const std::string given = text(name, "");
+    return given.empty() ? fallback : absolute(name, given);
+  }
 
   /// The same path, absolute. @param given  the value of the parameter, not empty.
   std::string absolute(const std::string& name, const std::string& given);
@@ -65,7 +68,12 @@ class ParameterReader {
   void finish();
 
  private:
-  XmlRpc::XmlRpcValue read(const std::string& name);
+  XmlRpc::XmlRpcValue read(const std::string& name) {
+    known_.insert(node_.resolveName(name));
+    XmlRpc::XmlRpcValue value;
+    node_.getParam(name, value);
+    return value;
+  }
   void fault(const std::string& name, const XmlRpc::XmlRpcValue& value, const std::string& rule);
 
   ros::NodeHandle node_;

@@ -1,8 +1,6 @@
 #include "reload_server.hpp"
 
 #include <exception>
-#include <stdexcept>
-#include <utility>
 
 #include "file_access.hpp"
 #include "guarded_callbacks.hpp"
@@ -11,8 +9,8 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "log.hpp"
-#include "ros_bridge/names.hpp"
 #include "parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -1,7 +1,5 @@
 #include "rest_request.hpp"
 
-#include <string>
-
 #include <ros/node_handle.h>
 #include <ros/this_node.h>
 #include <std_srvs/Trigger.h>

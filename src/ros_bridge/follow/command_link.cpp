@@ -1,8 +1,5 @@
 #include "command_link.hpp"
 
-#include <algorithm>
-#include <cstddef>
-#include <utility>
 #include <variant>
 
 #include <ros/this_node.h>
@@ -37,35 +34,14 @@ bool CommandLink::isFresh() const {
          ros::SteadyTime::now() - last_command_ < ros::WallDuration(kFresh);
 }
 
-bool CommandLink::follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
-
-void CommandLink::send(const Eigen::VectorXd& pressure) { publish(pressure); }
-
-void CommandLink::ask() {
-  if (trace_.wasRested()) return;  // until pressure_command knows that this node knows
-  publish(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
-}
-
 void CommandLink::publish(const Eigen::VectorXd& pressure) {
   if (!speaks_ || follows()) asks_since_ = ros::SteadyTime::now();
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
+  std_msgs::Header header = toHeaderMsg(ros::Time::now());
   if (!speaks_ || header.stamp < first_stamp_) first_stamp_ = header.stamp;
   speaks_ = true;
   rests_ = false;
   trace_.sent(header.stamp);
   target_publisher_.publish(toPressureMsg(header, scene_.arm, pressure));
-}
-
-void CommandLink::fallSilent() {
-  speaks_ = accepted_ = false;
-  passing_.reset();
-  lasting_.reset();
-}
-
-void CommandLink::rest() {
-  rests_ = rests_ || follows() || trace_.awaitsAnswer();
-  fallSilent();
 }
 
 void CommandLink::restIfDue() {
@@ -99,8 +75,7 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
     set_point_ = std::move(*pressure);
     last_command_ = ros::SteadyTime::now();
   } else if (bad_commands_.add()) {
-    logWarning("a pressure_command was dropped (%lu so far): %s",
-               static_cast<unsigned long>(bad_commands_.total()),
+    logWarning("a pressure_command was dropped (%lu so far): %s", bad_commands_.total(),
                std::get<control::Refusal>(checked).message.c_str());
   }
 }

@@ -33,19 +33,29 @@ class CommandLink {
   CommandLink(ros::NodeHandle& node, const io::Scene& scene);
 
   /// Whether the arm is enabled and follows this node, by the last messages.
-  bool follows() const;
+  bool follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
   /// (n) last pressure_command, in force since about that time; nothing before the first [Pa].
   const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
 
   /// Sends (n) pressures inside the limits [Pa].
-  void send(const Eigen::VectorXd& pressure);
+  void send(const Eigen::VectorXd& pressure) { publish(pressure); }
   /// Sends a target that keeps the arm where it is.
-  void ask();
+  void ask() {
+    if (trace_.wasRested()) return;  // until pressure_command knows that this node knows
+    publish(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
+  }
   /// Sends nothing from now on. Without another commander the arm then vents, as after a fault.
-  void fallSilent();
+  void fallSilent() {
+    speaks_ = accepted_ = false;
+    passing_.reset();
+    lasting_.reset();
+  }
   /// Sends nothing from now on, and asks for rest once the last target is answered: the loop is
   /// done. Until it sends again, or another commands the arm.
-  void rest();
+  void rest() {
+    rests_ = rests_ || follows() || trace_.awaitsAnswer();
+    fallSilent();
+  }
   /// Asks for the rest that is due, or tells that it knows of the rest that somebody else asked
   /// for: until then it sends nothing. To be called regularly; waits for the answer.
   void restIfDue();

@@ -1,9 +1,11 @@
 #include "loop_diagnostics.hpp"
 
 #include <cmath>
-#include <cstddef>
 #include <cstdio>
+#include <variant>
 
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -61,6 +63,21 @@ std::string wrongStampText(double lead, estimation::ObservationFault fault) {
 
 std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
 
+// Covariance of the twists of a `measured`, or why it cannot be used.
+control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
+  const auto size = static_cast<Eigen::Index>(6) * sections;
+  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
+    return control::Refusal{control::Fault::kWrongSize,
+                            std::to_string(shape.twist_covariance.size()) +
+                                " numbers in twist_covariance; send " +
+                                std::to_string(size * size) + ", the covariance of `twist`"};
+  }
+  return Eigen::MatrixXd(
+      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+}
+
+double now() { return ros::SteadyTime::now().toSec(); }
+
 }  // namespace
 
 void LoopDiagnostics::saw(double time, double lead, const estimation::Observation& observation,
@@ -86,19 +103,15 @@ void LoopDiagnostics::saw(double time, double lead, const estimation::Observatio
 void LoopDiagnostics::sawForeign(const std::string& why) {
   ++refused_;
   if (!foreign_.add()) return;
-  logWarning("a message on measured was dropped (%lu so far): %s",
-             static_cast<unsigned long>(foreign_.total()), why.c_str());
+  logWarning("a message on measured was dropped (%lu so far): %s", foreign_.total(), why.c_str());
 }
 
-DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::VisualServo& loop,
+DiagnosticStatus LoopDiagnostics::loop(const follow::VisualServo& loop,
                                        const std::string& message) const {
-  DiagnosticStatus out;
-  out.name = statusName(node, names::kLoopStatus);
-  out.level = levelOf(loop.state());
-  out.message = message;
-  addValue(out, names::kStateKey, follow::nameOf(loop.state()));
-  addValue(out, names::kAcceptedKey, std::to_string(accepted_));
-  addValue(out, names::kWithoutTagsKey, std::to_string(without_tags_));
+  DiagnosticStatus out = makeStatus(names::kLoopStatus, levelOf(loop.state()), message,
+                                    {{"state", follow::nameOf(loop.state())},
+                                     {names::kAcceptedKey, std::to_string(accepted_)},
+                                     {names::kWithoutTagsKey, std::to_string(without_tags_)}});
   for (int i = 1; i < estimation::kObservationFaultCount; ++i) {
     const auto fault = static_cast<estimation::ObservationFault>(i);
     addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),
@@ -112,16 +125,13 @@ DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::Vi
   return out;
 }
 
-DiagnosticStatus LoopDiagnostics::correction(const std::string& node,
-                                             const follow::VisualServo& loop) const {
+DiagnosticStatus LoopDiagnostics::correction(const follow::VisualServo& loop) const {
   const estimation::ArmFilter& filter = loop.tracker();
   const estimation::Gaussian& state = filter.state();
-  DiagnosticStatus out;
-  out.name = statusName(node, names::kCorrectionStatus);
   const std::string& advice = calibration_.advice();
-  out.level = advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN;
-  out.message =
-      advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice;
+  DiagnosticStatus out = makeStatus(
+      "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+      advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
   const int count = filter.parameterCount();
   for (int i = 0; i < count; ++i) {
     addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
@@ -137,6 +147,70 @@ DiagnosticStatus LoopDiagnostics::correction(const std::string& node,
              fixed(1e3 * state.mean[count + static_cast<Eigen::Index>(k)], 2));
   }
   return out;
+}
+
+std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
+                                           const estimation::TagLayout& layout) {
+  std::vector<int> out;
+  for (const TagDetection& tag : detections.tags) {
+    if (!tag.fitted) continue;
+    const int index = layout.find(tag.id);
+    if (index < 0) return std::nullopt;
+    // Of a message with any number of tags, no more than the layout has are kept.
+    const auto place = std::lower_bound(out.begin(), out.end(), index);
+    if (place == out.end() || *place != index) out.insert(place, index);
+  }
+  if (out.empty()) return std::nullopt;
+  return out;
+}
+
+std::optional<SeenArm> TagMatcher::take(double now) {
+  if (shapes_.empty()) return std::nullopt;
+  Waiting& first = shapes_.front();
+  const auto of_it = std::find_if(tags_.begin(), tags_.end(), [&first](const Tags& tags) {
+    return tags.stamp == first.seen.stamp;
+  });
+  if (of_it == tags_.end() && mayGetTags(first, now)) return std::nullopt;
+  std::optional<SeenArm> out = std::move(first.seen);
+  shapes_.pop_front();
+  if (of_it != tags_.end()) out->tags = of_it->fitted;
+  return out;
+}
+
+ObservationIntake::ObservationIntake(ros::NodeHandle& node, const io::Scene& scene,
+                                     std::string base_frame, LoopDiagnostics& pictures,
+                                     OnSeen on_seen)
+    : scene_(scene),
+      base_frame_(std::move(base_frame)),
+      pictures_(pictures),
+      on_seen_(std::move(on_seen)),
+      measured_subscriber_(
+          listen(node, names::kMeasured, 10, &ObservationIntake::onMeasured, this)),
+      tags_subscriber_(listen(node, names::kTagDetections, 10, &ObservationIntake::onTags, this)) {}
+
+void ObservationIntake::poll() {
+  while (const auto seen = matcher_.take(now())) on_seen_(*seen);
+}
+
+void ObservationIntake::onMeasured(const ArmShapeConstPtr& shape) {
+  const auto checked = fromMsg(*shape, scene_.arm, base_frame_);
+  const auto covariance = covarianceOf(*shape, scene_.arm.sectionCount());
+  for (const auto* refusal :
+       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
+    if (refusal == nullptr) continue;
+    pictures_.sawForeign(refusal->message);
+    return;
+  }
+  matcher_.add(
+      {shape->header.stamp, std::get<model::Shape>(checked), std::get<Eigen::MatrixXd>(covariance)},
+      now());
+  poll();
+}
+
+void ObservationIntake::onTags(const TagDetectionsConstPtr& detections) {
+  if (!scene_.tags) return;
+  matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags), now());
+  poll();
 }
 
 }  // namespace helix_arm::ros_bridge

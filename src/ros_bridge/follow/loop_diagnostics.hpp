@@ -3,13 +3,20 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <deque>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/node_handle.h>
 
+#include "helix_arm/ArmShape.h"
+#include "helix_arm/TagDetections.h"
 #include "helix_arm/follow/visual_servo.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -58,12 +65,11 @@ class LoopDiagnostics {
   const std::string& wrongStamp() const { return wrong_stamp_; }
 
   /// The status `<node>: loop`: its state, and pictures by their faults.
-  diagnostic_msgs::DiagnosticStatus loop(const std::string& node, const follow::VisualServo& loop,
+  diagnostic_msgs::DiagnosticStatus loop(const follow::VisualServo& loop,
                                          const std::string& message) const;
   /// The status `<node>: correction`: how the arm differs from its model; WARN if it is to be
   /// calibrated again.
-  diagnostic_msgs::DiagnosticStatus correction(const std::string& node,
-                                               const follow::VisualServo& loop) const;
+  diagnostic_msgs::DiagnosticStatus correction(const follow::VisualServo& loop) const;
 
  private:
   std::uint64_t accepted_ = 0, refused_ = 0;
@@ -72,6 +78,99 @@ class LoopDiagnostics {
   std::string wrong_stamp_;
   FaultCount foreign_;
   CalibrationWatch calibration_;
+};
+
+/// What one picture says of the arm.
+struct SeenArm {
+  ros::Time stamp;  ///< of the picture
+  model::Shape shape;
+  Eigen::MatrixXd covariance;  ///< of its twists
+  /// Indices in the layout of the tags that were fitted, ascending; nothing if unknown.
+  std::optional<std::vector<int>> tags = {};
+};
+
+/// Indices in the layout of the tags that a fit used, ascending; nothing if there is none, or if
+/// one of them is not in the layout.
+std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
+                                           const estimation::TagLayout& layout);
+
+/// Joins each measured shape with the tags of its fit, by their stamps. They come on two topics, in
+/// any order.
+///
+/// A shape waits for its tags at most kPatience; not at all once later tags have come, or where no
+/// tags have come for kSilence. It then goes on without them. Shapes keep their order. At most
+/// kMost shapes and kMost sets of tags are kept. Time is a number [s].
+class TagMatcher {
+ public:
+  static constexpr double kPatience = 0.05;  ///< [s]
+  static constexpr double kSilence = 1.0;    ///< [s]
+  static constexpr std::size_t kMost = 8;
+
+  void add(SeenArm seen, double now) { shapes_.push_back({std::move(seen), now}); }
+  /// @param tags  as SeenArm's.
+  void addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now) {
+    if (!tags_.empty() && stamp < tags_.back().stamp) tags_.clear();  // a jump back in time
+    tags_.push_back({stamp, std::move(tags)});
+    if (tags_.size() > kMost) tags_.pop_front();
+    last_tags_ = now;
+  }
+  /// The next shape that need not wait any more; nothing if there is none.
+  std::optional<SeenArm> take(double now);
+  /// Forgets shapes and tags.
+  void clear() {
+    shapes_.clear();
+    tags_.clear();
+  }
+
+ private:
+  struct Waiting {
+    SeenArm seen;
+    double since;  ///< [s]
+  };
+  struct Tags {
+    ros::Time stamp;
+    std::optional<std::vector<int>> fitted;
+  };
+
+  bool mayGetTags(const Waiting& shape, double now) const {
+    const bool come = last_tags_ && now - *last_tags_ <= kSilence;
+    const bool passed = !tags_.empty() && tags_.back().stamp > shape.seen.stamp;
+    return come && !passed && now - shape.since <= kPatience && shapes_.size() <= kMost;
+  }
+
+  std::deque<Waiting> shapes_;  ///< as they came
+  std::deque<Tags> tags_;       ///< by ascending stamp
+  std::optional<double> last_tags_;
+};
+
+/// Takes the measured shapes with the tags of their fits.
+///
+/// Subscribes to measured and tag_detections. For the thread of the node's callback queue.
+class ObservationIntake {
+ public:
+  using OnSeen = std::function<void(const SeenArm& seen)>;
+
+  /// @param scene     Kept by reference: after a change to it, call adopt().
+  /// @param pictures  gets the shapes that are not of this arm. Outlives this.
+  /// @param on_seen   called with each shape, in the order of the messages.
+  ObservationIntake(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
+                    LoopDiagnostics& pictures, OnSeen on_seen);
+
+  /// Gives up the wait for tags that do not come. To be called regularly.
+  void poll();
+  /// Follows a change of the scene.
+  void adopt() { matcher_.clear(); }
+
+ private:
+  void onMeasured(const ArmShapeConstPtr& shape);
+  void onTags(const TagDetectionsConstPtr& detections);
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  LoopDiagnostics& pictures_;
+  const OnSeen on_seen_;
+  TagMatcher matcher_;
+  ros::Subscriber measured_subscriber_, tags_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,38 +1,19 @@
 #include "loop_publisher.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/ExternalLoad.h"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
-
-VisualServoOptions VisualServoOptions::load() {
-  ParameterReader reader{ros::NodeHandle("~")};
-  VisualServoOptions out;
-  out.scene = reader.file("scene", "config/scenes", ".yaml");
-  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
-  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
-  out.frame_prefix = reader.frame("frame_prefix", "");
-  out.handle = reader.flag("handle", out.handle);
-  out.scene_folder = reader.folder("scene_folder", defaultFolder());
-  reader.finish();
-  return out;
-}
 
 namespace {
 
@@ -49,28 +30,50 @@ constexpr double kTableHeight = 0.013;  // of its letters [m]
 constexpr double kTableOffset = 0.23;   // to the side of the tip, clear of the ellipsoid [m]
 constexpr double kTableRise = 0.03;     // its end is clear of the measured tip's text [m]
 
-}  // namespace
+// Readings are not exactly periodic; one slightly early must not be skipped.
+constexpr double kSlack = 0.9;
+constexpr int kPoints = 24;           // of the drawn curve, a section
+constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
-LoopMarkers::LoopMarkers(std::string base_frame, double lifetime)
-    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+// Covariance of the filter's shape at the present pressures.
+Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
+  const double elapsed =
+      view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
+  return view.loop.tracker().twistCovariance(elapsed);
+}
+
+constexpr double kBudgetPeriod = 0.2;  // [s]
+constexpr char kUnexplained[] =
+    "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
+    "that has moved";
+
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
+  geometry_msgs::Vector3 out;
+  out.x = vector.x();
+  out.y = vector.y();
+  out.z = vector.z();
+  return out;
+}
+
+const std::string& stateOf(const follow::VisualServo& loop) {
+  if (!loop.sees()) return ExternalLoad::UNSEEN;
+  if (loop.load().contact) return ExternalLoad::CONTACT;
+  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
+  return outside ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
+}
+
+}  // namespace
 
 void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
                             bool drawn, visualization_msgs::MarkerArray& out) const {
   out.markers.push_back(
-      legendLine(line, view, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+      legendLine(line, view, marker_(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
   if (!drawn) out.markers.back().action = Marker::DELETE;
-}
-
-Marker LoopMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
-  std_msgs::Header header;
-  header.frame_id = base_frame_;
-  header.stamp = stamp;
-  return makeMarker(header, ns, 0, type, lifetime_);
 }
 
 Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
                          const std::optional<Eigen::Vector3d>& centre, double size) const {
-  Marker out = marker(stamp, ns, Marker::SPHERE);
+  Marker out = marker_(stamp, ns, Marker::SPHERE);
   if (!centre) {
     out.action = Marker::DELETE;
     return out;
@@ -81,7 +84,7 @@ Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
 }
 
 Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker(stamp, names::kTipForceNs, Marker::ARROW);
+  Marker out = marker_(stamp, names::kTipForceNs, Marker::ARROW);
   if (!tips.force || !tips.predicted) {
     out.action = Marker::DELETE;
     return out;
@@ -95,7 +98,7 @@ Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
 }
 
 Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker(stamp, names::kPredictedCurveNs, Marker::LINE_STRIP);
+  Marker out = marker_(stamp, "predicted_curve", Marker::LINE_STRIP);
   if (tips.curve.empty()) {
     out.action = Marker::DELETE;
     return out;
@@ -109,7 +112,7 @@ Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
 Marker LoopMarkers::words(const ros::Time& stamp, const char* ns,
                           const std::optional<Eigen::Vector3d>& place, double height,
                           const std::string& text) const {
-  Marker out = marker(stamp, ns, Marker::TEXT_VIEW_FACING);
+  Marker out = marker_(stamp, ns, Marker::TEXT_VIEW_FACING);
   if (!place || text.empty()) {
     out.action = Marker::DELETE;
     return out;
@@ -152,54 +155,16 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   return out;
 }
 
-namespace {
-
-// Readings are not exactly periodic; one slightly early must not be skipped.
-constexpr double kSlack = 0.9;
-constexpr int kPoints = 24;           // of the drawn curve, a section
-constexpr double kFreshBudget = 1.0;  // since its picture [s]
-
-const char* nameOf(statics::InverseStatus status) {
-  switch (status) {
-    case statics::InverseStatus::kReached:
-      return "reached";
-    case statics::InverseStatus::kUnreachable:
-      return "unreachable";
-    case statics::InverseStatus::kNotConverged:
-      break;
-  }
-  return "not_converged";
-}
-
-// Covariance of the filter's shape at the present pressures.
-Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
-  const double elapsed =
-      view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
-  return view.loop.tracker().twistCovariance(elapsed);
-}
-
-double largestDeviation(const Eigen::Matrix3d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
-}
-
-}  // namespace
-
-LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
-                             const VisualServoOptions& options, std::string base_frame,
-                             TipHandle::OnTarget on_target)
+LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
+                             double rate, double draw_rate, TipHandle::OnTarget on_target)
     : scene_(scene),
       base_frame_(std::move(base_frame)),
-      period_(kSlack / options.rate),
-      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate)),
+      period_(kSlack / rate),
+      markers_(base_frame_, std::max(1.0, 3.0 / draw_rate)),
       status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
-  if (options.handle) {
-    const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);
-    handle_ = std::make_unique<TipHandle>(base_frame_, scene.planar.has_value(), size,
-                                          std::move(on_target));
-  }
+  if (on_target) handle_ = std::make_unique<TipHandle>(base_frame_, scene, std::move(on_target));
 }
 
 bool LoopPublisher::isDue(const View& view) const {
@@ -252,17 +217,14 @@ void LoopPublisher::publishEstimate(const View& view) {
   for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kPoints)) {
     curve_.push_back(point.X.translation);
   }
-  std_msgs::Header header;
-  header.stamp = view.stamp;
-  header.frame_id = base_frame_;
+  const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
   estimate_publisher_.publish(toShapeMsg(header, "estimated", *shape, twistCovariance(view)));
 }
 
 LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const {
   const follow::Turn& turn = view.loop.turn();
   LoopStatus out;
-  out.header.stamp = view.stamp;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(view.stamp, base_frame_);
   out.state = follow::nameOf(turn.state);
   out.message = view.message;
   out.commander = view.commander;
@@ -270,21 +232,17 @@ LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_
   out.has_wanted = turn.commands;
   if (turn.commands) {
     out.wanted = toPoseMsg(turn.wanted);
-    out.inverse = nameOf(turn.status);
+    out.inverse = inverseWord(turn.status);
     out.residual = turn.residual;
-    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-      const statics::Limit limit = turn.limits[static_cast<std::size_t>(i)];
-      const std::string& name = scene_.arm.actuator(i).name;
-      if (limit == statics::Limit::kLower) out.at_lower_limit.push_back(name);
-      if (limit == statics::Limit::kUpper) out.at_upper_limit.push_back(name);
-    }
+    out.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, turn.limits);
+    out.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, turn.limits);
     if (turn.path_time) out.path_time = *turn.path_time;
   }
   out.has_predicted = turn.predicted.has_value();
   if (turn.predicted) {
     out.predicted = toPoseMsg(*turn.predicted);
     out.predicted_covariance = toCovarianceMsg(tip_covariance);
-    out.predicted_sd = largestDeviation(tip_covariance);
+    out.predicted_sd = estimation::TipSpread{tip_covariance}.deviation();
   }
   out.error = view.loop.error().value_or(std::numeric_limits<double>::quiet_NaN());
   out.accepted = view.pictures.accepted();
@@ -314,30 +272,6 @@ void LoopPublisher::draw() {
   }
 }
 
-namespace {
-
-constexpr double kBudgetPeriod = 0.2;  // [s]
-constexpr char kUnexplained[] =
-    "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
-    "that has moved";
-
-geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
-  geometry_msgs::Vector3 out;
-  out.x = vector.x();
-  out.y = vector.y();
-  out.z = vector.z();
-  return out;
-}
-
-const std::string& stateOf(const follow::VisualServo& loop) {
-  if (!loop.sees()) return ExternalLoad::UNSEEN;
-  if (loop.load().contact) return ExternalLoad::CONTACT;
-  const bool outside = loop.budget() && loop.budget()->state == estimation::BudgetState::kOutside;
-  return outside ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
-}
-
-}  // namespace
-
 LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
     : base_frame_(std::move(base_frame)),
       budget_publisher_(node.advertise<ErrorBudget>(names::kErrorBudget, 10)),
@@ -358,8 +292,7 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
                                   const estimation::Drift& drift) {
   last_budget_ = picture;
   ErrorBudget out;
-  out.header.stamp = picture;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(picture, base_frame_);
   for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
     const auto part = static_cast<estimation::BudgetPart>(i);
     const estimation::TipSpread& spread = budget.part(part);
@@ -396,8 +329,7 @@ void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::VisualServ
   const estimation::ExternalLoad& load = loop.load();
   ExternalLoad out;
   out.state = state;
-  out.header.stamp = stamp;
-  out.header.frame_id = base_frame_;
+  out.header = toHeaderMsg(stamp, base_frame_);
   if (state != ExternalLoad::UNSEEN) out.score = load.score;
   out.limit = loop.contactLimit();
   out.s = std::numeric_limits<double>::quiet_NaN();

@@ -19,21 +19,6 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Private parameters of visual_servo.
-struct VisualServoOptions {
-  std::string scene;  ///< ~scene: as pressure_command's; required
-  /// ~scene_folder: folder from which ~reload takes scenes, besides the package's and ~scene;
-  /// `helix_arm` below ROS_HOME by default.
-  std::string scene_folder;
-  double rate = 50.0;        ///< ~rate: maximum of loop_status and estimate, 1 to 1000 [Hz]
-  double draw_rate = 20.0;   ///< ~draw_rate: of the markers, 0.1 to 100 [Hz]
-  std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base
-  bool handle = true;        ///< ~handle: show the interactive marker
-
-  /// @throws ParameterError with every fault.
-  static VisualServoOptions load();
-};
-
 /// Draws for rviz what a loop over vision wants and predicts, seen from the arm's base frame, in
 /// stable namespaces and ids.
 ///
@@ -59,14 +44,14 @@ class LoopMarkers {
   };
 
   /// @param lifetime  longer than the period of drawing [s].
-  LoopMarkers(std::string base_frame, double lifetime);
+  LoopMarkers(std::string base_frame, double lifetime)
+      : marker_{std::move(base_frame), ros::Duration(lifetime)} {}
 
   /// @param view  in the axes of the base.
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const SideView& view,
                                        const Tips& tips) const;
 
  private:
-  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
                                   const std::optional<Eigen::Vector3d>& centre, double size) const;
   visualization_msgs::Marker curve(const ros::Time& stamp, const Tips& tips) const;
@@ -77,8 +62,7 @@ class LoopMarkers {
                  visualization_msgs::MarkerArray& out) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
 };
 
 /// Publishes loop_status, estimate and loop_markers, and holds the tip handle at the wanted tip.
@@ -96,11 +80,13 @@ class LoopPublisher {
   };
 
   /// @param scene      Kept by reference.
-  /// @param on_target  As TipHandle's; without ~handle it is not called.
-  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const VisualServoOptions& options,
-                std::string base_frame, TipHandle::OnTarget on_target);
+  /// @param rate       Maximum of status and estimate [Hz].
+  /// @param draw_rate  Of draw() [Hz].
+  /// @param on_target  As TipHandle's; empty: no handle.
+  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame, double rate,
+                double draw_rate, TipHandle::OnTarget on_target);
 
-  /// Publishes status and estimate: at a change of state, else at ~rate.
+  /// Publishes status and estimate: at a change of state, else at this rate.
   void publish(const View& view);
   /// Draws what was published last.
   void draw();

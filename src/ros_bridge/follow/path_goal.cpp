@@ -1,15 +1,10 @@
 #include "path_goal.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
-#include <stdexcept>
-#include <string>
 #include <system_error>
-#include <utility>
-#include <vector>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -28,6 +23,88 @@ std::string text(const char* format, Values... values) {
   char out[256];
   std::snprintf(out, sizeof out, format, values...);
   return out;
+}
+
+using Goal = FollowTipPathGoal;
+using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
+
+constexpr char kJoint[] = "tip";
+constexpr double kLatestStart = 60.0;  // ahead of now [s]
+
+template <class T>
+T orThrow(control::Checked<T> checked, const std::string& culprit) {
+  const auto* refusal = std::get_if<control::Refusal>(&checked);
+  if (refusal != nullptr) throw std::invalid_argument(culprit + refusal->message);
+  return std::get<T>(std::move(checked));
+}
+
+// Converts a point of the path, which is given in frame F.
+control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool with_rotation,
+                              const std::string& culprit) {
+  basics::require(point.transforms.size() == 1, culprit, "it has ", point.transforms.size(),
+                  " transforms; expected only that of the tip");
+  basics::require(point.velocities.size() <= 1, culprit, "it has ", point.velocities.size(),
+                  " velocities; expected that of the tip, or none");
+  const auto& p = point.transforms[0].translation;
+  const auto& q = point.transforms[0].rotation;
+  control::TipWayPoint out;
+  out.time = point.time_from_start.toSec();
+  if (with_rotation) {
+    const lie::SE3 X_BT =
+        X_BF * orThrow(control::checkPose({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}), culprit);
+    out.position = X_BT.translation;
+    out.rotation = X_BT.rotation;
+  } else {
+    out.position = X_BF * orThrow(control::checkPosition({p.x, p.y, p.z}), culprit);
+  }
+  if (!point.velocities.empty()) {
+    const auto& v = point.velocities[0].linear;
+    out.velocity = X_BF.rotation * Eigen::Vector3d(v.x, v.y, v.z);
+  }
+  return out;
+}
+
+control::TipPath pathOf(const Goal& goal, const lie::SE3& X_BF) {
+  const auto& names = goal.path.joint_names;
+  basics::require(names.empty() || (names.size() == 1 && (names[0].empty() || names[0] == kJoint)),
+                  "the path has ", names.size(), " joint_names",
+                  names.empty() ? "" : ", the first '" + basics::quoted(names[0]) + "'",
+                  "; expected none, or `", kJoint, "` alone");
+  std::vector<control::TipWayPoint> points;
+  points.reserve(goal.path.points.size());
+  for (const Point& point : goal.path.points) {
+    const std::string culprit = "point " + std::to_string(points.size() + 1) + " of the path: ";
+    points.push_back(wayPoint(point, X_BF, goal.mode == Goal::POSE, culprit));
+  }
+  return control::TipPath(points);
+}
+
+void requireNonNegative(const char* what, double value) {
+  basics::require(value >= 0, what, " is ", value, "; expected a number >= 0");
+}
+
+PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
+  basics::require(goal.mode <= Goal::POSE, "mode ", static_cast<int>(goal.mode),
+                  " is not known; expected 0 (POSITION) or 1 (POSE)");
+  basics::require(goal.on_contact <= Goal::STOP, "on_contact ", static_cast<int>(goal.on_contact),
+                  " is not known; expected 0 (SCENE), 1 (REPORT), 2 (YIELD) or 3 (STOP)");
+  requireNonNegative("path_tolerance [m]", goal.path_tolerance);
+  requireNonNegative("goal_tolerance [m]", goal.goal_tolerance);
+  requireNonNegative("goal_time_tolerance [s]", goal.goal_time_tolerance.toSec());
+  requireNonNegative("hold_s", goal.hold_s);
+  PathGoal out{pathOf(goal, X_BF), goal.path.header.stamp, {}, goal.on_contact, {}};
+  if (goal.path_tolerance > 0) out.rules.path_tolerance = goal.path_tolerance;
+  if (goal.goal_tolerance > 0) out.rules.goal_tolerance = goal.goal_tolerance;
+  if (!goal.goal_time_tolerance.isZero()) {
+    out.rules.time_tolerance = goal.goal_time_tolerance.toSec();
+  }
+  out.rules.require_vision = goal.require_vision;
+  if (goal.hold_s > 0) out.hold = goal.hold_s;
+  return out;
+}
+
+bool isReady(const std::future<DecidedGoal>& result) {
+  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
 }  // namespace
@@ -145,94 +222,6 @@ std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::
                     text("the measured tip is %.2f mm from the last point", 1e3 * error)};
 }
 
-GoalFigures GoalWatch::figures() const {
-  if (pictures_ == 0) return {};
-  return {std::sqrt(sum2_ / pictures_), max_, pictures_};
-}
-
-namespace {
-
-using Goal = FollowTipPathGoal;
-using Result = FollowTipPathResult;
-using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
-
-constexpr char kJoint[] = "tip";
-constexpr double kLatestStart = 60.0;  // ahead of now [s]
-
-template <class T>
-T orThrow(control::Checked<T> checked, const std::string& culprit) {
-  const auto* refusal = std::get_if<control::Refusal>(&checked);
-  if (refusal != nullptr) throw std::invalid_argument(culprit + refusal->message);
-  return std::get<T>(std::move(checked));
-}
-
-// Converts a point of the path, which is given in frame F.
-control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool with_rotation,
-                              const std::string& culprit) {
-  basics::require(point.transforms.size() == 1, culprit, "it has ", point.transforms.size(),
-                  " transforms; expected only that of the tip");
-  basics::require(point.velocities.size() <= 1, culprit, "it has ", point.velocities.size(),
-                  " velocities; expected that of the tip, or none");
-  const auto& p = point.transforms[0].translation;
-  const auto& q = point.transforms[0].rotation;
-  control::TipWayPoint out;
-  out.time = point.time_from_start.toSec();
-  if (with_rotation) {
-    const lie::SE3 X_BT =
-        X_BF * orThrow(control::checkPose({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}), culprit);
-    out.position = X_BT.translation;
-    out.rotation = X_BT.rotation;
-  } else {
-    out.position = X_BF * orThrow(control::checkPosition({p.x, p.y, p.z}), culprit);
-  }
-  if (!point.velocities.empty()) {
-    const auto& v = point.velocities[0].linear;
-    out.velocity = X_BF.rotation * Eigen::Vector3d(v.x, v.y, v.z);
-  }
-  return out;
-}
-
-control::TipPath pathOf(const Goal& goal, const lie::SE3& X_BF) {
-  const auto& names = goal.path.joint_names;
-  basics::require(names.empty() || (names.size() == 1 && (names[0].empty() || names[0] == kJoint)),
-                  "the path has ", names.size(), " joint_names",
-                  names.empty() ? "" : ", the first '" + basics::quoted(names[0]) + "'",
-                  "; expected none, or `", kJoint, "` alone");
-  std::vector<control::TipWayPoint> points;
-  points.reserve(goal.path.points.size());
-  for (const Point& point : goal.path.points) {
-    const std::string culprit = "point " + std::to_string(points.size() + 1) + " of the path: ";
-    points.push_back(wayPoint(point, X_BF, goal.mode == Goal::POSE, culprit));
-  }
-  return control::TipPath(points);
-}
-
-void requireNonNegative(const char* what, double value) {
-  basics::require(value >= 0, what, " is ", value, "; expected a number >= 0");
-}
-
-PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
-  basics::require(goal.mode <= Goal::POSE, "mode ", static_cast<int>(goal.mode),
-                  " is not known; expected 0 (POSITION) or 1 (POSE)");
-  basics::require(goal.on_contact <= Goal::STOP, "on_contact ", static_cast<int>(goal.on_contact),
-                  " is not known; expected 0 (SCENE), 1 (REPORT), 2 (YIELD) or 3 (STOP)");
-  requireNonNegative("path_tolerance [m]", goal.path_tolerance);
-  requireNonNegative("goal_tolerance [m]", goal.goal_tolerance);
-  requireNonNegative("goal_time_tolerance [s]", goal.goal_time_tolerance.toSec());
-  requireNonNegative("hold_s", goal.hold_s);
-  PathGoal out{pathOf(goal, X_BF), goal.path.header.stamp, {}, goal.on_contact, {}};
-  if (goal.path_tolerance > 0) out.rules.path_tolerance = goal.path_tolerance;
-  if (goal.goal_tolerance > 0) out.rules.goal_tolerance = goal.goal_tolerance;
-  if (!goal.goal_time_tolerance.isZero()) {
-    out.rules.time_tolerance = goal.goal_time_tolerance.toSec();
-  }
-  out.rules.require_vision = goal.require_vision;
-  if (goal.hold_s > 0) out.hold = goal.hold_s;
-  return out;
-}
-
-}  // namespace
-
 std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
   const ros::Time& start = goal.path_header.stamp;
   const double age = start.isZero() ? 0.0 : secondsBetween(start, ros::Time::now());
@@ -309,23 +298,6 @@ void Serializer<helix_arm::ros_bridge::UnreadGoal>::read(
 
 }  // namespace ros::serialization
 namespace helix_arm::ros_bridge {
-namespace {
-
-bool isReady(const std::future<DecidedGoal>& result) {
-  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
-
-}  // namespace
-
-PathChecker::~PathChecker() {
-  discard();  // the futures wait
-}
-
-void PathChecker::begin(Check check) {
-  discard();
-  waiting_ = std::move(check);
-  start();
-}
 
 void PathChecker::discard() {
   waiting_ = nullptr;

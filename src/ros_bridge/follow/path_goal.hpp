@@ -74,7 +74,10 @@ class GoalWatch {
   /// Notes the tip in a picture that the loop used (base frame) [m]. @return as turn().
   std::optional<GoalEnding> picture(const Moment& moment, const Eigen::Vector3d& tip);
 
-  GoalFigures figures() const;
+  GoalFigures figures() const {
+    if (pictures_ == 0) return {};
+    return {std::sqrt(sum2_ / pictures_), max_, pictures_};
+  }
 
  private:
   std::optional<GoalEnding> visionEnding(double time, const follow::Turn& turn);
@@ -193,12 +196,18 @@ class PathChecker {
 
   PathChecker() = default;
   /// Tells all checks to stop, and waits for them.
-  ~PathChecker();
+  ~PathChecker() {
+    discard();  // the futures wait
+  }
   PathChecker(const PathChecker&) = delete;
   PathChecker& operator=(const PathChecker&) = delete;
 
   /// Begins a check, in place of the present one.
-  void begin(Check check);
+  void begin(Check check) {
+    discard();
+    waiting_ = std::move(check);
+    start();
+  }
   /// Gives the present check up.
   void discard();
   /// The result of the present check, once; what a check throws refuses its goal. To be called

@@ -1,133 +1,520 @@
-#include "visual_servo_node.hpp"
-
-#include <algorithm>
-#include <cstddef>
+#include <cmath>
 #include <optional>
-#include <utility>
-#include <variant>
+#include <sstream>
+#include <string>
+#include <vector>
 
+#include <actionlib/server/action_server.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <geometry_msgs/PoseStamped.h>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
 #include <ros/this_node.h>
+#include <ros/time.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
 
+#include "command_link.hpp"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
+#include "helix_arm/follow/visual_servo.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "loop_diagnostics.hpp"
+#include "loop_publisher.hpp"
+#include "path_goal.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/model_history.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/run_node.hpp"
+#include "ros_bridge/names.hpp"
+#include "ros_bridge/pressure/target_intake.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
 
-std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
-                                           const estimation::TagLayout& layout) {
-  std::vector<int> out;
-  for (const TagDetection& tag : detections.tags) {
-    if (!tag.fitted) continue;
-    const int index = layout.find(tag.id);
-    if (index < 0) return std::nullopt;
-    // Of a message with any number of tags, no more than the layout has are kept.
-    const auto place = std::lower_bound(out.begin(), out.end(), index);
-    if (place == out.end() || *place != index) out.insert(place, index);
+bool areEqual(const follow::Target& a, const follow::Target& b) {
+  if (a.index() != b.index()) return false;
+  if (const auto* position = std::get_if<Eigen::Vector3d>(&a)) {
+    return *position == std::get<Eigen::Vector3d>(b);
   }
-  if (out.empty()) return std::nullopt;
+  if (const auto* pose = std::get_if<lie::SE3>(&a)) {
+    const auto& other = std::get<lie::SE3>(b);
+    return pose->translation == other.translation && pose->rotation == other.rotation;
+  }
+  return std::get<model::Twists>(a) == std::get<model::Twists>(b);
+}
+
+// All zero, as in a message whose orientation was not set.
+bool isEmpty(const geometry_msgs::Quaternion& q) {
+  return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
+}
+
+/// The target that messages ask the loop for, until their sender falls silent.
+///
+/// Subscribes to tip_target, tip_pose and shape_target; answers each on target_status, when the
+/// loop has tried it. For the thread of the node's callback queue.
+class LoopTargets {
+ public:
+  /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
+  /// @param frames  Outlives this.
+  LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames)
+      : scene_(scene),
+        frames_(frames),
+        admission_(node, scene),
+        tip_subscriber_(listen(node, names::kTipTarget, 10, &LoopTargets::onTipTarget, this)),
+        pose_subscriber_(listen(node, names::kTipPose, 10, &LoopTargets::onTipPose, this)),
+        shape_subscriber_(
+            listen(node, names::kShapeTarget, 10, &LoopTargets::onShapeTarget, this)) {}
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target) {
+    aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp},
+           seenFromBase(target));
+  }
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt() { admission_.adopt(); }
+
+  /// The present target, base frame; nothing where its sender was silent for
+  /// safety.target_timeout_s.
+  const std::optional<follow::Target>& target() {
+    const double silence = (ros::SteadyTime::now() - last_target_).toSec();
+    if (target_ && silence > scene_.safety.rules.target_timeout) forget();
+    return target_;
+  }
+  /// Whether the target is another than at the last call.
+  bool takeChange() {
+    const bool changed = changed_;
+    changed_ = false;
+    return changed;
+  }
+  /// Forgets the target.
+  void forget() {
+    target_.reset();
+    commander_.clear();
+    changed_ = false;
+  }
+  /// Who sent it; empty without a target.
+  const std::string& commander() const { return commander_; }
+
+  /// Grants or renews the lease of a commander that sends no messages, or says who holds it.
+  std::optional<control::Refusal> claim(const std::string& commander) {
+    return admission_.claim(commander);
+  }
+
+  /// Whether messages wait for an answer.
+  bool areUnanswered() const { return !unanswered_.empty(); }
+
+  /// Answers them: the loop commands the target.
+  void answer(const TargetSolution& solution) {
+    for (const TargetSender& sender : unanswered_) {
+      if (solution.status == statics::InverseStatus::kNotConverged) {
+        admission_.drop(sender, notConverged());
+      } else {
+        admission_.accept(sender, solution);
+      }
+    }
+    unanswered_.clear();
+  }
+
+  /// Answers them, and forgets the target. After a rest (Fault::kRested), its commander must pause
+  /// for safety.target_timeout before its next target counts, or the arm be enabled (enabled()).
+  void refuse(const control::Refusal& refusal) {
+    if (refusal.fault == control::Fault::kRested) rested_.hold(commander_, regulator::steadyNow());
+    for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
+    unanswered_.clear();
+    forget();
+  }
+
+  /// The arm was enabled: whoever was brought to rest may command again.
+  void enabled() { rested_.release(); }
+
+  /// As TargetAdmission::status().
+  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
+
+ private:
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
+    const TipTarget& target = *event.getMessage();
+    const TargetSender sender{names::kTipTarget, event.getPublisherName(), target.header.stamp};
+    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+  }
+
+  void onTipPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
+    const geometry_msgs::PoseStamped& pose = *event.getMessage();
+    const TargetSender sender{names::kTipPose, event.getPublisherName(), pose.header.stamp};
+    TipTarget target;
+    target.header = pose.header;
+    target.mode = isEmpty(pose.pose.orientation) ? TipTarget::POSITION : TipTarget::POSE;
+    target.pose = pose.pose;
+    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+  }
+
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
+    const ShapeTarget& target = *event.getMessage();
+    const TargetSender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
+    const auto checked = admission_.fresh(sender, fromMsg(target, scene_.arm.sectionCount()));
+    if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
+  }
+
+  /// The goal of a tip target in any frame that tf knows.
+  control::Checked<TipGoal> seenFromBase(const TipTarget& target) const {
+    const std::string& frame = target.header.frame_id;
+    const auto place = frames_.find(frame);
+    if (const auto* refusal = std::get_if<control::Refusal>(&place)) return *refusal;
+    const auto checked = fromMsg(target, frame);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) return *refusal;
+    TipGoal goal = std::get<TipGoal>(checked);
+    goal.X_BT = std::get<FrameLookup::Place>(place).X_BF * goal.X_BT;
+    const auto inside = control::checkPosition(goal.X_BT.translation);
+    if (const auto* refusal = std::get_if<control::Refusal>(&inside)) return *refusal;
+    return goal;
+  }
+
+  void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked) {
+    const TipGoal* goal = admission_.admit(sender, checked);
+    if (goal == nullptr) return;
+    if (goal->with_rotation) {
+      set(sender, goal->X_BT);
+    } else {
+      set(sender, goal->X_BT.translation);
+    }
+  }
+
+  void set(const TargetSender& sender, const follow::Target& target) {
+    const double pause = scene_.safety.rules.target_timeout;
+    if (rested_.refuses(sender.commander, regulator::steadyNow(), pause)) {
+      admission_.drop(sender, control::restedRefusal(pause));
+      return;
+    }
+    // A repeated target renews the lease but does not restart the watch for divergence.
+    changed_ = changed_ || !target_ || !areEqual(*target_, target);
+    target_ = target;
+    commander_ = sender.commander;
+    last_target_ = ros::SteadyTime::now();
+    unanswered_.push_back(sender);
+  }
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  TargetAdmission admission_;
+  control::RestedCommander rested_;
+  std::optional<follow::Target> target_;
+  bool changed_ = false;
+  std::string commander_;
+  ros::SteadyTime last_target_;
+  std::vector<TargetSender> unanswered_;
+  ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
+};
+
+using Result = FollowTipPathResult;
+
+Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
+  Result out;
+  out.error_code = ending.code;
+  out.error_string = ending.message;
+  out.rms_m = figures.rms;
+  out.max_m = figures.max;
+  out.pictures = figures.pictures;
   return out;
 }
 
-void TagMatcher::add(SeenArm seen, double now) { shapes_.push_back({std::move(seen), now}); }
-
-void TagMatcher::addTags(const ros::Time& stamp, std::optional<std::vector<int>> tags, double now) {
-  if (!tags_.empty() && stamp < tags_.back().stamp) tags_.clear();  // a jump back in time
-  tags_.push_back({stamp, std::move(tags)});
-  if (tags_.size() > kMost) tags_.pop_front();
-  last_tags_ = now;
-}
-
-bool TagMatcher::mayGetTags(const Waiting& shape, double now) const {
-  const bool come = last_tags_ && now - *last_tags_ <= kSilence;
-  const bool passed = !tags_.empty() && tags_.back().stamp > shape.seen.stamp;
-  return come && !passed && now - shape.since <= kPatience && shapes_.size() <= kMost;
-}
-
-std::optional<SeenArm> TagMatcher::take(double now) {
-  if (shapes_.empty()) return std::nullopt;
-  Waiting& first = shapes_.front();
-  const auto of_it = std::find_if(tags_.begin(), tags_.end(), [&first](const Tags& tags) {
-    return tags.stamp == first.seen.stamp;
-  });
-  if (of_it == tags_.end() && mayGetTags(first, now)) return std::nullopt;
-  std::optional<SeenArm> out = std::move(first.seen);
-  shapes_.pop_front();
-  if (of_it != tags_.end()) out->tags = of_it->fitted;
-  return out;
-}
-
-void TagMatcher::clear() {
-  shapes_.clear();
-  tags_.clear();
-}
-
-namespace {
-
-// Covariance of the twists of a `measured`, or why it cannot be used.
-control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
-  const auto size = static_cast<Eigen::Index>(6) * sections;
-  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
-    return control::Refusal{control::Fault::kWrongSize,
-                            std::to_string(shape.twist_covariance.size()) +
-                                " numbers in twist_covariance; send " +
-                                std::to_string(size * size) + ", the covariance of `twist`"};
+// Reaction that a goal requests; the scene's by default.
+follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
+  switch (on_contact) {
+    case FollowTipPathGoal::REPORT:
+      return follow::OnContact::kReport;
+    case FollowTipPathGoal::YIELD:
+      return follow::OnContact::kYield;
+    case FollowTipPathGoal::STOP:
+      return follow::OnContact::kStop;
+    default:
+      return usual;
   }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
 }
 
-double now() { return ros::SteadyTime::now().toSec(); }
+/// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
+/// decides how it ends. Afterwards the last wanted place is held for a time.
+///
+/// A goal lives as long as the node that sent it. Where that is gone, the goal is aborted and
+/// nothing is held, so that the arm vents. On hardware, a place is held for kLongestHold at most.
+///
+/// A new goal replaces the running one once it is accepted, and one whose path is still being
+/// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
+/// the thread of the node's callback queue, except what a PathChecker does: it reads the points of
+/// a goal and checks its path.
+class FollowAction {
+ public:
+  /// Longest time for which hardware stands at the last place of a goal [s].
+  static constexpr double kLongestHold = 60.0;
 
-}  // namespace
+  /// Makes a check for another thread, of the arm as it is now.
+  using MakePathCheck = std::function<PathCheck()>;
 
-ObservationIntake::ObservationIntake(ros::NodeHandle& node, const io::Scene& scene,
-                                     std::string base_frame, LoopDiagnostics& pictures,
-                                     OnSeen on_seen)
-    : scene_(scene),
-      base_frame_(std::move(base_frame)),
-      pictures_(pictures),
-      on_seen_(std::move(on_seen)),
-      measured_subscriber_(
-          listen(node, names::kMeasured, 10, &ObservationIntake::onMeasured, this)),
-      tags_subscriber_(listen(node, names::kTagDetections, 10, &ObservationIntake::onTags, this)) {}
-
-void ObservationIntake::poll() {
-  while (const auto seen = matcher_.take(now())) on_seen_(*seen);
-}
-
-void ObservationIntake::onMeasured(const ArmShapeConstPtr& shape) {
-  const auto checked = fromMsg(*shape, scene_.arm, base_frame_);
-  const auto covariance = covarianceOf(*shape, scene_.arm.sectionCount());
-  for (const auto* refusal :
-       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
-    if (refusal == nullptr) continue;
-    pictures_.sawForeign(refusal->message);
-    return;
+  /// @param scene, frames, targets  Outlive this.
+  FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
+               LoopTargets& targets, MakePathCheck make_check)
+      : scene_(scene),
+        frames_(frames),
+        targets_(targets),
+        make_check_(std::move(make_check)),
+        client_(private_node, names::kFollowTipPath),
+        server_(std::make_unique<Server>(
+            private_node, names::kFollowTipPath,
+            [this](const Handle& handle) { guard_.run("", [&] { onGoal(handle); }); },
+            [this](const Handle& handle) { guard_.run("", [&] { onCancel(handle); }); }, false)) {
+    server_->start();
   }
-  matcher_.add(
-      {shape->header.stamp, std::get<model::Shape>(checked), std::get<Eigen::MatrixXd>(covariance)},
-      now());
-  poll();
-}
 
-void ObservationIntake::onTags(const TagDetectionsConstPtr& detections) {
-  if (!scene_.tags) return;
-  matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags), now());
-  poll();
-}
+  ~FollowAction() = default;
+  FollowAction(const FollowAction&) = delete;
+  FollowAction& operator=(const FollowAction&) = delete;
 
-namespace {
+  /// A goal runs, or waits for its start or for the arm.
+  bool runs() const { return run_.has_value(); }
+  /// The arm is to be commanded: a goal runs, or its last place is held.
+  bool wants() const { return run_.has_value() || isHeld(); }
+  /// Whether a hold has run out since the last call.
+  bool takeEndOfHold() {
+    if (!hold_since_ || wants()) return false;
+    endHold();
+    return true;
+  }
+  /// No longer holds the last place of a goal: another command has come.
+  void endHold() { hold_since_.reset(); }
+
+  /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
+  void prepare(double time, follow::VisualServo& loop, const CommandLink& link) {
+    const auto asked = link.refusal();
+    if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
+    takeCandidate();
+    if (!run_) {
+      if (!link.follows()) endHold();
+      // The goal's reaction holds as long as its last place: a stopped arm does not push on.
+      if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
+      loop.hold();
+      return;
+    }
+    if (client_.isGone()) {
+      end({Result::CLIENT_LOST, client_.whyGone()});
+      endHold();
+    } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
+      end({Result::NOT_ENABLED, other->message});
+    } else if (const auto refusal = link.refusal()) {
+      end({Result::NOT_ENABLED, refusal->message});
+    } else if (link.follows() && !run_->follows) {
+      begin(time, loop);
+    } else if (run_->follows && !link.follows()) {
+      end({Result::NOT_ENABLED, link.whyNot()});
+    }
+  }
+
+  /// After a turn in which the loop commands.
+  void watch(double time, const follow::Turn& turn) {
+    if (!run_ || !run_->follows) return;
+    if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
+  }
+
+  /// After a picture that the loop used.
+  /// @param X_BT            measured tip.
+  /// @param tip_covariance  of the predicted tip's position, base frame [m^2].
+  void picture(const ros::Time& stamp, const lie::SE3& X_BT,
+               const Eigen::Matrix3d& tip_covariance) {
+    if (!run_ || !run_->follows) return;
+    const auto moment = run_->watch.momentOf(stamp.toSec());
+    if (!moment) return;
+    const Eigen::Vector3d error = X_BT.translation - moment->wanted.translation;
+    const Eigen::Vector3d direction = error.stableNormalized();
+    FollowTipPathFeedback feedback;
+    feedback.header = toHeaderMsg(stamp, frames_.baseFrame());
+    feedback.desired = toPoseMsg(moment->wanted);
+    feedback.measured = toPoseMsg(X_BT);
+    if (moment->predicted) feedback.predicted = toPoseMsg(*moment->predicted);
+    feedback.error = error.norm();
+    feedback.sd = std::sqrt(std::max(0.0, direction.dot(tip_covariance * direction)));
+    feedback.state = follow::nameOf(moment->state);
+    feedback.time_from_start = ros::Duration(moment->path_time);
+    run_->handle.publishFeedback(feedback);
+    if (const auto ending = run_->watch.picture(*moment, X_BT.translation)) end(*ending);
+  }
+
+  /// The arm cannot be commanded: refuses or aborts the goal, and ends a hold.
+  void abandon(const std::string& reason) {
+    if (candidate_) {
+      reject(*candidate_, {Result::NOT_ENABLED, reason});
+      discardCandidate();
+    }
+    if (run_) end({Result::NOT_ENABLED, reason});
+    endHold();
+  }
+
+ private:
+  using Server = actionlib::ActionServer<UnreadPathAction>;
+  using Handle = Server::GoalHandle;
+
+  /// An accepted goal.
+  struct Run {
+    Handle handle;
+    PathGoal goal;
+    GoalWatch watch;
+    bool follows = false;  ///< the arm follows its path
+  };
+
+  void onGoal(Handle handle) {
+    const UnreadGoal goal = *handle.getGoal();
+    if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
+      reject(handle, *refusal);
+      return;
+    }
+    const auto frame = frameOf(goal, frames_);
+    if (const auto* refusal = std::get_if<GoalEnding>(&frame)) {
+      reject(handle, *refusal);
+      return;
+    }
+    if (candidate_) {
+      candidate_->setCanceled(resultOf(
+          {Result::SUCCESSFUL,
+           "replaced by a newer goal before its path was checked; wait for the answer to a "
+           "goal before the next one"}));
+      discardCandidate();
+    }
+    checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
+                       const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+    client_.watchNext(*handle.getGoal());
+    candidate_ = std::move(handle);
+  }
+
+  void onCancel(Handle handle) {
+    if (candidate_ && *candidate_ == handle) {
+      handle.setCanceled(resultOf({Result::SUCCESSFUL, "cancelled before it began"}));
+      discardCandidate();
+    } else if (run_ && run_->handle == handle) {
+      cancel("cancelled: the arm stays where it was wanted");
+    }
+  }
+
+  static void reject(Handle& handle, const GoalEnding& refusal) {
+    logWarning("follow_tip_path: %s", refusal.message.c_str());
+    handle.setRejected(resultOf(refusal), refusal.message);
+  }
+
+  void discardCandidate() {
+    checker_.discard();
+    client_.releaseNext();
+    candidate_.reset();
+  }
+
+  void takeCandidate() {
+    if (candidate_ && client_.nextIsGone()) {
+      reject(*candidate_, {Result::CLIENT_LOST, client_.whyNextGone()});
+      discardCandidate();
+    }
+    auto decided = checker_.take();
+    if (!candidate_ || !decided) return;
+    Handle next = std::move(*candidate_);
+    candidate_.reset();
+    if (const auto* refusal = std::get_if<GoalEnding>(&*decided)) {
+      reject(next, *refusal);
+      return;
+    }
+    auto& goal = std::get<PathGoal>(*decided);
+    if (goal.hold > longestHold()) {
+      std::ostringstream text;
+      text << "hold_s is " << *goal.hold << "; expected at most " << longestHold()
+           << " on hardware: a tip_target that is repeated keeps the tip where it is for longer";
+      reject(next, {Result::INVALID_GOAL, text.str()});
+      return;
+    }
+    if (const auto other = targets_.claim(names::kFollowTipPath)) {
+      reject(next, {Result::NOT_ENABLED, other->message});
+      return;
+    }
+    if (run_) cancel("replaced by a newer goal");
+    next.setAccepted("accepted");
+    client_.beginNext();
+    const GoalWatch watch(goal.rules, goal.path.lastTime());
+    run_.emplace(Run{std::move(next), std::move(goal), watch});
+  }
+
+  void begin(double time, follow::VisualServo& loop) {
+    const ros::Time& start = run_->goal.start;
+    if (start.isZero() || time >= start.toSec()) {
+      run_->follows = true;
+      loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
+      loop.follow(std::move(run_->goal.path));
+    } else if (!loop.hasTarget() && loop.turn().predicted) {
+      loop.aimAt(loop.turn().predicted->translation);
+    }
+  }
+
+  void end(const GoalEnding& ending) {
+    const Result result = resultOf(ending, run_->watch.figures());
+    if (ending.code == Result::SUCCESSFUL) {
+      logInfo("follow_tip_path: %s", ending.message.c_str());
+      run_->handle.setSucceeded(result, ending.message);
+    } else {
+      logWarning("follow_tip_path: %s", ending.message.c_str());
+      run_->handle.setAborted(result, ending.message);
+    }
+    leave();
+  }
+
+  void cancel(const std::string& reason) {
+    const GoalFigures figures = run_->watch.figures();
+    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+    leave();
+  }
+
+  // The last position is held if the arm was moved there.
+  void leave() {
+    const double longest = longestHold();
+    const double usual =
+        std::isinf(longest) ? longest : std::min(longest, scene_.safety.rules.target_timeout);
+    hold_time_ = run_->goal.hold.value_or(usual);
+    if (run_->follows) hold_since_ = ros::SteadyTime::now();
+    run_.reset();
+    client_.release();
+  }
+
+  bool isHeld() const {
+    return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
+  }
+  /// Longest time for which a place may be held [s].
+  double longestHold() const {
+    const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+    return simulated ? std::numeric_limits<double>::infinity() : kLongestHold;
+  }
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  LoopTargets& targets_;
+  const MakePathCheck make_check_;
+  std::optional<Handle> candidate_;  ///< its goal is being checked
+  PathChecker checker_;
+  std::optional<Run> run_;
+  std::optional<ros::SteadyTime> hold_since_;
+  double hold_time_ = 0.0;               ///< [s]
+  GoalClient<UnreadActionGoal> client_;  ///< of the running goal and of the candidate
+  FaultGuard guard_{"a goal of follow_tip_path"};
+  std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
+};
 
 using follow::LoopState;
 
@@ -140,271 +527,351 @@ ros::console::Level levelOf(LoopState state, LoopState before) {
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
 }
 
+/// Private parameters of visual_servo.
+struct VisualServoOptions {
+  ParameterReader reader{ros::NodeHandle("~")};
+  std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
+  double rate = reader.number("rate", 50.0, {1.0, 1000.0});  ///< of loop_status and estimate [Hz]
+  double draw_rate = reader.number("draw_rate", 20.0, {0.1, 100.0});  ///< of the markers [Hz]
+  std::string frame_prefix = reader.frame("frame_prefix", "");
+  bool handle = reader.flag("handle", true);  ///< show the interactive marker
+  std::string scene_folder = reader.folder("scene_folder", defaultFolder());  ///< likewise
+
+  VisualServoOptions() { reader.finish(); }
+};
+
+/// Brings the tip where it is wanted by what the camera sees: a follow::VisualServo as one
+/// commander of pressure_command.
+///
+/// Subscribes
+/// - tip_target (TipTarget), tip_pose (geometry_msgs/PoseStamped), shape_target (ShapeTarget):
+///   targets, in any frame that tf relates to the arm's base; tip_handle/feedback
+/// - measured (ArmShape), tag_detections (TagDetections): of vision; the second tells which tags a
+///   shape was fitted to
+/// - pressure_measured, pressure_command (PressureArray), safety_state (SafetyState),
+///   target_status (TargetStatus): of pressure_command
+/// - /tf, /tf_static
+///
+/// Publishes
+/// - pressure_target (PressureArray): with every pressure_measured while somebody commands the loop
+/// - target_status (TargetStatus): result of each target
+/// - loop_status (LoopStatus); estimate (ArmShape, tier `estimated`, with covariance): the shape of
+///   the corrected model at the measured pressures
+/// - error_budget (ErrorBudget), 5 Hz; external_load (ExternalLoad), latched
+/// - loop_markers (visualization_msgs/MarkerArray): LoopMarkers; tip_handle/update and
+///   tip_handle/update_full
+/// - /diagnostics: `<node>: loop`, `<node>: correction`, `<node>: targets`, 1 Hz
+///
+/// Services
+/// - ~close_loop (std_srvs/SetBool): false keeps what the pictures teach out of the command
+/// - ~reset (std_srvs/Trigger): forgets what they taught; the way out of the state `diverging`
+/// - ~reload (Reload): another file of the same rig, while nobody commands the loop; forgets, too,
+///   and ends the hold of a goal, after which the arm rests
+///
+/// Action
+/// - ~follow_tip_path (FollowTipPath): moves the tip along a path
+///
+/// Parameters: VisualServoOptions.
+///
+/// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
+/// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
+/// safety.target_timeout lets go of the arm, which then vents, unless somebody else commands it. A
+/// running goal counts as a commander as long as the node that sent it answers (ClientWatch). Where
+/// somebody else asks pressure_command for rest, goals, holds and targets end. After the hold of a
+/// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
+/// enables the arm, except that a target may enable a simulated one.
+///
+/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
+/// it runs in the main thread, except that goals are read and their paths checked in others.
+class VisualServoNode : public Node {
+ public:
+  VisualServoNode() {
+    logInfo("%s: closes the loop of %d actuators over vision", scene_.name.c_str(),
+            scene_.arm.actuatorCount());
+  }
+
+  /// Not while the arm follows the loop: it is to be brought to rest first.
+  bool mayEnd() const override { return !link_.isBusy(); }
+
+ private:
+  using Self = VisualServoNode;
+  using Trigger = std_srvs::Trigger;
+  using SetBool = std_srvs::SetBool;
+
+  void onReading(const PressureArrayConstPtr& message) {
+    if (EndRequest::made()) return;
+    const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      if (!bad_readings_.add()) return;
+      logWarning("a pressure_measured was dropped (%lu so far): %s", bad_readings_.total(),
+                 refusal->message.c_str());
+      return;
+    }
+    last_reading_ = ros::SteadyTime::now();
+    const ros::Time& stamp = message->header.stamp;
+    turn(stamp.isZero() ? ros::Time::now() : stamp, std::get<Eigen::VectorXd>(checked));
+  }
+
+  void onSeen(const SeenArm& seen) {
+    // Simulated time may reach this node later than the readings that it stamps.
+    const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
+    const estimation::Observation observation =
+        loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
+    pictures_.saw(now, secondsBetween(stamp_, seen.stamp), observation, loop_.tracker(),
+                  seen.tags.has_value());
+    if (!observation.accepted()) return;
+    last_picture_ = seen.stamp;
+    load_publisher_.publish(seen.stamp, loop_);
+    if (action_.runs()) {
+      lie::SE3 tip = model::tipPose(seen.shape);
+      tip.translation += loop_.load().tip_beyond_fit;
+      action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
+    }
+  }
+
+  bool onCloseLoop(SetBool::Request& request, SetBool::Response& response) {
+    closes_ = request.data;
+    loop_.close(closes_);
+    response.success = true;
+    response.message = closes_ ? "the loop closes when the arm is seen"
+                               : "the loop stays open: the correction fades out within a second";
+    logInfo("close_loop: %s", response.message.c_str());
+    return true;
+  }
+
+  bool onReset(Trigger::Request&, Trigger::Response& response) {
+    loop_.reset();
+    load_publisher_.publish(stamp_, loop_);
+    response.success = true;
+    response.message =
+        "what was learnt from pictures is cleared: the correction fades out within a second";
+    logInfo("reset: %s", response.message.c_str());
+    return true;
+  }
+
+  void onDraw(const ros::SteadyTimerEvent&) {
+    const bool measures = !last_reading_.isZero() &&
+                          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
+    if (!measures) {
+      giveUp("no pressure_measured is received; is the regulator's node running?");
+      letGo();
+      publisher_.clear();
+    }
+    if (EndRequest::made()) {
+      giveUp("the node of the loop is shutting down");
+      link_.rest();
+      letGo();
+    }
+    link_.restIfDue();
+    publisher_.draw();
+  }
+
+  void onDiagnose(const ros::SteadyTimerEvent&) {
+    diagnostics_.publish(
+        ros::this_node::getName(), scene_.name,
+        {pictures_.loop(loop_, reason()), pictures_.correction(loop_), targets_.status()});
+  }
+
+  void adopt(io::Scene next) {
+    next = requirePneumatic(std::move(next));
+    requireSameRig(scene_, next);
+    basics::require(!action_.runs() && !targets_.target(),
+                    "the loop commands the arm; cancel its goal, or send it no target for ",
+                    scene_.safety.rules.target_timeout, " s, and reload again");
+    follow::VisualServo loop(next.model, procedures::loopConfigOf(next));
+    loop.close(closes_);
+    if (action_.wants()) {  // the last place of a goal, which is the old model's
+      action_.endHold();
+      link_.rest();
+    }
+    scene_ = std::move(next);
+    loop_ = std::move(loop);
+    targets_.adopt();
+    observation_.adopt();
+    load_publisher_.publish(stamp_, loop_);
+  }
+
+  void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
+    observation_.poll();
+    const LoopState before = loop_.state();
+    stamp_ = stamp;
+    const double time = stamp.toSec();
+    loop_.enable(link_.follows());
+    if (link_.takeEnabling()) targets_.enabled();
+    action_.prepare(time, loop_, link_);
+    aim();
+    const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
+    command(turn);
+    if (turn.commands) action_.watch(time, turn);
+    tellState(before);
+    load_publisher_.publishChange(stamp, loop_);
+    publisher_.publish(view());
+  }
+
+  void aim() {
+    const auto& target = targets_.target();
+    const bool changed = targets_.takeChange();
+    if (target && action_.runs()) {
+      targets_.refuse({control::Fault::kOtherCommander,
+                       "a goal of ~follow_tip_path commands the arm; cancel it first"});
+    } else if (target && link_.follows() && (changed || !loop_.hasTarget())) {
+      action_.endHold();
+      loop_.aimAt(*target);
+    }
+    if (isWanted()) return;
+    if (action_.takeEndOfHold()) link_.rest();
+    letGo();
+  }
+
+  void command(const follow::Turn& turn) {
+    if (turn.commands) {
+      link_.send(turn.pressure);
+      if (targets_.areUnanswered()) {
+        targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
+      }
+      return;
+    }
+    if (!isWanted()) return;
+    if (const auto refusal = link_.refusal()) {
+      targets_.refuse(*refusal);
+      letGo();
+    } else {
+      link_.ask();
+    }
+  }
+
+  bool isWanted() { return action_.wants() || targets_.target().has_value(); }
+
+  void letGo() {
+    loop_.release();
+    link_.fallSilent();
+  }
+
+  void giveUp(const std::string& reason) {
+    targets_.refuse({control::Fault::kNotEnabled, reason});
+    action_.abandon(reason);
+  }
+
+  // With copies of the present state, since the check runs in another thread.
+  PathCheck pathCheck() const {
+    Eigen::VectorXd slew(scene_.arm.actuatorCount());
+    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+      slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
+    }
+    const Eigen::VectorXd start =
+        scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
+    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+               const control::TipPath& path, double tolerance,
+               const std::atomic<bool>& stop) -> std::string {
+      statics::InverseSolver solver(model);
+      solver.correct(correction);
+      const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
+                                             [&stop] { return stop.load(); });
+      return refusal ? refusal->reason : std::string();
+    };
+  }
+
+  LoopPublisher::View view() {
+    return {stamp_, loop_, last_picture_, commander(), reason(), pictures_};
+  }
+
+  std::string commander() {
+    if (action_.wants()) return names::kFollowTipPath;
+    return targets_.commander();
+  }
+
+  std::string reason() {
+    const LoopState state = loop_.state();
+    const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
+    if (loop_.turn().held && unseen) {
+      return "contact with the arm, and no picture of it since then: path and correction are held "
+             "until the arm is seen to be free; check the camera (vision_status)";
+    }
+    if (unseen && !pictures_.wrongStamp().empty()) return pictures_.wrongStamp();
+    switch (state) {
+      case LoopState::kIdle:
+        return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
+      case LoopState::kOpen:
+        if (!closes_) return "kept open by ~close_loop";
+        return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
+                               "pictures in the diagnostics"
+                             : "no message on measured was used yet; is vision running?";
+      case LoopState::kClosed:
+        return closedReason();
+      case LoopState::kCoasting:
+        return "the arm is not seen for the moment: the correction is held";
+      case LoopState::kYielding:
+        return "contact with the arm: path and correction are held; clear the arm";
+      case LoopState::kDoubtful:
+        return "the correction is held, since " + procedures::driftText(loop_.drift());
+      case LoopState::kDiverging:
+        break;
+    }
+    return "the tip moves away from a target within the model's reach: the arm does not bend "
+           "as its model does; check for swapped hoses, tags and signs, then call ~reset";
+  }
+
+  // Forces and budget are doubts: a camera that has moved looks like them.
+  std::string closedReason() const {
+    const std::string out = "follows the measured shape";
+    if (loop_.load().contact) {
+      return out + ", which shows contact (external_load): a load, or the camera or base has moved";
+    }
+    if (loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside) {
+      return out +
+             ", which the calibration does not explain (error_budget): check arm, load, camera "
+             "and base, then calibrate again";
+    }
+    return out;
+  }
+
+  void tellState(LoopState before) {
+    const LoopState state = loop_.state();
+    if (state == before) return;
+    logLine(levelOf(state, before), "%s: %s", follow::nameOf(state), reason().c_str());
+  }
+
+  const VisualServoOptions options_{};
+  io::Scene scene_ = requirePneumatic(io::loadScene(options_.scene));
+  follow::VisualServo loop_{scene_.model, procedures::loopConfigOf(scene_)};
+  bool closes_ = true;
+  ros::Time stamp_;                        ///< of the last turn
+  ros::SteadyTime last_reading_;           ///< zero: none yet
+  std::optional<ros::Time> last_picture_;  ///< that the loop used
+  FaultCount bad_readings_;
+
+  ros::NodeHandle node_, private_node_{"~"};
+  FrameLookup frames_{node_, options_.frame_prefix + names::kBaseFrame};
+  LoopDiagnostics pictures_;
+  CommandLink link_{node_, scene_};
+  LoopTargets targets_{node_, scene_, frames_};
+  LoopPublisher publisher_{
+      node_,
+      scene_,
+      frames_.baseFrame(),
+      options_.rate,
+      options_.draw_rate,
+      options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
+                      : TipHandle::OnTarget()};
+  LoadPublisher load_publisher_{node_, frames_.baseFrame()};
+  FollowAction action_{private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }};
+  DiagnosticsPublisher diagnostics_{node_};
+  const ros::Subscriber readings_ =
+      listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
+  ObservationIntake observation_{node_, scene_, frames_.baseFrame(), pictures_,
+                                 [this](const SeenArm& seen) { onSeen(seen); }};
+  const ros::ServiceServer close_ =
+      serve(private_node_, names::kCloseLoop, &Self::onCloseLoop, this);
+  const ros::ServiceServer reset_ = serve(private_node_, names::kReset, &Self::onReset, this);
+  ReloadServer reload_{private_node_, options_.scene, options_.scene_folder,
+                       [this](io::Scene next) { adopt(std::move(next)); }};
+  const ros::SteadyTimer draw_ =
+      repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Self::onDraw, this);
+  const ros::SteadyTimer diagnose_ = repeat(node_, "the diagnostics", 1.0, &Self::onDiagnose, this);
+};
+
 }  // namespace
 
-VisualServoNode::VisualServoNode()
-    : options_(VisualServoOptions::load()),
-      scene_(requirePneumatic(io::loadScene(options_.scene))),
-      loop_(scene_.model, procedures::loopConfigOf(scene_)),
-      frames_(node_, options_.frame_prefix + names::kBaseFrame),
-      link_(node_, scene_),
-      targets_(node_, scene_, frames_),
-      publisher_(node_, scene_, options_, frames_.baseFrame(),
-                 [this](const TipTarget& target) { targets_.takeFromHandle(target); }),
-      load_publisher_(node_, frames_.baseFrame()),
-      action_(private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }),
-      diagnostics_publisher_(
-          node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
-      reading_subscriber_(
-          listen(node_, names::kPressureMeasured, 10, &VisualServoNode::onReading, this)),
-      observation_(node_, scene_, frames_.baseFrame(), pictures_,
-                   [this](const SeenArm& seen) { onSeen(seen); }),
-      close_server_(serve(private_node_, names::kCloseLoop, &VisualServoNode::onCloseLoop, this)),
-      reset_server_(serve(private_node_, names::kReset, &VisualServoNode::onReset, this)),
-      reload_(private_node_, options_.scene, options_.scene_folder,
-              [this](io::Scene next) { adopt(std::move(next)); }),
-      draw_timer_(
-          repeat(node_, "the drawing", 1.0 / options_.draw_rate, &VisualServoNode::onDraw, this)),
-      diagnose_timer_(repeat(node_, "the diagnostics", 1.0, &VisualServoNode::onDiagnose, this)) {
-  logInfo("%s: closes the loop of %d actuators over vision", scene_.name.c_str(),
-          scene_.arm.actuatorCount());
-}
-
-VisualServoNode::~VisualServoNode() = default;
-
-void VisualServoNode::onReading(const PressureArrayConstPtr& message) {
-  if (EndRequest::made()) return;
-  const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
-  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    if (!bad_readings_.add()) return;
-    logWarning("a pressure_measured was dropped (%lu so far): %s",
-               static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
-    return;
-  }
-  last_reading_ = ros::SteadyTime::now();
-  const ros::Time& stamp = message->header.stamp;
-  turn(stamp.isZero() ? ros::Time::now() : stamp, std::get<Eigen::VectorXd>(checked));
-}
-
-void VisualServoNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
-  observation_.poll();
-  const LoopState before = loop_.state();
-  stamp_ = stamp;
-  const double time = stamp.toSec();
-  loop_.enable(link_.follows());
-  if (link_.takeEnabling()) targets_.enabled();
-  action_.prepare(time, loop_, link_);
-  aim();
-  const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
-  command(turn);
-  if (turn.commands) action_.watch(time, turn);
-  tellState(before);
-  load_publisher_.publishChange(stamp, loop_);
-  publisher_.publish(view());
-}
-
-void VisualServoNode::aim() {
-  const auto& target = targets_.target();
-  const bool changed = targets_.takeChange();
-  if (target && action_.runs()) {
-    targets_.refuse({control::Fault::kOtherCommander,
-                     "a goal of ~follow_tip_path commands the arm; cancel it first"});
-  } else if (target && link_.follows() && (changed || !loop_.hasTarget())) {
-    action_.endHold();
-    loop_.aimAt(*target);
-  }
-  if (isWanted()) return;
-  if (action_.takeEndOfHold()) link_.rest();
-  letGo();
-}
-
-void VisualServoNode::command(const follow::Turn& turn) {
-  if (turn.commands) {
-    link_.send(turn.pressure);
-    if (targets_.areUnanswered()) {
-      targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
-    }
-    return;
-  }
-  if (!isWanted()) return;
-  if (const auto refusal = link_.refusal()) {
-    targets_.refuse(*refusal);
-    letGo();
-  } else {
-    link_.ask();
-  }
-}
-
-void VisualServoNode::letGo() {
-  loop_.release();
-  link_.fallSilent();
-}
-
-void VisualServoNode::onSeen(const SeenArm& seen) {
-  // Simulated time may reach this node later than the readings that it stamps.
-  const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
-  const estimation::Observation observation =
-      loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
-  pictures_.saw(now, secondsBetween(stamp_, seen.stamp), observation, loop_.tracker(),
-                seen.tags.has_value());
-  if (!observation.accepted()) return;
-  last_picture_ = seen.stamp;
-  load_publisher_.publish(seen.stamp, loop_);
-  if (action_.runs()) {
-    lie::SE3 tip = model::tipPose(seen.shape);
-    tip.translation += loop_.load().tip_beyond_fit;
-    action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
-  }
-}
-
-// With copies of the present state, since the check runs in another thread.
-PathCheck VisualServoNode::pathCheck() const {
-  Eigen::VectorXd slew(scene_.arm.actuatorCount());
-  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-    slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
-  }
-  const Eigen::VectorXd start =
-      scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-  return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
-             const control::TipPath& path, double tolerance,
-             const std::atomic<bool>& stop) -> std::string {
-    statics::InverseSolver solver(model);
-    solver.correct(correction);
-    const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
-                                           [&stop] { return stop.load(); });
-    return refusal ? refusal->reason : std::string();
-  };
-}
-
-bool VisualServoNode::onCloseLoop(SetBool::Request& request, SetBool::Response& response) {
-  closes_ = request.data;
-  loop_.close(closes_);
-  response.success = true;
-  response.message = closes_ ? "the loop closes when the arm is seen"
-                             : "the loop stays open: the correction fades out within a second";
-  logInfo("close_loop: %s", response.message.c_str());
-  return true;
-}
-
-bool VisualServoNode::onReset(Trigger::Request&, Trigger::Response& response) {
-  loop_.reset();
-  load_publisher_.publish(stamp_, loop_);
-  response.success = true;
-  response.message =
-      "what was learnt from pictures is cleared: the correction fades out within a second";
-  logInfo("reset: %s", response.message.c_str());
-  return true;
-}
-
-void VisualServoNode::adopt(io::Scene next) {
-  next = requirePneumatic(std::move(next));
-  requireSameRig(scene_, next);
-  basics::require(!action_.runs() && !targets_.target(),
-                  "the loop commands the arm; cancel its goal, or send it no target for ",
-                  scene_.safety.rules.target_timeout, " s, and reload again");
-  follow::VisualServo loop(next.model, procedures::loopConfigOf(next));
-  loop.close(closes_);
-  if (action_.wants()) {  // the last place of a goal, which is the old model's
-    action_.endHold();
-    link_.rest();
-  }
-  scene_ = std::move(next);
-  loop_ = std::move(loop);
-  targets_.adopt();
-  observation_.adopt();
-  load_publisher_.publish(stamp_, loop_);
-}
-
-LoopPublisher::View VisualServoNode::view() {
-  return {stamp_, loop_, last_picture_, commander(), reason(), pictures_};
-}
-
-std::string VisualServoNode::commander() {
-  if (action_.wants()) return names::kFollowTipPath;
-  return targets_.commander();
-}
-
-std::string VisualServoNode::reason() {
-  const LoopState state = loop_.state();
-  const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
-  if (loop_.turn().held && unseen) {
-    return "contact with the arm, and no picture of it since then: path and correction are held "
-           "until the arm is seen to be free; check the camera (vision_status)";
-  }
-  if (unseen && !pictures_.wrongStamp().empty()) return pictures_.wrongStamp();
-  switch (state) {
-    case LoopState::kIdle:
-      return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
-    case LoopState::kOpen:
-      if (!closes_) return "kept open by ~close_loop";
-      return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
-                             "pictures in the diagnostics"
-                           : "no message on measured was used yet; is vision running?";
-    case LoopState::kClosed:
-      return closedReason();
-    case LoopState::kCoasting:
-      return "the arm is not seen for the moment: the correction is held";
-    case LoopState::kYielding:
-      return "contact with the arm: path and correction are held; clear the arm";
-    case LoopState::kDoubtful:
-      return "the correction is held, since " + procedures::driftText(loop_.drift());
-    case LoopState::kDiverging:
-      break;
-  }
-  return "the tip moves away from a target within the model's reach: the arm does not bend "
-         "as its model does; check for swapped hoses, tags and signs, then call ~reset";
-}
-
-// Forces and budget are doubts: a camera that has moved looks like them.
-std::string VisualServoNode::closedReason() const {
-  const std::string out = "follows the measured shape";
-  if (loop_.load().contact) {
-    return out + ", which shows contact (external_load): a load, or the camera or base has moved";
-  }
-  if (loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside) {
-    return out +
-           ", which the calibration does not explain (error_budget): check arm, load, camera "
-           "and base, then calibrate again";
-  }
-  return out;
-}
-
-void VisualServoNode::tellState(LoopState before) {
-  const LoopState state = loop_.state();
-  if (state == before) return;
-  logLine(levelOf(state, before), "%s: %s", follow::nameOf(state), reason().c_str());
-}
-
-void VisualServoNode::giveUp(const std::string& reason) {
-  targets_.refuse({control::Fault::kNotEnabled, reason});
-  action_.abandon(reason);
-}
-
-void VisualServoNode::onDraw(const ros::SteadyTimerEvent&) {
-  const bool measures =
-      !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
-  if (!measures) {
-    giveUp("no pressure_measured is received; is the regulator's node running?");
-    letGo();
-    publisher_.clear();
-  }
-  if (EndRequest::made()) {
-    giveUp("the node of the loop is shutting down");
-    link_.rest();
-    letGo();
-  }
-  link_.restIfDue();
-  publisher_.draw();
-}
-
-void VisualServoNode::onDiagnose(const ros::SteadyTimerEvent&) {
-  const std::string& node = ros::this_node::getName();
-  diagnostic_msgs::DiagnosticArray msg;
-  msg.header.stamp = ros::Time::now();
-  msg.status = {pictures_.loop(node, loop_, reason()), pictures_.correction(node, loop_),
-                targets_.status(node)};
-  for (auto& status : msg.status) status.hardware_id = scene_.name;
-  diagnostics_publisher_.publish(msg);
-}
+std::unique_ptr<Node> makeVisualServo() { return std::make_unique<VisualServoNode>(); }
 
 }  // namespace helix_arm::ros_bridge

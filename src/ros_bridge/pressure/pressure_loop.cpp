@@ -1,14 +1,10 @@
 #include "pressure_loop.hpp"
 
-#include <algorithm>
-#include <cstddef>
 #include <limits>
-#include <utility>
 
 #include <boost/make_shared.hpp>
 
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/regulator/realtime.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
@@ -126,11 +122,6 @@ void PressureLoop::run() {
   }
 }
 
-PressureLoop::~PressureLoop() {
-  end();
-  ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
-}
-
 bool PressureLoop::end() {
   ends_ = true;
   thread_.join();
@@ -154,23 +145,6 @@ std::optional<control::Refusal> PressureLoop::command(const std::string& command
   publish(now);
   if (refusal.empty()) return std::nullopt;
   return control::Refusal{control::Fault::kNotEnabled, refusal};
-}
-
-void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
-                         const control::SafetyRules& rules) {
-  const regulator::PriorityLock lock(mutex_);
-  path_.core().adopt(std::move(channels), rules);
-  arm_ = arm;
-}
-
-void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) {
-  const regulator::PriorityLock lock(mutex_);
-  path_.guardedBy(std::move(guard));
-}
-
-Eigen::VectorXd PressureLoop::goal() const {
-  const regulator::PriorityLock lock(mutex_);
-  return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
 }
 
 PressureLoop::Snapshot PressureLoop::snapshot() const {
@@ -242,14 +216,8 @@ void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   post({measured, reading->header.stamp});
 }
 
-void PressureLoop::turn(double now) {
-  path_.turn(now);
-  publish(now);
-}
-
 void PressureLoop::publish(double now) {
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
+  std_msgs::Header header = toHeaderMsg(ros::Time::now());
   command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
   noteChanges(header.stamp);
   const regulator::Reading* news = path_.news();

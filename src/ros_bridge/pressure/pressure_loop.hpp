@@ -66,7 +66,10 @@ class PressureLoop {
   ///                           queue; only the last where it cannot keep up.
   PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
                regulator::PressurePath path, bool auto_enable, Take take);
-  ~PressureLoop();
+  ~PressureLoop() {
+    end();
+    ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
+  }
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
@@ -80,10 +83,17 @@ class PressureLoop {
   /// Replaces the rules of the same channels, and the arm with the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
   void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
-             const control::SafetyRules& rules) HELIX_ARM_EXCLUDES(mutex_);
+             const control::SafetyRules& rules) HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    path_.core().adopt(std::move(channels), rules);
+    arm_ = arm;
+  }
 
   /// As PressurePath::guardedBy().
-  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) HELIX_ARM_EXCLUDES(mutex_);
+  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    path_.guardedBy(std::move(guard));
+  }
   /// If the regulator is the node's own, vents and waits for a limited time until no pressure
   /// remains. Does nothing from then on.
   /// @return whether the readings confirm that it is vented.
@@ -91,7 +101,11 @@ class PressureLoop {
   /// Exit code of the node as far as the loop is concerned.
   int verdict() const { return thread_.verdict(); }
 
-  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_);  ///< (n) target of the commands [Pa]
+  /// (n) target of the commands [Pa]
+  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
+  }
   Snapshot snapshot() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
@@ -104,7 +118,10 @@ class PressureLoop {
   bool onStop(SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
 
-  void turn(double now) HELIX_ARM_REQUIRES(mutex_);
+  void turn(double now) HELIX_ARM_REQUIRES(mutex_) {
+    path_.turn(now);
+    publish(now);
+  }
   void publish(double now) HELIX_ARM_REQUIRES(mutex_);
   void noteChanges(const ros::Time& stamp) HELIX_ARM_REQUIRES(mutex_);
   void post(Reading reading) HELIX_ARM_REQUIRES(mutex_);

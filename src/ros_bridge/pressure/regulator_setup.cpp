@@ -4,12 +4,9 @@
 #include <cmath>
 #include <filesystem>
 #include <stdexcept>
-#include <utility>
 #include <variant>
-#include <vector>
 
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
 #include "ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {

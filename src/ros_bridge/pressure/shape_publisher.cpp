@@ -1,20 +1,14 @@
 #include "shape_publisher.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <cstddef>
 #include <cstdio>
 #include <sstream>
-#include <utility>
-#include <vector>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -148,17 +142,11 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
   return color(0.8, 0.8, 0.85);
 }
 
+using diagnostic_msgs::DiagnosticStatus;
+
+constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
+
 }  // namespace
-
-ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
-    : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
-
-Marker ArmMarkers::marker(const char* ns, int id, int type) const {
-  std_msgs::Header header;
-  header.frame_id = base_frame_;
-  header.stamp = stamp_;
-  return makeMarker(header, ns, id, type, lifetime_);
-}
 
 void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (trace_.empty()) smooth_tip_ = tip;
@@ -168,16 +156,11 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (trace_.size() > kTraceLength) trace_.pop_front();
 }
 
-void ArmMarkers::tell(const control::SafetyReport& report, const std::string& reason) {
-  safety_ = report;
-  reason_ = reason;
-}
-
 void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray& out) const {
-  Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
+  Marker banner = marker_(stamp_, names::kStateBannerNs, Marker::TEXT_VIEW_FACING);
   banner.scale.z = kBannerHeight * view.scale;
   banner.color = stateColor(safety_);
-  banner.text = nameOf(base_frame_) + stateText(safety_);
+  banner.text = nameOf(marker_.frame) + stateText(safety_);
   banner.pose.position = toPointMsg(view.headline);
   const std::vector<std::string> lines = wrapped(reason_);
   if (!lines.empty()) {
@@ -196,7 +179,53 @@ void ArmMarkers::addWords(const SideView& view, visualization_msgs::MarkerArray&
   for (const LegendLine line : {LegendLine::kModel, LegendLine::kTrace}) {
     if (line == LegendLine::kTrace && trace_.size() < 2) continue;
     out.markers.push_back(
-        legendLine(line, view, marker(names::kLegendNs, 0, Marker::TEXT_VIEW_FACING)));
+        legendLine(line, view, marker_(stamp_, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+  }
+}
+
+void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
+                            const model::InputRef& pressure, const SideView& view,
+                            visualization_msgs::MarkerArray& out) const {
+  const model::Arm& arm = scene_.arm;
+  for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    Marker tube = marker_(stamp_, names::kMusclesNs, Marker::TRIANGLE_LIST, i);
+    tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
+    tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
+    addTube(curve, section * kRings, (section + 1) * kRings, X_end, actuator,
+            scene_.looks[section].muscle_radius, tube.points);
+
+    Marker text = marker_(stamp_, names::kPressuresNs, Marker::TEXT_VIEW_FACING, i);
+    text.scale.z = kLineHeight * view.scale;
+    text.color = tube.color;
+    text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
+    text.pose.position =
+        toPointMsg(centreOfLines(view, view.table_top, arm.actuatorCount(), text.scale.z));
+    tube.color.a = kMuscleOpacity;
+    out.markers.push_back(std::move(tube));
+    out.markers.push_back(std::move(text));
+  }
+}
+
+void ArmMarkers::addDiscs(const model::Shape& shape, const lie::SE3& X_end, int section, int& disc,
+                          visualization_msgs::MarkerArray& out) const {
+  const io::SectionLook& look = scene_.looks[section];
+  const model::Actuator& first = scene_.arm.actuator(scene_.arm.firstActuator(section));
+  const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
+    Marker plate = marker_(stamp_, names::kSeparatorsNs, Marker::CYLINDER, disc++);
+    plate.pose = toPoseMsg(standAlongX(X));
+    plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
+    plate.scale.z = thickness;
+    plate.color = color(0.75, 0.75, 0.8, 0.55);
+    out.markers.push_back(std::move(plate));
+  };
+  for (int j = 0; j < look.separators; ++j) {
+    const double s = static_cast<double>(j) / (look.separators - 1);
+    addDisc(model::poseAt(shape, section, s), s, kDisc);
+  }
+  if (const double plate = scene_.arm.plate(section); plate > 0) {
+    addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
   }
 }
 
@@ -206,65 +235,29 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   if (stamp < stamp_) trace_.clear();
   stamp_ = stamp;
   const SideView view = sideViewOf(scene_);
-  const model::Arm& arm = scene_.arm;
-  const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
-  extendTrace(model::tipPose(shape).translation);
+  const int sections = scene_.arm.sectionCount();
+  const Curve curve = model::sampleCurve(shape, sections * kRings + 1);
+  const Eigen::Vector3d tip = model::tipPose(shape).translation;
+  extendTrace(tip);
 
   visualization_msgs::MarkerArray out;
-  int disc = 0;
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const io::SectionLook& look = scene_.looks[k];
+  for (int k = 0, disc = 0; k < sections; ++k) {
     const lie::SE3 X_end = model::poseAt(shape, k, 1.0);
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      const model::Actuator& actuator = arm.actuator(i);
-      const model::Range& limits = actuator.limits;
-      Marker tube = marker(names::kMusclesNs, i, Marker::TRIANGLE_LIST);
-      tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
-      tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
-      addTube(curve, k * kRings, (k + 1) * kRings, X_end, actuator, look.muscle_radius,
-              tube.points);
-
-      Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kLineHeight * view.scale;
-      text.color = tube.color;
-      text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
-      text.pose.position =
-          toPointMsg(centreOfLines(view, view.table_top, arm.actuatorCount(), text.scale.z));
-      tube.color.a = kMuscleOpacity;
-      out.markers.push_back(std::move(tube));
-      out.markers.push_back(std::move(text));
-    }
-    const model::Actuator& first = arm.actuator(arm.firstActuator(k));
-    const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
-      Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
-      plate.pose = toPoseMsg(standAlongX(X));
-      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
-      plate.scale.z = thickness;
-      plate.color = color(0.75, 0.75, 0.8, 0.55);
-      out.markers.push_back(std::move(plate));
-    };
-    for (int j = 0; j < look.separators; ++j) {
-      const double s = static_cast<double>(j) / (look.separators - 1);
-      addDisc(model::poseAt(shape, k, s), s, kDisc);
-    }
-    if (const double plate = arm.plate(k); plate > 0) {
-      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
-    }
+    addMuscles(curve, X_end, k, pressure, view, out);
+    addDiscs(shape, X_end, k, disc, out);
   }
-
-  Marker base_curve = marker(names::kBaseCurveNs, 0, Marker::LINE_STRIP);
-  base_curve.scale.x = kLine;
-  base_curve.color = color(1.0, 1.0, 1.0);
-  for (const auto& point : curve) base_curve.points.push_back(toPointMsg(point.X.translation));
-  if (shape.links()) base_curve.points.push_back(toPointMsg(model::tipPose(shape).translation));
-  out.markers.push_back(std::move(base_curve));
-
+  const auto addLine = [&](const char* ns, const std_msgs::ColorRGBA& color) -> auto& {
+    Marker& line = out.markers.emplace_back(marker_(stamp_, ns, Marker::LINE_STRIP));
+    line.scale.x = kLine;
+    line.color = color;
+    return line.points;
+  };
+  auto& points = addLine(names::kBaseCurveNs, color(1.0, 1.0, 1.0));
+  for (const auto& point : curve) points.push_back(toPointMsg(point.X.translation));
+  if (shape.links()) points.push_back(toPointMsg(tip));
   if (trace_.size() > 1) {
-    Marker trace = marker(names::kTipTraceNs, 0, Marker::LINE_STRIP);
-    trace.scale.x = kLine;
-    trace.color = color(0.4, 1.0, 0.6, 0.8);
-    for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
-    out.markers.push_back(std::move(trace));
+    auto& traced = addLine(names::kTipTraceNs, color(0.4, 1.0, 0.6, 0.8));
+    for (const auto& point : trace_) traced.push_back(toPointMsg(point));
   }
   addWords(view, out);
   drawn_.clear();
@@ -277,20 +270,12 @@ visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
   trace_.clear();
   visualization_msgs::MarkerArray out;
   for (const auto& [ns, id] : drawn_) {
-    out.markers.push_back(marker(ns.c_str(), id, Marker::SPHERE));
+    out.markers.push_back(marker_(stamp_, ns.c_str(), Marker::SPHERE, id));
     out.markers.back().action = Marker::DELETE;
   }
   drawn_.clear();
   return out;
 }
-
-namespace {
-
-using diagnostic_msgs::DiagnosticStatus;
-
-constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
-
-}  // namespace
 
 ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
                                const PressureCommandOptions& options, TipHandle::OnTarget on_target)
@@ -306,20 +291,8 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2)) {
   sendBaseFrame();
   if (options.handle) {
-    const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);
-    handle_ = std::make_unique<TipHandle>(frames_.base, scene.planar.has_value(), size,
-                                          std::move(on_target));
+    handle_ = std::make_unique<TipHandle>(frames_.base, scene, std::move(on_target));
   }
-}
-
-void ShapePublisher::adopt() {
-  sendBaseFrame();
-  response_.adopt(scene_.arm);
-  solve();
-}
-
-void ShapePublisher::sendBaseFrame() {
-  static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
 }
 
 void ShapePublisher::solve() {
@@ -334,8 +307,7 @@ void ShapePublisher::solve() {
       "times "
       "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
-      statics::nameOf(solution_.status), solution_.residual,
-      static_cast<unsigned long>(unsolved_.total()));
+      statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
 }
 
 void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
@@ -346,48 +318,20 @@ void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stam
         "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
         "actuators' responses start anew, and their memory is unknown until the pressures have "
         "moved by twice the largest play_kpa",
-        static_cast<unsigned long>(restarts_.total()));
+        restarts_.total());
   }
   last_reading_ = ros::SteadyTime::now();
   solve();
   ++readings_;
   if (!solution_.converged()) return;
-  std_msgs::Header header;
-  header.stamp = stamp;
-  header.frame_id = frames_.base;
+  const std_msgs::Header header = toHeaderMsg(stamp, frames_.base);
   model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
-  if (readings_ % readings_per_tf_ == 0) sendFrames(stamp);
+  if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
 }
 
 bool ShapePublisher::measures() const {
   return !last_reading_.isZero() &&
          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
-}
-
-void ShapePublisher::sendFrames(const ros::Time& stamp) {
-  if (stamp == last_tf_stamp_) return;  // under a paused clock, tf would warn of repeated stamps
-  if (endsTf(stamp)) {
-    if (far_stamps_.add()) {
-      logWarning(
-          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no tf is "
-          "published for it; synchronise the clocks",
-          secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
-    }
-    return;
-  }
-  last_tf_stamp_ = stamp;
-  tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
-}
-
-std::string ShapePublisher::unmeasuredText() const {
-  return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
-                        : "no pressure_measured is received; is the regulator's node running?";
-}
-
-void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
-  if (!handle_) return;
-  const statics::Tip commanded = scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
-  if (commanded.converged()) handle_->follow(commanded.tip);
 }
 
 void ShapePublisher::draw() {
@@ -399,7 +343,7 @@ void ShapePublisher::draw() {
             "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
             "until "
             "they are",
-            kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());
+            kFresh, losses_.total(), unmeasuredText().c_str());
       }
     }
     drawn_ = false;
@@ -409,24 +353,22 @@ void ShapePublisher::draw() {
   marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
 }
 
-DiagnosticStatus ShapePublisher::status(const std::string& node) const {
-  DiagnosticStatus out;
-  out.name = statusName(node, names::kModelStatus);
+DiagnosticStatus ShapePublisher::status() const {
   const statics::TierChoice& choice = scene_.model.choice();
   const bool solved = solution_.converged();
-  out.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
-  out.message = solved
-                    ? "the model finds the arm's shape"
-                    : "the model finds no shape that balances the load: none is published; check "
-                      "the scene's load and arm.stiffness.K_eps_n";
-  addValue(out, names::kTierKey, statics::nameOf(choice.setting.tier));
-  addValue(out, names::kOrderKey, std::to_string(choice.setting.order));
-  addValue(out, names::kTierReasonKey, choice.reason);
-  addValue(out, names::kSolveStatusKey, statics::nameOf(solution_.status));
-  addValue(out, names::kUnsolvedKey, std::to_string(unsolved_.total()));
+  DiagnosticStatus out =
+      makeStatus(names::kModelStatus, solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+                 solved ? "the model finds the arm's shape"
+                        : "the model finds no shape that balances the load: none is published; "
+                          "check the scene's load and arm.stiffness.K_eps_n",
+                 {{names::kTierKey, statics::nameOf(choice.setting.tier)},
+                  {"order", std::to_string(choice.setting.order)},
+                  {"tier_reason", choice.reason},
+                  {names::kSolveStatusKey, statics::nameOf(solution_.status)},
+                  {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
   if (response_.instant()) return out;
-  addValue(out, names::kMemoryKnownKey, response_.known() ? "true" : "false");
-  addValue(out, names::kEffectiveUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));
+  addValue(out, "memory_known", response_.known() ? "true" : "false");
+  addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
   return out;
 }
 

@@ -12,19 +12,51 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 #include <tf2_ros/static_transform_broadcaster.h>
-#include <tf2_ros/transform_broadcaster.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
-#include "pressure_command_options.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/marker_parts.hpp"
 #include "tip_handle.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// Private parameters of pressure_command.
+struct PressureCommandOptions {
+  std::string scene;  ///< ~scene: path, or the name of a shipped scene; required
+  /// ~scene_folder: folder from which ~reload accepts scenes, besides those of the package and
+  /// ~scene; default: `helix_arm` below ROS_HOME.
+  std::string scene_folder;
+  double rate = 100.0;      ///< ~rate: of the loop, 1 to 1000 [Hz]
+  double tf_rate = 100.0;   ///< ~tf_rate: of the moving frames, at most the loop's [Hz]
+  double draw_rate = 20.0;  ///< ~draw_rate: of the markers, 0.1 to 100 [Hz]
+  /// ~frames: number of frames on the curve, model_0 .. model_(frames - 1), 2 to 1000.
+  int frames = 5;
+  std::string world_frame;   ///< ~world_frame: "world"
+  std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and model_*
+  bool handle = true;        ///< ~handle: show the interactive marker
+  /// ~regulator: `scene` drives the scene's regulator, hardware or simulated, from this node;
+  /// `topic` leaves the pressures to another node, which reports them on pressure_measured.
+  std::string regulator = "scene";
+  /// ~auto_enable: a target enables the arm, at first and after commander or regulator fell silent.
+  /// Default: true with ~regulator `scene`; never with hardware.
+  bool auto_enable = true;
+  /// ~allow_sim_time: drive hardware although ROS time is simulated; the safety rules run on the
+  /// steady clock in any case.
+  bool allow_sim_time = false;
+  /// ~realtime_priority: of the threads between targets and valves (SCHED_FIFO), and of the guard,
+  /// if the user's limits allow it; the log reports the result. 0 to 99, 0: none. With hardware,
+  /// memory is locked as well.
+  int realtime_priority = regulator::kRealtimePriority;
+
+  /// @throws ParameterError with every fault.
+  static PressureCommandOptions load();
+};
 
 /// Draws an arm for rviz, seen from its base frame, in stable namespaces and ids.
 ///
@@ -43,10 +75,14 @@ class ArmMarkers {
   /// Keeps a reference to the scene.
   ///
   /// @param lifetime  longer than the period of drawing [s].
-  ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
+  ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
+      : scene_(scene), marker_{std::move(base_frame), ros::Duration(lifetime)} {}
 
   /// The text above the base, with the next drawing.
-  void tell(const control::SafetyReport& report, const std::string& reason);
+  void tell(const control::SafetyReport& report, const std::string& reason) {
+    safety_ = report;
+    reason_ = reason;
+  }
 
   /// @param shape     to draw.
   /// @param pressure  (n) pressures for the colours and the text, gauge [Pa].
@@ -59,13 +95,19 @@ class ArmMarkers {
   visualization_msgs::MarkerArray remove(const ros::Time& stamp);
 
  private:
-  visualization_msgs::Marker marker(const char* ns, int id, int type) const;
+  using Curve = std::vector<model::CurvePoint<lie::SE3>>;
+
+  void addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
+                  const model::InputRef& pressure, const SideView& view,
+                  visualization_msgs::MarkerArray& out) const;
+  /// @param disc  id of the next disc.
+  void addDiscs(const model::Shape& shape, const lie::SE3& X_end, int section, int& disc,
+                visualization_msgs::MarkerArray& out) const;
   void extendTrace(const Eigen::Vector3d& tip);
   void addWords(const SideView& view, visualization_msgs::MarkerArray& out) const;
 
   const io::Scene& scene_;
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
   ros::Time stamp_;
   control::SafetyReport safety_;
   std::string reason_;
@@ -90,7 +132,11 @@ class ShapePublisher {
                  const PressureCommandOptions& options, TipHandle::OnTarget on_target);
 
   /// Follows a change of the scene: frames, and the shape at the last reading.
-  void adopt();
+  void adopt() {
+    sendBaseFrame();
+    response_.adopt(scene_.arm);
+    solve();
+  }
 
   /// Publishes the shape at a reading.
   /// @param measured  (n) gauge [Pa]
@@ -99,7 +145,12 @@ class ShapePublisher {
   /// Brings the handle, if there is one, to the model's tip at these pressures once they are
   /// effective, if it finds one.
   /// @param goal  (n) gauge [Pa]
-  void moveHandle(const Eigen::VectorXd& goal);
+  void moveHandle(const Eigen::VectorXd& goal) {
+    if (!handle_) return;
+    const statics::Tip commanded =
+        scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
+    if (commanded.converged()) handle_->follow(commanded.tip);
+  }
   /// The state of the arm, drawn above its base from the next drawing on.
   void tell(const control::SafetyReport& report, const std::string& reason) {
     markers_.tell(report, reason);
@@ -113,16 +164,20 @@ class ShapePublisher {
   const std::string& baseFrame() const { return frames_.base; }
 
   /// The status `<node>: model`: its tier, and whether it finds a shape.
-  diagnostic_msgs::DiagnosticStatus status(const std::string& node) const;
+  diagnostic_msgs::DiagnosticStatus status() const;
   /// Sets level and message of a status if there is no fresh reading.
   void reportSilence(diagnostic_msgs::DiagnosticStatus& status) const;
 
  private:
   void solve();           ///< the shape at the effective pressures
   bool measures() const;  ///< the last reading is fresh
-  std::string unmeasuredText() const;
-  void sendBaseFrame();
-  void sendFrames(const ros::Time& stamp);
+  std::string unmeasuredText() const {
+    return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
+                          : "no pressure_measured is received; is the regulator's node running?";
+  }
+  void sendBaseFrame() {
+    static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
+  }
 
   const io::Scene& scene_;
   const FrameNames frames_;
@@ -132,18 +187,16 @@ class ShapePublisher {
 
   Eigen::VectorXd measured_;  ///< last reading [Pa]
   model::ArmResponse response_;
-  statics::Solution solution_;  ///< at the effective pressures, clamped
-  ros::Time last_tf_stamp_;
+  statics::Solution solution_;    ///< at the effective pressures, clamped
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
-  FaultCount far_stamps_;
   FaultCount unsolved_;  ///< readings at which the model finds no shape
   FaultCount losses_;    ///< of pressure_measured
   FaultCount restarts_;  ///< of the responses
   bool drawn_ = false;   ///< the arm is on the screen
 
   ros::Publisher model_publisher_, marker_publisher_;
-  tf2_ros::TransformBroadcaster tf_;
+  CurveFrames curve_frames_{frames_, "pressure_measured is", "it"};
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
 };

@@ -1,55 +1,15 @@
 #include "target_intake.hpp"
 
-#include <algorithm>
 #include <cstdio>
-#include <utility>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
-
-void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::string& commander,
-                        const std::string& message, const char* consequence) {
-  news_ = true;
-  last_fault_ = topic + " from " + basics::quoted(commander) + ": " + message;
-  if (!count.add()) return;
-  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence,
-             static_cast<unsigned long>(count.total()));
-}
-
-void TargetLedger::unreachable(const std::string& topic, const std::string& commander,
-                               const std::string& message) {
-  warn(unreachable_, topic, commander, message, "out of reach");
-}
-
-void TargetLedger::dropped(const std::string& topic, const std::string& commander,
-                           const control::Refusal& refusal) {
-  warn(dropped_[static_cast<std::size_t>(refusal.fault)], topic, commander, refusal.message,
-       "dropped");
-}
-
-void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
-  std::uint64_t total = 0;
-  for (const FaultCount& count : dropped_) total += count.total();
-  status.level =
-      news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
-  status.message = news_ ? last_fault_ : "no target was dropped or out of reach";
-  addValue(status, names::kReachedKey, std::to_string(reached_));
-  addValue(status, names::kUnreachableKey, std::to_string(unreachable_.total()));
-  addValue(status, names::kDroppedKey, std::to_string(total));
-  for (int i = 0; i < control::kFaultCount; ++i) {
-    addValue(status, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
-             std::to_string(dropped_[i].total()));
-  }
-  addValue(status, names::kLastFaultKey, last_fault_);
-  news_ = false;
-}
 
 namespace {
 
@@ -98,8 +58,16 @@ std::optional<control::Refusal> TargetAdmission::claim(const std::string& comman
   return control::Refusal{control::Fault::kOtherCommander, text};
 }
 
+void TargetAdmission::warn(FaultCount& count, const TargetSender& sender,
+                           const std::string& message, const char* consequence) {
+  news_ = true;
+  last_fault_ = sender.topic + " from " + basics::quoted(sender.commander) + ": " + message;
+  if (!count.add()) return;
+  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence, count.total());
+}
+
 void TargetAdmission::drop(const TargetSender& sender, const control::Refusal& refusal) {
-  ledger_.dropped(sender.topic, sender.commander, refusal);
+  warn(dropped_[static_cast<std::size_t>(refusal.fault)], sender, refusal.message, "dropped");
   TargetStatus status = answerTo(sender);
   status.outcome = TargetStatus::DROPPED;
   status.fault = control::nameOf(refusal.fault);
@@ -108,7 +76,7 @@ void TargetAdmission::drop(const TargetSender& sender, const control::Refusal& r
 }
 
 void TargetAdmission::accept(const TargetSender& sender) {
-  ledger_.reached();
+  ++reached_;
   publisher_.publish(answerTo(sender));
 }
 
@@ -116,31 +84,39 @@ void TargetAdmission::accept(const TargetSender& sender, const TargetSolution& s
   TargetStatus status = answerTo(sender);
   status.residual = solution.residual;
   status.position_error = solution.position_error;
-  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-    const std::string& name = scene_.arm.actuator(i).name;
-    const statics::Limit limit = solution.limits[static_cast<std::size_t>(i)];
-    if (limit == statics::Limit::kLower) status.at_lower_limit.push_back(name);
-    if (limit == statics::Limit::kUpper) status.at_upper_limit.push_back(name);
-  }
+  status.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, solution.limits);
+  status.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, solution.limits);
   if (solution.status == statics::InverseStatus::kReached) {
-    ledger_.reached();
+    ++reached_;
   } else {
     char text[160];
     std::snprintf(text, sizeof text,
                   "out of reach: the tip stays %.1f mm away; the closest shape is commanded",
                   1e3 * solution.position_error);
-    ledger_.unreachable(sender.topic, sender.commander, text);
+    warn(unreachable_, sender, text, "out of reach");
     status.outcome = TargetStatus::UNREACHABLE;
     status.message = text;
   }
   publisher_.publish(status);
 }
 
-diagnostic_msgs::DiagnosticStatus TargetAdmission::status(const std::string& node) {
-  diagnostic_msgs::DiagnosticStatus out;
-  out.name = statusName(node, names::kTargetsStatus);
-  ledger_.report(out);
+diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
+  using diagnostic_msgs::DiagnosticStatus;
+  unsigned long total = 0;
+  for (const FaultCount& count : dropped_) total += count.total();
+  DiagnosticStatus out =
+      makeStatus(names::kTargetsStatus, news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+                 news_ ? last_fault_ : "no target was dropped or out of reach",
+                 {{"reached", std::to_string(reached_)},
+                  {names::kUnreachableKey, std::to_string(unreachable_.total())},
+                  {names::kDroppedKey, std::to_string(total)}});
+  for (int i = 0; i < control::kFaultCount; ++i) {
+    addValue(out, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
+             std::to_string(dropped_[i].total()));
+  }
+  addValue(out, names::kLastFaultKey, last_fault_);
   addValue(out, names::kLeaseHolderKey, lease_.holder());
+  news_ = false;
   return out;
 }
 
@@ -162,15 +138,6 @@ TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::st
 void TargetIntake::takeFromHandle(const TipTarget& target) {
   aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp},
          fromMsg(target, base_frame_));
-}
-
-void TargetIntake::adopt() {
-  admission_.adopt();
-  solver_ = statics::InverseSolver(scene_.model);
-}
-
-diagnostic_msgs::DiagnosticStatus TargetIntake::status(const std::string& node) {
-  return admission_.status(node);
 }
 
 void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
@@ -212,13 +179,6 @@ void TargetIntake::aimTip(const TargetSender& sender, const control::Checked<Tip
   }
 }
 
-Eigen::VectorXd TargetIntake::beginSearch() {
-  if (response_.instant()) return commands_.goal();
-  response_.effectiveLimits(scene_.arm, lower_, upper_);
-  solver_.limit(lower_, upper_);
-  return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
-}
-
 void TargetIntake::follow(const TargetSender& sender, const statics::InverseResult& result) {
   Eigen::VectorXd pressure = result.input;
   if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure);
@@ -228,12 +188,6 @@ void TargetIntake::follow(const TargetSender& sender, const statics::InverseResu
     admission_.accept(sender,
                       {result.status, result.residual, result.position_error, result.limits});
   }
-}
-
-bool TargetIntake::command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
-  const auto refusal = commands_.send(sender.commander, pressure);
-  if (refusal) admission_.drop(sender, *refusal);
-  return !refusal;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -28,33 +28,6 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Counts the results of targets, and warns of bad ones: at most one line per fault and period.
-class TargetLedger {
- public:
-  void reached() { ++reached_; }
-
-  /// A target out of reach, replaced by the closest one.
-  void unreachable(const std::string& topic, const std::string& commander,
-                   const std::string& message);
-
-  /// A target that was dropped.
-  void dropped(const std::string& topic, const std::string& commander,
-               const control::Refusal& refusal);
-
-  /// Adds the counts to a status: WARN if a target was dropped or out of reach since the last call.
-  void report(diagnostic_msgs::DiagnosticStatus& status);
-
- private:
-  void warn(FaultCount& count, const std::string& topic, const std::string& commander,
-            const std::string& message, const char* consequence);
-
-  std::uint64_t reached_ = 0;
-  FaultCount unreachable_;
-  std::array<FaultCount, control::kFaultCount> dropped_;
-  std::string last_fault_;
-  bool news_ = false;
-};
-
 /// Who sent which target.
 struct TargetSender {
   std::string topic;
@@ -116,14 +89,21 @@ class TargetAdmission {
 
   /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
   /// call.
-  diagnostic_msgs::DiagnosticStatus status(const std::string& node);
+  diagnostic_msgs::DiagnosticStatus status();
 
  private:
   std::optional<control::Refusal> ageRefusal(const TargetSender& sender) const;
+  /// At most one line per fault and period.
+  void warn(FaultCount& count, const TargetSender& sender, const std::string& message,
+            const char* consequence);
 
   const io::Scene& scene_;
   control::CommanderLease lease_;
-  TargetLedger ledger_;
+  std::uint64_t reached_ = 0;
+  FaultCount unreachable_;
+  std::array<FaultCount, control::kFaultCount> dropped_;
+  std::string last_fault_;
+  bool news_ = false;  ///< a target was dropped or out of reach since the last status
   ros::Publisher publisher_;
 };
 
@@ -158,13 +138,16 @@ class TargetIntake {
   void takeFromHandle(const TipTarget& target);
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
-  void adopt();
+  void adopt() {
+    admission_.adopt();
+    solver_ = statics::InverseSolver(scene_.model);
+  }
 
   /// A warning about a commander whose pressures look like kPa, once for each; else empty.
   std::string unitWarning();
 
   /// As TargetAdmission::status().
-  diagnostic_msgs::DiagnosticStatus status(const std::string& node);
+  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
 
  private:
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
@@ -174,11 +157,20 @@ class TargetIntake {
 
   /// Where the search begins: the effective pressure of the present command. Limits the search to
   /// attainable effective pressures.
-  Eigen::VectorXd beginSearch();
+  Eigen::VectorXd beginSearch() {
+    if (response_.instant()) return commands_.goal();
+    response_.effectiveLimits(scene_.arm, lower_, upper_);
+    solver_.limit(lower_, upper_);
+    return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+  }
   /// Goes to where the result's pressures are effective.
   void follow(const TargetSender& sender, const statics::InverseResult& result);
   /// Commands it; else drops the target and returns false.
-  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
+  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
+    const auto refusal = commands_.send(sender.commander, pressure);
+    if (refusal) admission_.drop(sender, *refusal);
+    return !refusal;
+  }
 
   const io::Scene& scene_;
   const std::string base_frame_;

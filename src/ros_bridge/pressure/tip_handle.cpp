@@ -1,9 +1,9 @@
 #include "tip_handle.hpp"
 
 #include <cmath>
-#include <utility>
 
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -31,14 +31,13 @@ visualization_msgs::Marker ball(double size) {
   out.type = visualization_msgs::Marker::SPHERE;
   out.pose.orientation.w = 1.0;
   out.scale.x = out.scale.y = out.scale.z = 0.2 * size;
-  out.color.r = 0.4F;
-  out.color.g = 1.0F;
-  out.color.b = 0.6F;
-  out.color.a = 0.5F;
+  out.color = color(0.4, 1.0, 0.6, 0.5);
   return out;
 }
 
-visualization_msgs::InteractiveMarker handle(const std::string& frame, bool planar, double size) {
+visualization_msgs::InteractiveMarker handle(const std::string& frame, const io::Scene& scene) {
+  const bool planar = scene.planar.has_value();
+  const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);  // [m]
   const Eigen::Quaterniond along_x = Eigen::Quaterniond::Identity();
   const Eigen::Quaterniond along_y(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));
   const Eigen::Quaterniond along_z(Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitY()));
@@ -61,9 +60,9 @@ visualization_msgs::InteractiveMarker handle(const std::string& frame, bool plan
 
 }  // namespace
 
-TipHandle::TipHandle(const std::string& base_frame, bool planar, double size, OnTarget on_target)
+TipHandle::TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target)
     : on_target_(std::move(on_target)), server_(names::kTipHandle) {
-  server_.insert(handle(base_frame, planar, size), [this](const Feedback::ConstPtr& feedback) {
+  server_.insert(handle(base_frame, scene), [this](const Feedback::ConstPtr& feedback) {
     guard_.run(feedback->client_id, [&] { onFeedback(feedback); });
   });
   server_.applyChanges();

@@ -7,6 +7,7 @@
 #include <ros/time.h>
 
 #include "helix_arm/TipTarget.h"
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 
@@ -18,11 +19,10 @@ class TipHandle {
  public:
   using OnTarget = std::function<void(const TipTarget&)>;
 
-  /// @param planar     whether tip and handle stay in the base's x-y plane.
-  /// @param size       of the handle [m].
+  /// @param scene      of the arm: tip and handle of a planar one stay in the base's x-y plane.
   /// @param on_target  called from the callback queue while the handle is held, with a target in
   /// the base frame.
-  TipHandle(const std::string& base_frame, bool planar, double size, OnTarget on_target);
+  TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target);
 
   /// Moves the handle to the commanded tip (base frame), unless it is held.
   void follow(const lie::SE3& X_BT);

@@ -1,22 +1,19 @@
-#include "simulated_rig_node.hpp"
-
-#include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <stdexcept>
-#include <utility>
 
 #include <rosgraph_msgs/Clock.h>
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/CompressedImage.h>
-#include <sensor_msgs/Image.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/common/run_node.hpp"
+#include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/regulator_setup.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 
@@ -26,251 +23,326 @@ namespace {
 constexpr model::Range kTimeFactors = {0.01, 1000.0};
 constexpr double kFirstReading = 3.0;  // time that the regulator's node has to start [s]
 
+/// Private parameters of simulated_rig.
+struct SimulatedRigOptions {
+  ParameterReader reader{ros::NodeHandle("~")};
+  std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
+  /// "scene" simulates the scene's; "topic": the arm follows the readings of another regulator, on
+  /// pressure_measured.
+  std::string regulator = reader.choice("regulator", "scene", {"scene", "topic"});
+  double rate = reader.number("rate", 100.0, {1.0, 1000.0});              ///< of the regulator [Hz]
+  double camera_rate = reader.number("camera_rate", 15.0, {0.1, 100.0});  ///< of the pictures [Hz]
+  std::string frame_prefix = reader.frame("frame_prefix", "");
+  /// Time without commands after which the regulator vents by itself, or without readings after
+  /// which their absence is warned of (before the first one, at least 3 s) [s].
+  double command_timeout = reader.number("command_timeout_s", 0.5, {0.01, 60.0});
+  /// 0 uses the time of the other nodes. Other values, 0.01 to 1000, make this node their clock
+  /// (needs use_sim_time), with this number of simulated seconds per second; not with the regulator
+  /// of another node, whose time is its own.
+  double time_factor = reader.number("time_factor", 0.0, {0.0, kTimeFactors.upper});
+
+  SimulatedRigOptions() {
+    reader.finish();
+    if (time_factor == 0) return;
+    const auto require = [this](bool holds, const std::string& rule) {
+      if (!holds) throw ParameterError("~time_factor is " + std::to_string(time_factor) + rule);
+    };
+    require(kTimeFactors.contains(time_factor), "; expected 0, or a number from 0.01 to 1000");
+    require(regulator == "scene",
+            ", but ~regulator is " + regulator +
+                ": a regulator of another node has a time of its own; set it to 0");
+    require(ros::Time::isSimTime(),
+            ", but the nodes use real time; set the parameter /use_sim_time to true before any of "
+            "them starts");
+  }
+};
+
+/// Simulates the hardware of a scene: regulator, true arm and, if the scene has camera and tags,
+/// the camera. With ~regulator topic, it simulates arm and camera alone: the arm has the pressures
+/// that a regulator measures, such as that of a board without an arm.
+///
+/// Subscribes
+/// - pressure_command (PressureArray), with ~regulator scene: gauge [Pa]; omitted names keep their
+///   command, and all 0 vents. If it stops, the regulator vents by itself
+/// - pressure_measured (PressureArray), with ~regulator topic: gauge [Pa], of all actuators. While
+///   there is none, there is neither truth nor picture
+/// - ~tip_force (geometry_msgs/WrenchStamped): dead force on the true tip, base frame [N], at most
+///   kMostTipForce, without torque; it adds to the scene's load and stays until the next message,
+///   even if its publisher ends. A force needs arm.stiffness.K_eps_n
+///
+/// Publishes
+/// - pressure_measured (PressureArray), with ~regulator scene: with every loop [Pa]
+/// - truth (ArmShape): with every pressure_measured and its stamp, the shape that the arm has under
+///   the scene's load and the force at its tip. If no shape balances them, neither
+///   it nor a picture is published; this is counted and warned of at intervals
+/// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
+///   each rendered only while it has subscribers; with the stamp of the truth that it shows
+/// - camera_info (sensor_msgs/CameraInfo): just before each picture
+/// - /clock (rosgraph_msgs/Clock): with every loop, if ~time_factor is set; it starts at the time
+///   of the node's start
+///
+/// Parameters: SimulatedRigOptions.
+///
+/// ~rate and ~camera_rate are on a steady clock, independent of ~time_factor.
+///
+/// A bad command, reading or force is dropped, counted and warned of at intervals; the set points
+/// or the force stay.
+///
+/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter.
+class SimulatedRigNode : public Node {
+ public:
+  SimulatedRigNode()
+      : scene_(requirePneumatic(io::loadScene(options_.scene))),
+        true_arm_(scene_.model, scene_.simulation.arm),
+        response_(scene_.arm, scene_.simulation.arm.response),
+        command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
+        last_step_(ros::SteadyTime::now()),
+        last_input_(last_step_),
+        silent_(options_.regulator == "scene") {
+    if (options_.regulator == "scene") {
+      regulator_ = makeSimulatedRegulator(scene_);
+      response_.step(regulator_->pressure(), 0);  // vented
+    }
+    if (options_.time_factor > 0) {
+      const ros::WallTime start = ros::WallTime::now();
+      clock_ = {start.sec, start.nsec};
+      clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
+      publishClock();
+    }
+    truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
+    if (regulator_) {
+      measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+      pressure_subscriber_ =
+          listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+    } else {
+      pressure_subscriber_ =
+          listen(node_, names::kPressureMeasured, 10, &SimulatedRigNode::onReading, this);
+    }
+    force_subscriber_ =
+        listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
+    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
+    const bool seen = scene_.camera && scene_.tags;
+    if (seen) {
+      image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
+      compressed_publisher_ =
+          node_.advertise<sensor_msgs::CompressedImage>(names::kCompressedImage, 2);
+      info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+      photographer_.start([this] { takePictures(); });
+    }
+    logInfo("%s: %s, %s", scene_.name.c_str(),
+            regulator_ ? ("simulated regulator at " + fixed(options_.rate) + " Hz").c_str()
+                       : "an arm at the pressures of pressure_measured",
+            seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
+                 : "no camera, since the scene lacks `camera` or `tags`");
+  }
+
+  ~SimulatedRigNode() override {
+    {
+      const basics::MutexLock lock(mutex_);
+      stop_ = true;
+    }
+    wake_.notifyAll();
+    photographer_.join();
+  }
+
+  int finish() override { return photographer_.verdict(); }
+
+ private:
+  /// The arm at one time.
+  struct Moment {
+    ros::Time stamp;
+    model::Shape shape;
+  };
+
+  void onCommand(const PressureArrayConstPtr& command) {
+    const auto checked =
+        control::checkCommand(scene_.arm, command_, command->name, command->pressure);
+    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      command_ = *pressure;
+      regulator_->command(command_);
+      noteInput();
+    } else {
+      drop(names::kPressureCommand, std::get<control::Refusal>(checked).message, bad_inputs_);
+    }
+  }
+
+  void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
+    const auto checked = fromMsg(*wrench, options_.frame_prefix + names::kBaseFrame);
+    std::string fault;
+    if (const auto* force = std::get_if<Eigen::Vector3d>(&checked)) {
+      try {
+        true_arm_.setTipForce(*force);
+        return;
+      } catch (const std::invalid_argument& error) {
+        fault = error.what();
+      }
+    } else {
+      fault = std::get<control::Refusal>(checked).message;
+    }
+    drop(std::string("~") + names::kTipForce, fault, bad_forces_);
+  }
+
+  void onReading(const PressureArrayConstPtr& reading) {
+    const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
+    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      response_.follow(reading->header.stamp.toSec(), *pressure);
+      noteInput();
+      publishTruth(reading->header);
+    } else {
+      drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
+    }
+  }
+
+  void onLoop(const ros::SteadyTimerEvent&) {
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    double dt = (now - last_step_).toSec();
+    last_step_ = now;
+    if (options_.time_factor > 0) {
+      dt *= options_.time_factor;
+      clock_ += ros::Duration(dt);
+      publishClock();
+    }
+    noteSilence(now);
+    if (!regulator_) return;
+    regulator_->step(dt);
+    response_.step(regulator_->pressure(), dt);
+    std_msgs::Header header = toHeaderMsg(options_.time_factor > 0 ? clock_ : ros::Time::now());
+    measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_->measure()));
+    publishTruth(header);
+  }
+
+  static void drop(const std::string& topic, const std::string& fault, FaultCount& count) {
+    if (!count.add()) return;
+    logWarning("%s: %s (dropped, %lu so far)", topic.c_str(), fault.c_str(), count.total());
+  }
+
+  void noteInput() {
+    last_input_ = ros::SteadyTime::now();
+    silent_ = false;
+    heard_ = true;
+  }
+
+  void noteSilence(const ros::SteadyTime& now) {
+    const double longest =
+        heard_ ? options_.command_timeout : std::max(options_.command_timeout, kFirstReading);
+    if (silent_ || now - last_input_ <= ros::WallDuration(longest)) return;
+    silent_ = true;
+    if (!heard_) {
+      logWarning(
+          "no %s has come for %g s: neither truth nor picture until one does; is the node of "
+          "the regulator running, and in this namespace?",
+          names::kPressureMeasured, longest);
+      return;
+    }
+    if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
+    logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",
+               regulator_ ? names::kPressureCommand : names::kPressureMeasured,
+               options_.command_timeout,
+               regulator_ ? "the regulator vents by itself" : "no picture until the next one");
+  }
+
+  /// The arm at its present effective pressures.
+  void publishTruth(std_msgs::Header header) {
+    std::optional<Moment> moment;
+    try {
+      moment = Moment{header.stamp, true_arm_.shape(response_.effective())};
+    } catch (const std::runtime_error& fault) {
+      if (no_truths_.add()) {
+        logWarning(
+            "%s (%lu times so far): neither truth nor picture until another command or force",
+            fault.what(), no_truths_.total());
+      }
+    }
+    if (moment) {
+      header.frame_id = options_.frame_prefix + names::kBaseFrame;
+      truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
+    }
+    const basics::MutexLock lock(mutex_);
+    now_ = moment;
+  }
+
+  void publishClock() {
+    rosgraph_msgs::Clock message;
+    message.clock = clock_;
+    clock_publisher_.publish(message);
+  }
+
+  void takePictures() {
+    using Clock = std::chrono::steady_clock;
+    const simulation::CameraSetup setup = scene_.cameraSetup().value();
+    simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
+    vision::JpegEncoder encoder(scene_.simulation.camera.jpeg_quality);
+    const auto period = std::chrono::duration_cast<Clock::duration>(
+        std::chrono::duration<double>(1.0 / options_.camera_rate));
+    Clock::time_point due = Clock::now();
+    const auto stopped = [this] {
+      const basics::MutexLock lock(mutex_);
+      return stop_;
+    };
+    while (!stopped()) {
+      publishPicture(camera, encoder);
+      due = std::max(due + period, Clock::now());
+      basics::MutexLock lock(mutex_);
+      wake_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
+    }
+  }
+
+  void publishPicture(simulation::SimulatedCamera& camera, vision::JpegEncoder& encoder) {
+    const bool raw = image_publisher_.getNumSubscribers() > 0;
+    const bool compressed = compressed_publisher_.getNumSubscribers() > 0;
+    if (!raw && !compressed) return;
+    std::optional<Moment> moment;
+    {
+      const basics::MutexLock lock(mutex_);
+      std::swap(moment, now_);
+    }
+    if (!moment) return;
+    const std_msgs::Header header =
+        toHeaderMsg(moment->stamp, options_.frame_prefix + names::kCameraFrame);
+    const cv::Mat& picture = camera.render(moment->shape);
+    info_publisher_.publish(toCameraInfoMsg(header, scene_.camera->model));
+    if (compressed) {
+      const auto message = boost::make_shared<sensor_msgs::CompressedImage>();
+      message->header = header;
+      message->format = "mono8; jpeg compressed mono8";
+      message->data = encoder.encode(picture);
+      compressed_publisher_.publish(message);
+    }
+    if (raw) {
+      image_publisher_.publish(
+          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture)));
+    }
+  }
+
+  const SimulatedRigOptions options_{};
+  const io::Scene scene_;
+  std::optional<regulator::SimulatedRegulator> regulator_;  ///< with ~regulator scene
+  simulation::TrueArm true_arm_;
+  model::ArmResponse response_;  // of the true arm
+  Eigen::VectorXd command_;      ///< in force, inside the limits [Pa]
+  ros::SteadyTime last_step_;    ///< of the regulator
+  ros::SteadyTime last_input_;   ///< last command, or last reading
+  bool silent_;                  ///< none arrives; the regulator is vented
+  bool heard_ = false;           ///< one has arrived
+  ros::Time clock_;              ///< if ~time_factor is set
+  FaultCount bad_inputs_, bad_forces_, no_truths_;
+
+  ros::NodeHandle node_, private_node_{"~"};
+  ros::Publisher measured_publisher_, truth_publisher_, clock_publisher_;
+  ros::Publisher image_publisher_, compressed_publisher_, info_publisher_;
+  ros::Subscriber pressure_subscriber_, force_subscriber_;
+  ros::SteadyTimer loop_timer_;
+
+  basics::Mutex mutex_;
+  basics::Condition wake_;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  std::optional<Moment> now_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
+  /// Renders, since a picture takes longer than a loop of the regulator.
+  GuardedThread photographer_;
+};
+
 }  // namespace
 
-SimulatedRigOptions SimulatedRigOptions::load() {
-  ParameterReader reader{ros::NodeHandle("~")};
-  SimulatedRigOptions out;
-  out.scene = reader.file("scene", "config/scenes", ".yaml");
-  out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
-  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
-  out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
-  out.frame_prefix = reader.frame("frame_prefix", "");
-  out.command_timeout = reader.number("command_timeout_s", out.command_timeout, {0.01, 60.0});
-  out.time_factor = reader.number("time_factor", out.time_factor, {0.0, kTimeFactors.upper});
-  reader.finish();
-  if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
-    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
-                         "; expected 0, or a number from 0.01 to 1000");
-  }
-  if (out.time_factor != 0 && out.regulator != "scene") {
-    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
-                         ", but ~regulator is " + out.regulator +
-                         ": a regulator of another node has a time of its own; set it to 0");
-  }
-  if (out.time_factor != 0 && !ros::Time::isSimTime()) {
-    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
-                         ", but the nodes use real time; set the parameter /use_sim_time to "
-                         "true before any of them starts");
-  }
-  return out;
-}
-
-SimulatedRigNode::SimulatedRigNode()
-    : options_(SimulatedRigOptions::load()),
-      scene_(requirePneumatic(io::loadScene(options_.scene))),
-      true_arm_(scene_.model, scene_.simulation.arm),
-      response_(scene_.arm, scene_.simulation.arm.response),
-      command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
-      last_step_(ros::SteadyTime::now()),
-      last_input_(last_step_),
-      silent_(options_.regulator == "scene") {
-  if (options_.regulator == "scene") {
-    regulator_ = makeSimulatedRegulator(scene_);
-    response_.step(regulator_->pressure(), 0);  // vented
-  }
-  if (options_.time_factor > 0) {
-    const ros::WallTime start = ros::WallTime::now();
-    clock_ = {start.sec, start.nsec};
-    clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
-    publishClock();
-  }
-  truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
-  if (regulator_) {
-    measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
-    pressure_subscriber_ =
-        listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
-  } else {
-    pressure_subscriber_ =
-        listen(node_, names::kPressureMeasured, 10, &SimulatedRigNode::onReading, this);
-  }
-  force_subscriber_ =
-      listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
-  loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
-  const bool seen = scene_.camera && scene_.tags;
-  if (seen) {
-    image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
-    compressed_publisher_ =
-        node_.advertise<sensor_msgs::CompressedImage>(names::kCompressedImage, 2);
-    info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
-    photographer_.start([this] { takePictures(); });
-  }
-  logInfo("%s: %s, %s", scene_.name.c_str(),
-          regulator_ ? ("simulated regulator at " + fixed(options_.rate) + " Hz").c_str()
-                     : "an arm at the pressures of pressure_measured",
-          seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
-               : "no camera, since the scene lacks `camera` or `tags`");
-}
-
-SimulatedRigNode::~SimulatedRigNode() {
-  {
-    const basics::MutexLock lock(mutex_);
-    stop_ = true;
-  }
-  wake_.notifyAll();
-  photographer_.join();
-}
-
-void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
-  const auto checked =
-      control::checkCommand(scene_.arm, command_, command->name, command->pressure);
-  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-    command_ = *pressure;
-    regulator_->command(command_);
-    noteInput();
-  } else {
-    drop(names::kPressureCommand, std::get<control::Refusal>(checked).message, bad_inputs_);
-  }
-}
-
-void SimulatedRigNode::onReading(const PressureArrayConstPtr& reading) {
-  const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
-  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-    response_.follow(reading->header.stamp.toSec(), *pressure);
-    noteInput();
-    publishTruth(reading->header);
-  } else {
-    drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
-  }
-}
-
-void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
-  const auto checked = fromMsg(*wrench, options_.frame_prefix + names::kBaseFrame);
-  std::string fault;
-  if (const auto* force = std::get_if<Eigen::Vector3d>(&checked)) {
-    try {
-      true_arm_.setTipForce(*force);
-      return;
-    } catch (const std::invalid_argument& error) {
-      fault = error.what();
-    }
-  } else {
-    fault = std::get<control::Refusal>(checked).message;
-  }
-  drop(std::string("~") + names::kTipForce, fault, bad_forces_);
-}
-
-void SimulatedRigNode::drop(const std::string& topic, const std::string& fault, FaultCount& count) {
-  if (!count.add()) return;
-  logWarning("%s: %s (dropped, %lu so far)", topic.c_str(), fault.c_str(),
-             static_cast<unsigned long>(count.total()));
-}
-
-void SimulatedRigNode::noteInput() {
-  last_input_ = ros::SteadyTime::now();
-  silent_ = false;
-  heard_ = true;
-}
-
-void SimulatedRigNode::noteSilence(const ros::SteadyTime& now) {
-  const double longest =
-      heard_ ? options_.command_timeout : std::max(options_.command_timeout, kFirstReading);
-  if (silent_ || now - last_input_ <= ros::WallDuration(longest)) return;
-  silent_ = true;
-  if (!heard_) {
-    logWarning(
-        "no %s has come for %g s: neither truth nor picture until one does; is the node of "
-        "the regulator running, and in this namespace?",
-        names::kPressureMeasured, longest);
-    return;
-  }
-  if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
-  logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",
-             regulator_ ? names::kPressureCommand : names::kPressureMeasured,
-             options_.command_timeout,
-             regulator_ ? "the regulator vents by itself" : "no picture until the next one");
-}
-
-void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  double dt = (now - last_step_).toSec();
-  last_step_ = now;
-  if (options_.time_factor > 0) {
-    dt *= options_.time_factor;
-    clock_ += ros::Duration(dt);
-    publishClock();
-  }
-  noteSilence(now);
-  if (!regulator_) return;
-  regulator_->step(dt);
-  response_.step(regulator_->pressure(), dt);
-  std_msgs::Header header;
-  header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
-  measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_->measure()));
-  publishTruth(header);
-}
-
-void SimulatedRigNode::publishTruth(std_msgs::Header header) {
-  std::optional<Moment> moment;
-  try {
-    moment = Moment{header.stamp, true_arm_.shape(response_.effective())};
-  } catch (const std::runtime_error& fault) {
-    if (no_truths_.add()) {
-      logWarning("%s (%lu times so far): neither truth nor picture until another command or force",
-                 fault.what(), static_cast<unsigned long>(no_truths_.total()));
-    }
-  }
-  if (moment) {
-    header.frame_id = options_.frame_prefix + names::kBaseFrame;
-    truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
-  }
-  const basics::MutexLock lock(mutex_);
-  now_ = moment;
-}
-
-void SimulatedRigNode::publishClock() {
-  rosgraph_msgs::Clock message;
-  message.clock = clock_;
-  clock_publisher_.publish(message);
-}
-
-void SimulatedRigNode::takePictures() {
-  using Clock = std::chrono::steady_clock;
-  const simulation::CameraSetup setup = scene_.cameraSetup().value();
-  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
-  vision::JpegEncoder encoder(scene_.simulation.camera.jpeg_quality);
-  const auto period = std::chrono::duration_cast<Clock::duration>(
-      std::chrono::duration<double>(1.0 / options_.camera_rate));
-  Clock::time_point due = Clock::now();
-  const auto stopped = [this] {
-    const basics::MutexLock lock(mutex_);
-    return stop_;
-  };
-  while (!stopped()) {
-    publishPicture(camera, encoder);
-    due = std::max(due + period, Clock::now());
-    basics::MutexLock lock(mutex_);
-    wake_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
-  }
-}
-
-void SimulatedRigNode::publishPicture(simulation::SimulatedCamera& camera,
-                                      vision::JpegEncoder& encoder) {
-  const bool raw = image_publisher_.getNumSubscribers() > 0;
-  const bool compressed = compressed_publisher_.getNumSubscribers() > 0;
-  if (!raw && !compressed) return;
-  std::optional<Moment> moment;
-  {
-    const basics::MutexLock lock(mutex_);
-    std::swap(moment, now_);
-  }
-  if (!moment) return;
-  std_msgs::Header header;
-  header.stamp = moment->stamp;
-  header.frame_id = options_.frame_prefix + names::kCameraFrame;
-  const cv::Mat& picture = camera.render(moment->shape);
-  info_publisher_.publish(toCameraInfoMsg(header, scene_.camera->model));
-  if (compressed) {
-    const auto message = boost::make_shared<sensor_msgs::CompressedImage>();
-    message->header = header;
-    message->format = "mono8; jpeg compressed mono8";
-    message->data = encoder.encode(picture);
-    compressed_publisher_.publish(message);
-  }
-  if (raw) {
-    image_publisher_.publish(
-        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture)));
-  }
-}
+std::unique_ptr<Node> makeSimulatedRig() { return std::make_unique<SimulatedRigNode>(); }
 
 }  // namespace helix_arm::ros_bridge

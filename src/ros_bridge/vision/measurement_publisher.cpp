@@ -1,42 +1,185 @@
-#include "measurement_publisher.hpp"
-
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <sstream>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include <boost/make_shared.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/Image.h>
 
 #include "helix_arm/model/curve.hpp"
 #include "observations.hpp"
 #include "pictures.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
+#include "vision_options.hpp"
+#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
-
-/// Draws over a picture what was seen in it.
-///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
-/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
-/// are in the upper left corner.
-/// @return (CV_8UC3), BGR.
-cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
-
 namespace {
+
+bool has(const std::vector<int>& ids, int id) {
+  return std::find(ids.begin(), ids.end(), id) != ids.end();
+}
+
+std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
+
+// Lists the ids that no fit can use, if there are any.
+std::string unknownTags(const vision::Observation& observation) {
+  std::string out;
+  if (!observation.unknown_ids.empty())
+    out += "; not of the scene: " + listOf(observation.unknown_ids);
+  if (!observation.repeated_ids.empty()) out += "; seen twice: " + listOf(observation.repeated_ids);
+  if (!observation.unusable_ids.empty()) {
+    out += "; where the lens distortion cannot be inverted: " + listOf(observation.unusable_ids);
+  }
+  return out;
+}
+
+// Residual of the tag with this id; null if it was not used in the fit.
+const estimation::TagResidual* residualOf(const vision::Observation& observation,
+                                          const estimation::TagLayout& layout, int id) {
+  if (observation.state != vision::ObservationState::kMeasured) return nullptr;
+  const auto& tags = observation.fit.tags;
+  const auto found = std::find_if(tags.begin(), tags.end(), [&](const auto& residual) {
+    return layout.tags[residual.tag].id == id;
+  });
+  return found == tags.end() ? nullptr : &*found;
+}
+
+// Number of visible tags of the arm that were seen once.
+int tagsOfArm(const vision::Observation& observation) {
+  const auto& tags = observation.detections;
+  return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
+    return !has(observation.unknown_ids, tag.id) && !has(observation.repeated_ids, tag.id);
+  }));
+}
+
+TagDetections toMsg(const std_msgs::Header& header, const vision::Observation& observation,
+                    const estimation::TagLayout& layout) {
+  TagDetections msg;
+  msg.header = header;
+  msg.tags.reserve(observation.detections.size());
+  for (const vision::TagDetection& detection : observation.detections) {
+    TagDetection tag;
+    tag.id = detection.id;
+    std::copy(detection.corners.data(), detection.corners.data() + 8, tag.corners.begin());
+    tag.hamming = static_cast<std::uint8_t>(detection.hamming);
+    tag.margin = detection.margin;
+    tag.known = layout.find(detection.id) >= 0;
+    tag.repeated = has(observation.repeated_ids, detection.id);
+    const auto* residual = residualOf(observation, layout, detection.id);
+    tag.fitted = residual != nullptr && !tag.repeated;
+    if (tag.fitted) {
+      tag.residual = residual->rms;
+      tag.weight = residual->weight;
+      tag.outlier = residual->outlier;
+    }
+    msg.tags.push_back(tag);
+  }
+  return msg;
+}
+
+ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit,
+                 const ModelHistory::Entry& model) {
+  ModelError msg;
+  msg.header = header;
+  msg.model_stamp = model.stamp;
+  msg.sections = static_cast<std::uint32_t>(fit.twists.cols());
+  const model::Twists expected = model.shape.twists(), difference = fit.twists - expected;
+  msg.twist.assign(difference.data(), difference.data() + difference.size());
+  const Eigen::Vector3d error =
+      model::tipPose(fit.shape).translation - model::tipPose(model.shape).translation;
+  msg.tip.x = error.x();
+  msg.tip.y = error.y();
+  msg.tip.z = error.z();
+  msg.tip_error = error.norm();
+  // The speed along a piece of constant twist is |v|.
+  msg.tip_error_percent =
+      100.0 * msg.tip_error / model.shape.pieces().topRows<3>().colwise().norm().sum();
+  // The covariance is in the frame of the nominal base.
+  const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
+  msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(fit.tip_covariance * direction)));
+  msg.tag_rms = fit.rms;
+  return msg;
+}
+
+// Largest standard deviation of the measured tip over all directions [m].
+double tipSigma(const estimation::TwistFit& fit) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.tip_covariance,
+                                                              Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
+}
+
+// `8 tags, 0.20 px, tip noise 0.5 mm`: summary of a measured shape. How well the tags are placed is
+// not part of the noise: the error budget adds it.
+std::string summarise(const vision::Observation& observation, int tags) {
+  const int outliers = observation.fit.outliers();
+  return countText(tags) + (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
+         fixed(observation.fit.rms, 2) + " px, tip noise " +
+         fixed(1e3 * tipSigma(observation.fit)) + " mm";
+}
+
+std::string describe(const vision::Observation& observation, int tags,
+                     const vision::LocalizerConfig& config) {
+  switch (observation.state) {
+    case vision::ObservationState::kMeasured:
+      return summarise(observation, tags) + unknownTags(observation);
+    case vision::ObservationState::kNoTags:
+      return "no tag of the arm is in sight: check the view, the light, and the scene's "
+             "tags.family" +
+             unknownTags(observation);
+    case vision::ObservationState::kTooFewTags:
+      return countText(tags) + " in sight do not determine the shape; at least " +
+             std::to_string(config.min_tags) +
+             " are needed, on all sections: check occlusion and light" + unknownTags(observation);
+    case vision::ObservationState::kNoFit:
+      break;
+  }
+  return "no shape of the arm fits the " + countText(tags) +
+         " in sight: check their size and poses in the scene, and the camera's calibration" +
+         unknownTags(observation);
+}
+
+std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
+  if (error == nullptr) return "tip noise " + fixed(1e3 * tipSigma(fit)) + " mm";
+  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" +
+         fixed(error->tip_error_percent) + " %)";
+}
+
+/// @param base_frame    of the arm.
+/// @param camera_frame  of the picture.
+ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                           const std::string& camera_frame) {
+  const vision::Observation& observation = measurement.observation;
+  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
+
+  ObservationReport out;
+  out.tags = tagsOfArm(observation);
+  out.account = describe(observation, out.tags, measurement.config);
+  out.detections =
+      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
+  if (!measurement.measured()) {
+    out.lines = {out.account};
+    return out;
+  }
+  out.shape = toShapeMsg(header, "measured", observation.fit.shape, observation.fit.covariance);
+  if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
+  out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
+  out.lines = {out.tip, summarise(observation, out.tags)};
+  return out;
+}
 
 constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
 constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
-constexpr int kShift = 4;            // OpenCV's fixed point: sixteenths of a pixel
+
+constexpr int kShift = 4;  // OpenCV's fixed point: sixteenths of a pixel
 
 const cv::Scalar kFits(90, 230, 90), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
+
 const cv::Scalar kMeasured(30, 140, 255), kModel(100, 240, 255), kDark(30, 30, 30);
 
 // Sizes of lines and letters that stay legible if the picture is shown much smaller.
@@ -102,8 +245,12 @@ cv::Scalar colorOf(const TagDetection& tag) {
   return tag.outlier ? kDoesNotFit : kFits;
 }
 
-}  // namespace
-
+/// Draws over a picture what was seen in it.
+///
+/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
+/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
+/// are in the upper left corner.
+/// @return (CV_8UC3), BGR.
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report) {
   const vision::Observation& observation = measurement.observation;
   const estimation::ArmView& view = measurement.view;
@@ -135,81 +282,96 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
   return picture;
 }
 
-namespace {
-
 // Pictures are not exactly periodic; one slightly early must not be skipped.
 constexpr double kDrawingSlack = 0.9;
 
+/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
+/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
+/// itself and its camera_info, while someone subscribes to them. For one thread.
+class MeasurementPublisher {
+ public:
+  /// @param frames  of the measured shape.
+  /// @param status  outlives this.
+  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options, FrameNames frames,
+                       VisionStatusPublisher& status)
+      : frames_(std::move(frames)),
+        camera_frame_(options.cameraFrame()),
+        drawing_period_(kDrawingSlack / options.draw_rate),
+        status_(status),
+        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
+        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
+        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
+        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
+    if (!options.publish_image) return;
+    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
+    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+  }
+
+  void publish(const Measurement& measurement) {
+    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
+    status_.saw(measurement, report);
+    if (report.shape) measured_publisher_.publish(*report.shape);
+    if (report.error) error_publisher_.publish(*report.error);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
+    detections_publisher_.publish(report.detections);
+    republish(measurement);
+    draw(measurement, report);
+  }
+
+ private:
+  void republish(const Measurement& measurement) {
+    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
+    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+    }
+    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
+      image_publisher_.publish(
+          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
+    }
+  }
+
+  void draw(const Measurement& measurement, const ObservationReport& report) {
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    if (now - last_drawing_ < drawing_period_) return;
+    last_drawing_ = now;
+    if (overlay_publisher_.getNumSubscribers() > 0) {
+      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
+          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
+    }
+    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+  }
+
+  const FrameNames frames_;
+  const std::string camera_frame_;
+  const ros::WallDuration drawing_period_;
+  VisionStatusPublisher& status_;
+
+  ros::SteadyTime last_drawing_;
+  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
+  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
+};
+
 }  // namespace
 
-MeasurementPublisher::MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options,
-                                           FrameNames frames, VisionStatusPublisher& status)
-    : frames_(std::move(frames)),
-      camera_frame_(options.cameraFrame()),
-      drawing_period_(kDrawingSlack / options.draw_rate),
-      status_(status),
-      measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
-      detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
-      error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
-  if (!options.publish_image) return;
-  image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
-  info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+std::string listOf(const std::vector<int>& ids) {
+  constexpr std::size_t kMost = 8;
+  std::string out;
+  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
+    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
+  }
+  return ids.size() > kMost ? out + ", ..." : out;
 }
 
-void MeasurementPublisher::publish(const Measurement& measurement) {
-  const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
-  status_.saw(measurement, report);
-  if (report.shape) measured_publisher_.publish(*report.shape);
-  if (report.error) error_publisher_.publish(*report.error);
-  if (measurement.measured()) sendFrames(measurement);
-  detections_publisher_.publish(report.detections);
-  republish(measurement);
-  draw(measurement, report);
-}
-
-void MeasurementPublisher::republish(const Measurement& measurement) {
-  std_msgs::Header header;
-  header.stamp = measurement.stamp;
-  header.frame_id = camera_frame_;
-  if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
-    info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
-  }
-  if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
-    image_publisher_.publish(
-        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
-  }
-}
-
-void MeasurementPublisher::sendFrames(const Measurement& measurement) {
-  const ros::Time& stamp = measurement.stamp;
-  if (endsTf(stamp)) {
-    if (far_stamps_.add()) {
-      logWarning(
-          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
-          "for them; synchronise the clocks",
-          secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
-    }
-    return;
-  }
-  // tf warns of repeated stamps, except after a jump back in time.
-  if (stamp < last_stamp_) last_tf_stamp_ = ros::Time();
-  last_stamp_ = stamp;
-  if (stamp == last_tf_stamp_) return;
-  const estimation::TwistFit& fit = measurement.observation.fit;
-  tf_.sendTransform(curveTransforms(frames_, fit.shape, stamp, fit.X_B0B));
-  last_tf_stamp_ = stamp;
-}
-
-void MeasurementPublisher::draw(const Measurement& measurement, const ObservationReport& report) {
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  if (now - last_drawing_ < drawing_period_) return;
-  last_drawing_ = now;
-  if (overlay_publisher_.getNumSubscribers() > 0) {
-    overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-        toImageMsg(report.detections.header, drawOverlay(measurement, report))));
-  }
-  if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+std::function<void(const Measurement&)> measurementPublisher(ros::NodeHandle& node,
+                                                             const VisionOptions& options,
+                                                             const FrameNames& frames,
+                                                             VisionStatusPublisher& status) {
+  return [publisher = std::make_shared<MeasurementPublisher>(node, options, frames, status)](
+             const Measurement& measurement) { publisher->publish(measurement); };
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -1,17 +1,21 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <opencv2/core.hpp>
+#include <ros/node_handle.h>
 #include <ros/time.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/model_history.hpp"
+#include "vision_options.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -47,12 +51,20 @@ struct ObservationReport {
   std::vector<std::string> lines;   ///< for the overlay
 };
 
-/// @param base_frame    of the arm.
-/// @param camera_frame  of the picture.
-ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
-                           const std::string& camera_frame);
-
 /// `3, 4, 7`; the first few of many.
 std::string listOf(const std::vector<int>& ids);
+
+class VisionStatusPublisher;
+
+/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
+/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
+/// itself and its camera_info, while someone subscribes to them. For one thread.
+/// @param frames  of the measured shape.
+/// @param status  outlives the result.
+/// @return to be called with each measurement.
+std::function<void(const Measurement&)> measurementPublisher(ros::NodeHandle& node,
+                                                             const VisionOptions& options,
+                                                             const FrameNames& frames,
+                                                             VisionStatusPublisher& status);
 
 }  // namespace helix_arm::ros_bridge

@@ -1,12 +1,5 @@
 #include "picture_source.hpp"
 
-#include <algorithm>
-#include <chrono>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <variant>
-
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
@@ -151,7 +144,7 @@ void PictureSource::onPicture(const boost::shared_ptr<const Message>& picture, c
       logWarning(
           "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
           "were taken; let the camera's node stamp them",
-          topic, static_cast<unsigned long>(unstamped_.total()));
+          topic, unstamped_.total());
     }
   }
   arrived({stamp, picture});

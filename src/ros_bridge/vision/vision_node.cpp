@@ -1,16 +1,304 @@
-#include "vision_node.hpp"
+#include <cmath>
 
-#include <optional>
-#include <stdexcept>
-#include <utility>
-#include <variant>
+#include <opencv2/core.hpp>
+#include <tf2_ros/static_transform_broadcaster.h>
 
+#include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frame_source.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "observations.hpp"
+#include "picture_source.hpp"
+#include "pictures.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
+#include "vision_options.hpp"
+#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+// Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
+// then, so a replay uses the same models.
+constexpr std::chrono::milliseconds kModelPatience(100);
+
+// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
+// the pictures down.
+constexpr std::chrono::milliseconds kLeastPatience(5);
+
+// Expected shape before the first model arrives.
+model::Shape restingShape(const io::Scene& scene) {
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+  const statics::Solution solution = scene.model.solve(rest);
+  if (!solution.converged()) {
+    logWarning(
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are expected "
+        "where they are without load until a model is received",
+        scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
+  }
+  return statics::startingShape(scene.model, solution, rest);
+}
+
+/// Finds the model of a picture's time, and the shape from which the search for tags starts.
+class ModelMatcher {
+ public:
+  /// @param scene   the search starts from its resting arm until a model comes.
+  /// @param status  is told how far models are behind the pictures; outlives this.
+  ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status)
+      : status_(status), start_(restingShape(scene)), patience_(kModelPatience) {}
+
+  /// From any thread.
+  void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    {
+      const basics::MutexLock lock(mutex_);
+      models_.add(stamp, shape);
+    }
+    changed_.notifyAll();
+  }
+
+  /// From any thread: match() waits no more.
+  void stop() HELIX_ARM_EXCLUDES(mutex_) {
+    {
+      const basics::MutexLock lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notifyAll();
+  }
+
+  // For the thread of the measurements only.
+
+  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
+  /// limited time while one that is yet to come may be nearer.
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    LookUp found = lookUp(stamp);
+    status_.modelLag(found.lag);
+    if (found.lag && (!found.in_time || std::abs(*found.lag) > ModelHistory::kReach)) {
+      warnOfLag(*found.lag);
+    }
+    if (found.model) start_ = found.model->shape;
+    return std::move(found.model);
+  }
+
+  /// Shape from which the search starts: the last model matched.
+  const model::Shape& start() const { return start_; }
+  /// The search starts from the scene's resting arm again.
+  void restart(const io::Scene& scene) { start_ = restingShape(scene); }
+
+ private:
+  /// What the history knows of a stamp.
+  struct LookUp {
+    std::optional<ModelHistory::Entry> model;
+    std::optional<double> lag;  ///< of the latest model [s]
+    bool in_time;               ///< no nearer one was to come when the wait ended
+  };
+
+  LookUp lookUp(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    basics::MutexLock lock(mutex_);
+    const std::optional<double> ahead = models_.lag(stamp);
+    models_.forgetFuture(stamp);
+    const bool waits = models_.mayGetNearer(stamp);
+    const auto due = std::chrono::steady_clock::now() + patience_;
+    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
+      return stop_ || !models_.mayGetNearer(stamp);
+    });
+    if (!in_time) {
+      patience_ = std::max(kLeastPatience, patience_ / 2);
+    } else if (waits) {
+      patience_ = std::min(kModelPatience, 2 * patience_);
+    }
+    const std::optional<double> lag = models_.lag(stamp);
+    return {models_.nearest(stamp), lag ? lag : ahead, in_time};
+  }
+
+  void warnOfLag(double lag) {
+    if (!late_models_.add()) return;
+    logWarning(
+        "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+        "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
+        "a shape that balances the load there is no model: see `%s` in its diagnostics",
+        std::abs(lag), lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
+  }
+
+  VisionStatusPublisher& status_;
+
+  // Used by the thread of the measurements only.
+  model::Shape start_;
+  std::chrono::milliseconds patience_;
+  FaultCount late_models_;
+
+  basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
+};
+
+/// A scene with camera and tags, and the localizer that looks for them.
+struct SceneLocalizer {
+  io::Scene scene;
+  std::unique_ptr<vision::ArmLocalizer> localizer;
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit SceneLocalizer(io::Scene of)
+      : scene(std::move(of)),
+        localizer(std::make_unique<vision::ArmLocalizer>(scene.view(),
+                                                         procedures::localizerConfigOf(scene))) {}
+};
+
+/// Measures the arm in one picture after another: checks size and camera, decodes, finds the model
+/// of its time, tracks the tags and fits the shape.
+///
+/// A picture stamped before the last one is a jump back in time: nothing from before it is used.
+/// One that equals the last one although the model has moved is refused: the camera hangs.
+class PictureMeasurer {
+ public:
+  /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
+  /// @param source       gives the camera's calibration; outlives this.
+  /// @param models       outlives this.
+  PictureMeasurer(SceneLocalizer first, double stale_after, const PictureSource& source,
+                  ModelMatcher& models)
+      : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
+
+  /// Measures the shape. For one thread.
+  /// @return why the picture is not taken, or what was seen in it.
+  CheckedPicture<Measurement> measure(const Picture& picture) HELIX_ARM_EXCLUDES(mutex_) {
+    adoptNext();
+    CheckedPicture<cv::Mat> taken = take(picture);
+    if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
+    const cv::Mat& gray = std::get<cv::Mat>(taken);
+    follow(picture.stamp);
+    auto model = models_.match(picture.stamp);
+    if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
+      return PictureRefusal{PictureFault::kSource,
+                            "the camera sends the same picture again and again, although the model "
+                            "has moved: it hangs; restart its node, or plug it in anew"};
+    }
+    const vision::Observation& observation = current_.localizer->locate(gray, models_.start());
+    return Measurement{picture.stamp,         gray,
+                       observation,           current_.localizer->view(),
+                       current_.scene.vision, std::move(model),
+                       calibration_};
+  }
+
+  /// Another file of the same rig, used from the next picture on. From any thread.
+  void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    next_ = std::move(next);
+  }
+
+ private:
+  void adoptNext() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (next_) current_ = std::move(*next_);
+    next_.reset();
+  }
+
+  /// The picture in gray, of the size of the camera that is used for it.
+  CheckedPicture<cv::Mat> take(const Picture& picture) {
+    // A picture of the wrong size is refused before decoding, which may take long.
+    if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+      const auto& data = (*jpeg)->data;
+      const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());
+      if (!claimed.empty()) {
+        if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
+      }
+    }
+    CheckedPicture<cv::Mat> taken = decode(picture);
+    if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
+      if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
+    }
+    return taken;
+  }
+
+  CheckedPicture<cv::Mat> decode(const Picture& picture) {
+    if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
+      return fromMsg(**raw, buffer_);
+    }
+    if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+      return fromMsg(**jpeg, decoder_, buffer_);
+    }
+    return std::get<cv::Mat>(picture.content);
+  }
+
+  /// Uses the camera that holds now, if it is of this size.
+  std::optional<PictureRefusal> adoptCamera(const cv::Size& size) {
+    estimation::ArmView view = current_.localizer->view();
+    const char* whose = kSceneCalibration;
+    if (const auto info = source_.cameraInfo()) {
+      if (const auto* refusal = std::get_if<PictureRefusal>(&*info)) return *refusal;
+      view.camera = std::get<estimation::Camera>(*info);
+      whose = "camera_info";
+    }
+    if (size != cv::Size(view.camera.width, view.camera.height)) {
+      return PictureRefusal{PictureFault::kWrongSize,
+                            "the picture is of " + sizeText(size.width, size.height) +
+                                " pixels, but " + whose + " of " +
+                                sizeText(view.camera.width, view.camera.height) +
+                                "; a calibration holds for one size only"};
+    }
+    if (!equal(view.camera, current_.localizer->view().camera)) {
+      if (adoptions_.add()) {
+        logInfo(
+            "camera_info differs from the intrinsics in use (%lu times so far): using "
+            "camera_info%s",
+            adoptions_.total(),
+            source_.infoPublishers() > 1
+                ? "; more than one node publishes it: stop all but the camera's"
+                : "");
+      }
+      current_.localizer = std::make_unique<vision::ArmLocalizer>(
+          view, procedures::localizerConfigOf(current_.scene));
+    }
+    calibration_ = whose;
+    return std::nullopt;
+  }
+
+  /// Forgets what a gap or a jump back in time makes useless.
+  void follow(const ros::Time& stamp) {
+    const double elapsed = secondsBetween(last_stamp_, stamp);
+    if (elapsed > stale_after_) current_.localizer->reset();
+    if (elapsed < 0) {
+      current_.localizer->forget();  // a recording that is played again gives the same again
+      frozen_watch_.reset();
+      if (jumps_.add()) {
+        logInfo(
+            "the time of the pictures jumped back by %.1f s (%lu times so far): tracking "
+            "restarts%s",
+            -elapsed, jumps_.total(),
+            source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
+                                     : "");
+      }
+      models_.restart(current_.scene);
+    }
+    last_stamp_ = stamp;
+  }
+
+  const double stale_after_;
+  const PictureSource& source_;
+  ModelMatcher& models_;
+
+  // Used by the thread of the measurements only.
+  SceneLocalizer current_;
+  vision::FrozenWatch frozen_watch_;
+  vision::JpegDecoder decoder_;
+  cv::Mat buffer_;
+  std::string calibration_;  ///< whose intrinsics are used
+  ros::Time last_stamp_;
+  FaultCount jumps_, adoptions_;
+
+  basics::Mutex mutex_;
+  std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
+};
 
 constexpr double kWatchPeriod = 0.05;  // [s]
 
@@ -37,121 +325,211 @@ io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
   return scene;
 }
 
+/// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it.
+///
+/// Subscribes
+/// - image (sensor_msgs/Image; mono8, bgr8, rgb8, bgra8, rgba8, 8-bit Bayer) and image/compressed
+///   (sensor_msgs/CompressedImage; JPEG), according to ~source
+/// - camera_info (sensor_msgs/CameraInfo): intrinsics in place of the scene's; an uncalibrated one
+///   is refused, and nothing is measured until a sound one comes
+/// - model (ArmShape): where to expect the tags, and what to compare with
+///
+/// Publishes
+/// - measured (ArmShape, tier `measured`, with covariance): stamped like its picture
+/// - tag_detections (TagDetections): of each picture, measured in or not
+/// - model_error (ModelError): with each measurement that has a model of its time
+/// - vision_status (VisionStatus): at every change of state, and once a second
+/// - overlay (sensor_msgs/Image, bgr8): while someone subscribes to it
+/// - with ~publish_image: image (sensor_msgs/Image, mono8) and camera_info, the pictures of a
+///   webcam or file with the intrinsics that they are measured with: each while someone subscribes
+///   to it
+/// - measured_markers (visualization_msgs/MarkerArray): see VisionMarkers; deleted when the state
+///   is no longer `measured`
+/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: camera`, `<node>: measurement`, 1 Hz
+/// - tf: arm_base -> measured_0 .. measured_(n-1) and measured_tip, stamped like the picture;
+///   world -> camera_optical (static)
+///
+/// Service
+/// - ~reload (Reload): another file of the same rig, from the next picture on; ~source and the
+///   settings of a webcam stay
+///
+/// Parameters: VisionOptions.
+///
+/// A picture that comes while one is measured waits; a newer one replaces it, and this is counted.
+/// Files are read at the pace of the measurements. A bad picture or camera_info is counted, warned
+/// of at a limited rate and reported on vision_status; it never makes a measurement. A picture
+/// stamped 0 is stamped on arrival, with a warning. One stamped before the last one is a jump back
+/// in time: nothing from before it is used. A steady clock decides whether pictures still come; all
+/// else goes by stamps.
+///
+/// Ends with 0 when asked to, or where ~optional is set and there is nothing to see; 1 when the ROS
+/// master is lost; 2 on a bad scene or parameter.
+class VisionNode : public Node {
+ public:
+  /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
+  enum class Host { kOwnProcess, kManager };
+
+  /// @param node          where topics are relative to.
+  /// @param private_node  where parameters are; names the node in diagnostics.
+  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found;
+  /// NothingToDo.
+  VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
+      : host_(host),
+        options_(VisionOptions::load(private_node)),
+        name_(private_node.getNamespace()),
+        frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames,
+                options_.frames),
+        scene_(requireVision(io::loadScene(options_.scene), options_)),
+        node_(node),
+        status_(node_, options_, name_, frames_.base),
+        source_(node_, options_, scene_, status_),
+        models_(scene_, status_),
+        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
+        publish_(measurementPublisher(node_, options_, frames_, status_)) {
+    sendCameraFrame();
+    status_.lookAt(scene_);
+    using Self = VisionNode;
+    model_subscriber_ = listen(node_, names::kModel, 100, &Self::onModel, this);
+    reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
+                                             [this](io::Scene next) { adopt(std::move(next)); });
+    watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Self::onWatch, this);
+    second_timer_ = repeat(node_, "the diagnostics", 1.0, &Self::onSecond, this);
+    const auto on_failure = [this] { onFailure(); };
+    try {
+      worker_.start([this] { work(); }, on_failure);
+      source_.start(on_failure);
+    } catch (...) {
+      end();  // no destructor runs here, and those of the members wait for their threads
+      throw;
+    }
+    logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
+            static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
+            options_.source.c_str());
+  }
+
+  ~VisionNode() override { end(); }
+
+  int finish() override {
+    return worker_.verdict() != kDone ? worker_.verdict() : source_.verdict();
+  }
+
+ private:
+  // Callbacks.
+  void onModel(const ArmShapeConstPtr& model) {
+    const auto checked = fromMsg(*model, scene_.arm, frames_.base);
+    if (const auto* shape = std::get_if<model::Shape>(&checked)) {
+      models_.add(model->header.stamp, *shape);
+    } else {
+      // The picture is measured without the model.
+      status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
+                                                  std::get<control::Refusal>(checked).message});
+    }
+  }
+
+  void onWatch(const ros::SteadyTimerEvent&) { status_.watch(); }
+  void onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_.name); }
+
+  void adopt(io::Scene next) {
+    VisionOptions asked = options_;
+    asked.optional = false;
+    next = requireVision(std::move(next), asked);
+    requireSameRig(scene_, next);
+    SceneLocalizer localizer(next);
+    scene_ = std::move(next);
+    sendCameraFrame();
+    status_.lookAt(scene_);
+    measurer_.adopt(std::move(localizer));
+  }
+
+  void sendCameraFrame() {
+    static_tf_.sendTransform(
+        worldTransform(frames_.world, options_.cameraFrame(), scene_.camera->X_WC));
+  }
+
+  // In the thread that failed.
+  void onFailure() {
+    if (host_ == Host::kOwnProcess) {
+      EndRequest::make();
+      return;
+    }
+    stop();
+    // Both threads stop for good; the other may still process a picture.
+    status_.fail("vision has failed and stopped: load its nodelet again");
+    logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again",
+             name_.c_str());
+  }
+
+  // Thread of the measurements.
+  void work() {
+    while (const std::optional<Picture> picture = source_.take()) {
+      std::string why;
+      const bool sound = picture_guard_.run(
+          "", [&] { measure(*picture); }, &why);
+      if (!sound) {
+        status_.enter(VisionStatus::CAMERA_FAULT, "a picture could not be processed: " + why);
+      }
+      source_.done();
+    }
+  }
+
+  void measure(const Picture& picture) {
+    const CheckedPicture<Measurement> taken = measurer_.measure(picture);
+    if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
+      status_.refuse(*refusal);
+    } else {
+      publish_(std::get<Measurement>(taken));
+    }
+  }
+
+  /// From any thread: ends the threads, and all waits.
+  void stop() {
+    status_.stopWatching();
+    source_.stop();
+    models_.stop();
+  }
+
+  /// Stops, and waits for the threads to end.
+  void end() {
+    stop();
+    source_.join();
+    worker_.join();
+  }
+
+  const Host host_;
+  const VisionOptions options_;
+  const std::string name_;  ///< of the node
+  const FrameNames frames_;
+
+  // Used by callbacks only.
+  io::Scene scene_;  ///< the last one loaded
+  ros::NodeHandle node_;
+  tf2_ros::StaticTransformBroadcaster static_tf_;
+
+  // A picture passes from source_ through measurer_, which asks models_, to publish_.
+  VisionStatusPublisher status_;  ///< from any thread
+  PictureSource source_;          ///< locks what its threads share
+  ModelMatcher models_;           ///< locks what its threads share
+  PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
+  /// Used by the thread of the measurements only.
+  const std::function<void(const Measurement&)> publish_;
+  FaultGuard picture_guard_{"a picture"};
+
+  ros::Subscriber model_subscriber_;
+  std::unique_ptr<ReloadServer> reload_;
+  ros::SteadyTimer watch_timer_, second_timer_;
+  GuardedThread worker_;  ///< the thread of the measurements
+};
+
 }  // namespace
 
-VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
-    : host_(host),
-      options_(VisionOptions::load(private_node)),
-      name_(private_node.getNamespace()),
-      frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames, options_.frames),
-      scene_(requireVision(io::loadScene(options_.scene), options_)),
-      node_(node),
-      status_(node_, options_, name_, frames_.base),
-      source_(node_, options_, scene_, status_),
-      models_(scene_, status_),
-      measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-      publisher_(node_, options_, frames_, status_) {
-  sendCameraFrame();
-  status_.lookAt(scene_);
-  using Node = VisionNode;
-  model_subscriber_ = listen(node_, names::kModel, 100, &Node::onModel, this);
-  reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
-                                           [this](io::Scene next) { adopt(std::move(next)); });
-  watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Node::onWatch, this);
-  second_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onSecond, this);
-  const auto on_failure = [this] { onFailure(); };
-  try {
-    worker_.start([this] { work(); }, on_failure);
-    source_.start(on_failure);
-  } catch (...) {
-    end();  // no destructor runs here, and those of the members wait for their threads
-    throw;
-  }
-  logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
-          static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
-          options_.source.c_str());
+std::unique_ptr<Node> makeVision() {
+  return std::make_unique<VisionNode>(ros::NodeHandle(), ros::NodeHandle("~"),
+                                      VisionNode::Host::kOwnProcess);
 }
 
-VisionNode::~VisionNode() { end(); }
-
-void VisionNode::end() {
-  stop();
-  source_.join();
-  worker_.join();
-}
-
-int VisionNode::finish() const {
-  return worker_.verdict() != kDone ? worker_.verdict() : source_.verdict();
-}
-
-void VisionNode::stop() {
-  status_.stopWatching();
-  source_.stop();
-  models_.stop();
-}
-
-void VisionNode::onFailure() {
-  if (host_ == Host::kOwnProcess) {
-    EndRequest::make();
-    return;
-  }
-  stop();
-  // Both threads stop for good; the other may still process a picture.
-  status_.fail("vision has failed and stopped: load its nodelet again");
-  logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again", name_.c_str());
-}
-
-void VisionNode::onModel(const ArmShapeConstPtr& model) {
-  const auto checked = fromMsg(*model, scene_.arm, frames_.base);
-  if (const auto* shape = std::get_if<model::Shape>(&checked)) {
-    models_.add(model->header.stamp, *shape);
-  } else {
-    // The picture is measured without the model.
-    status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
-                                                std::get<control::Refusal>(checked).message});
-  }
-}
-
-void VisionNode::onWatch(const ros::SteadyTimerEvent&) { status_.watch(); }
-
-void VisionNode::onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_.name); }
-
-void VisionNode::sendCameraFrame() {
-  static_tf_.sendTransform(
-      worldTransform(frames_.world, options_.cameraFrame(), scene_.camera->X_WC));
-}
-
-void VisionNode::adopt(io::Scene next) {
-  VisionOptions asked = options_;
-  asked.optional = false;
-  next = requireVision(std::move(next), asked);
-  requireSameRig(scene_, next);
-  SceneLocalizer localizer(next);
-  scene_ = std::move(next);
-  sendCameraFrame();
-  status_.lookAt(scene_);
-  measurer_.adopt(std::move(localizer));
-}
-
-void VisionNode::work() {
-  while (const std::optional<Picture> picture = source_.take()) {
-    std::string why;
-    const bool sound = picture_guard_.run(
-        "", [&] { measure(*picture); }, &why);
-    if (!sound) {
-      status_.enter(VisionStatus::CAMERA_FAULT, "a picture could not be processed: " + why);
-    }
-    source_.done();
-  }
-}
-
-void VisionNode::measure(const Picture& picture) {
-  const CheckedPicture<Measurement> taken = measurer_.measure(picture);
-  if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
-    status_.refuse(*refusal);
-  } else {
-    publisher_.publish(std::get<Measurement>(taken));
-  }
+std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
+                                          const ros::NodeHandle& private_node) {
+  return std::make_unique<VisionNode>(node, private_node, VisionNode::Host::kManager);
 }
 
 }  // namespace helix_arm::ros_bridge

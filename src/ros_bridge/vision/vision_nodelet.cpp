@@ -1,10 +1,8 @@
-#include <memory>
-#include <stdexcept>
 
 #include <nodelet/nodelet.h>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "vision_node.hpp"
+#include "ros_bridge/common/run_node.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -13,8 +11,7 @@ class VisionNodelet : public nodelet::Nodelet {
  private:
   void onInit() override {
     const int code = guarded([this]() -> int {
-      node_ = std::make_unique<VisionNode>(getNodeHandle(), getPrivateNodeHandle(),
-                                           VisionNode::Host::kManager);
+      node_ = makeVisionInManager(getNodeHandle(), getPrivateNodeHandle());
       return kDone;
     });
     if (code == kDone) return;
@@ -23,7 +20,7 @@ class VisionNodelet : public nodelet::Nodelet {
     throw std::runtime_error(getName() + " has faults that were printed");
   }
 
-  std::unique_ptr<VisionNode> node_;
+  std::unique_ptr<Node> node_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,15 +1,12 @@
 #include "vision_options.hpp"
 
 #include <algorithm>
-#include <filesystem>
-#include <string>
 #include <system_error>
-#include <vector>
 
 #include "helix_arm/io/shipped_files.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/common/parameters.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

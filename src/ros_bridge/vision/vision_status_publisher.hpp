@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -8,11 +9,12 @@
 #include <ros/time.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "observations.hpp"
 #include "pictures.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/marker_parts.hpp"
-#include "vision_ledger.hpp"
 #include "vision_options.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -42,11 +44,11 @@ class VisionMarkers {
   visualization_msgs::MarkerArray remove(const ros::Time& stamp) const;
 
  private:
-  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
+  visualization_msgs::Marker modelCurve(const Measurement& measurement) const;
+  visualization_msgs::Marker outlines(const Measurement& measurement) const;
 
   SideView view_ = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
-  std::string base_frame_;
-  ros::Duration lifetime_;
+  const MarkerFrame marker_;
 };
 
 /// Whose intrinsics are used, in words, while no camera_info holds.
@@ -62,42 +64,79 @@ class VisionStatusPublisher {
                         const std::string& base_frame);
 
   /// A picture has come.
-  void arrived() HELIX_ARM_EXCLUDES(mutex_);
+  void arrived() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    last_arrival_ = ros::SteadyTime::now();
+    source_fault_ = false;
+    ++status_.pictures;
+  }
   /// A picture that waited was replaced by a newer one.
-  void skipped() HELIX_ARM_EXCLUDES(mutex_);
+  void skipped() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    ++status_.skipped;
+  }
   /// Counts a refusal; the state stays.
-  void count(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
+  void count(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    countLocked(refusal);
+  }
   /// A picture is not taken: counts this, except a bad camera_info, which was counted when it came.
   /// The state is camera_fault from now on.
   void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
   /// How far the models' stamps are behind the last picture's [s]; nothing without models.
-  void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_);
+  void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    model_lag_ = lag;
+  }
   /// A picture was measured: the state follows from what was seen in it.
   void saw(const Measurement& measurement, const ObservationReport& report)
       HELIX_ARM_EXCLUDES(mutex_);
   /// The arm whose shape is shown from now on.
-  void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_);
+  void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    markers_.lookAt(sideViewOf(scene));
+  }
   /// Shows a measured shape. Nothing is shown once another state was entered.
   void drawMarkers(const Measurement& measurement, const std::string& tip_text)
       HELIX_ARM_EXCLUDES(mutex_);
   /// The state from now on: one of VisionStatus.
-  void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
+  void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    enterLocked(state, message);
+  }
   /// Enters the state camera_fault for good: none is entered afterwards.
-  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
+  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    enterLocked(VisionStatus::CAMERA_FAULT, message);
+    failed_ = true;
+  }
 
   /// Enters the state stale if no picture has come for VisionOptions::stale_after, by a steady
   /// clock; to be called often. Not before the first picture, after the end of a file, while the
   /// source has a fault, or after stopWatching().
   void watch() HELIX_ARM_EXCLUDES(mutex_);
-  void stopWatching() HELIX_ARM_EXCLUDES(mutex_);
+  void stopWatching() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    watching_ = false;
+  }
 
   /// Publishes status and diagnostics; to be called once a second.
   /// @param scene  name of the scene.
   void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
+  bool measured() const HELIX_ARM_REQUIRES(mutex_) {
+    return status_.state == VisionStatus::MEASURED;
+  }
+  std::uint64_t& counterOf(PictureFault fault) HELIX_ARM_REQUIRES(mutex_);
+  /// Warnings come once in a while however often their reason does.
+  void countLocked(const PictureRefusal& refusal) HELIX_ARM_REQUIRES(mutex_);
   /// Does nothing after fail().
   void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
+  /// Of the pictures, and of what is seen in them.
+  diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
+  diagnostic_msgs::DiagnosticStatus measurementStatus(double seconds) const
+      HELIX_ARM_REQUIRES(mutex_);
   void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_);
 
   const std::string node_name_;
@@ -106,7 +145,14 @@ class VisionStatusPublisher {
   // Locked while publishing, too: the last message on a topic tells of the last state.
   basics::Mutex mutex_;
   VisionMarkers markers_ HELIX_ARM_GUARDED_BY(mutex_);
-  VisionLedger ledger_ HELIX_ARM_GUARDED_BY(mutex_);
+  VisionStatus status_ HELIX_ARM_GUARDED_BY(mutex_);
+  VisionStatus reported_ HELIX_ARM_GUARDED_BY(mutex_);  ///< at the last report
+  unsigned long reported_faults_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  /// Whose intrinsics hold, in words.
+  std::string calibration_ HELIX_ARM_GUARDED_BY(mutex_) = kSceneCalibration;
+  std::optional<double> model_lag_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::array<FaultCount, kPictureFaultCount> faults_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::array<FaultCount, VisionStatus::ENDED + 1> states_ HELIX_ARM_GUARDED_BY(mutex_);
   bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
   bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
@@ -114,7 +160,7 @@ class VisionStatusPublisher {
   ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);
   ros::Publisher status_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
   ros::Publisher marker_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
-  ros::Publisher diagnostics_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  DiagnosticsPublisher diagnostics_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,0 +1,23 @@
+#include "nodes.hpp"
+
+#include <map>
+
+#include "ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+
+std::unique_ptr<Node> makeNode(const std::string& program) {
+  static const std::map<std::string, std::unique_ptr<Node> (*)()> kNodes = {
+      {names::kCalibrationNode, makeCalibration},
+      {names::kFollowPathNode, makeFollowPath},
+      {names::kMonitorNode, makeMonitor},
+      {names::kPressureCommandNode, makePressureCommand},
+      {names::kPressureSeriesNode, makePressureSeries},
+      {names::kSimulatedRigNode, makeSimulatedRig},
+      {names::kVisionNode, makeVision},
+      {names::kVisualServoNode, makeVisualServo},
+      {names::kWorkspaceCloudNode, makeWorkspaceCloud}};
+  return kNodes.at(program)();
+}
+
+}  // namespace helix_arm::ros_bridge
