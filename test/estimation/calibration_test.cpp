@@ -1,29 +1,16 @@
-#include "helix_arm/calibration/calibration.hpp"
-
-#include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
-#include "support/sample_rig.hpp"
+#include "estimation/calibration_data.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
 using test::kMaxPressure;
-using test::Random;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-const Parameter& parameter(const Calibration& calibration, const std::string& name) {
-  const auto& all = calibration.parameters;
-  const auto found = std::find_if(all.begin(), all.end(),
-                                  [&name](const Parameter& one) { return one.name == name; });
-  if (found == all.end()) throw std::out_of_range("no parameter " + name);
-  return *found;
-}
 
 model::Arm scaled(const model::Arm& arm, double kappa, double gamma) {
   model::Stiffness stiffness = arm.actuator(0).stiffness;
@@ -32,50 +19,14 @@ model::Arm scaled(const model::Arm& arm, double kappa, double gamma) {
   return arm.withStiffness(stiffness);
 }
 
-// Curvatures that an arm has at the twelve pressures, to `noise` [rad].
-ArmCaptures curvatures(const model::Arm& known, const model::Arm& truth, double noise,
-                       Random& random) {
-  ArmCaptures data{"arm", known, false, {}, {}, 0, {}};
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    const double curvature = model::curvatureOf(truth.twists(pressure).col(0));
-    test::addCapture(data, pressure,
-                     CurvatureReading{std::abs(curvature + noise * random.normal())});
-  }
-  return data;
-}
-
-ArmCaptures twists(const model::Arm& known, const model::Arm& truth, double deviation) {
-  ArmCaptures data{"arm", known, false, {}, {}, 0, {}};
-  const int entries = 6 * known.sectionCount();
-  const Eigen::MatrixXd covariance =
-      deviation * deviation * Eigen::MatrixXd::Identity(entries, entries);
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    test::addCapture(data, pressure, TwistReading{truth.twists(pressure), covariance});
-  }
-  return data;
+ArmCaptures poses(const model::Arm& known, const TagLayout& layout, const model::Arm& truth,
+                  double noise, Random& random) {
+  return poses(known, layout, rigOf(truth, layout), test::twelvePressures(known), noise, random);
 }
 
 ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
                     double noise, Random& random) {
-  ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    test::addCapture(data, pressure, test::observe(truth, pressure, noise, random));
-  }
-  return data;
-}
-
-ArmCaptures poses(const model::Arm& known, const TagLayout& layout, const model::Arm& truth,
-                  double noise, Random& random) {
-  ArmCaptures data{"arm", known, false, layout, {}, 0, {}};
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    std::vector<PoseObservation> seen;
-    for (lie::SE3 X_BT : tagPoses(layout, truth.twists(pressure))) {
-      for (int axis = 0; axis < 3; ++axis) X_BT.translation[axis] += noise * random.normal();
-      seen.push_back({static_cast<int>(seen.size()), X_BT});
-    }
-    test::addCapture(data, pressure, seen);
-  }
-  return data;
+  return corners(known, view, truth, test::twelvePressures(known), noise, random);
 }
 
 TEST(Calibration, FindsTheStiffnessThatMadeExactTwists) {
@@ -270,11 +221,7 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
     const Parameter& one = parameter(found, name);
     EXPECT_LT(std::abs(one.value - parameter(clean, name).value), 2 * one.standard_error) << name;
   }
-  const bool told =
-      std::any_of(found.warnings.begin(), found.warnings.end(), [](const std::string& warning) {
-        return warning.find("do not fit the others: 9") != std::string::npos;
-      });
-  EXPECT_TRUE(told);
+  EXPECT_TRUE(warns(found, "do not fit the others: 9"));
 }
 
 TEST(Calibration, HeldOutCapturesArePredictedByAFitWithoutThem) {
@@ -449,7 +396,7 @@ TEST(Calibration, LeastTipErrorIsAtItsValley) {
 TEST(Calibration, LeastTipErrorIsNothingWhereItHasNoValley) {
   // The less the arm resists the better: it bends more than any of its kind can.
   const model::Arm straight = test::ringArm(test::straightRing());
-  ArmCaptures data{"arm", straight, false, {}, {}, 0, {}};
+  ArmCaptures data = dataOf(straight);
   for (const double kpa : {0.0, 100.0, 200.0}) {
     test::addCapture(data, Eigen::Vector3d(1e3 * kpa, 0, 0), CurvatureReading{0.1 * kpa});
   }
@@ -546,7 +493,7 @@ TEST_F(Refused, TagsThatAreAllWrong) {
 
 TEST_F(Refused, ArmsThatNeverBend) {
   const model::Arm straight = test::ringArm(test::straightRing());
-  data_ = {"arm", straight, false, {}, {}, 0, {}};
+  data_ = dataOf(straight);
   for (int i = 0; i < 5; ++i) {
     test::addCapture(data_, Eigen::VectorXd::Constant(3, 5e4 * i), CurvatureReading{0.001});
   }
@@ -556,12 +503,85 @@ TEST_F(Refused, ArmsThatNeverBend) {
 TEST(CalibrationOptions, NamesWhatBreaksARule) {
   CalibrationOptions options;
   options.corner_noise = -1;
-  try {
-    options.validate();
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(), "calibration: the corner noise is -1; expected a finite value > 0");
+  EXPECT_EQ(test::refusal([&] { options.validate(); }),
+            "calibration: the corner noise is -1; expected a finite value > 0");
+}
+
+// Corners of a rig of which everything is wrong, at the twelve pressures.
+ArmCaptures wrongRig(double noise, const ArmView& view = test::sampleView(0.8, 1, 8)) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  Random random(7);
+  return corners(
+      known, view,
+      test::drawRig(known, view, {0.2, 0.3, 0.02, 0.01, 0.02, 0.002, 0.05, 0.0002}, random), noise,
+      random);
+}
+
+CalibrationOptions alone(CalibrationOptions options) {
+  options.errors = false;
+  return options;
+}
+
+// Same values, of parameters that are identified.
+void expectSameValues(const ArmCaptures& data, const CalibrationOptions& options) {
+  const Calibration with = calibrate({data}, options), without = calibrate({data}, alone(options));
+  ASSERT_EQ(with.status, CalibrationStatus::kCalibrated) << with.reason;
+  ASSERT_EQ(without.status, CalibrationStatus::kCalibrated) << without.reason;
+  ASSERT_EQ(with.parameters.size(), without.parameters.size());
+  for (std::size_t i = 0; i < with.parameters.size(); ++i) {
+    EXPECT_EQ(without.parameters[i].name, with.parameters[i].name);
+    EXPECT_EQ(without.parameters[i].value, with.parameters[i].value) << with.parameters[i].name;
   }
+  EXPECT_EQ(without.noise_scale, with.noise_scale);
+  EXPECT_EQ(without.rms, with.rms);
+  ASSERT_EQ(without.shapes.size(), with.shapes.size());
+  for (std::size_t c = 0; c < with.shapes.size(); ++c) {
+    EXPECT_EQ(without.shapes[c], with.shapes[c]);
+  }
+}
+
+TEST(ParametersAlone, OfStiffnessAndRigAreThoseWithErrors) {
+  const CalibrationOptions options = test::everythingFromExactReadings(1e-3);
+  const ArmCaptures data = wrongRig(1e-3, test::sampleView());
+  const Calibration with = calibrate({data}, options);
+  for (const char* name : {"K_kappa", "K_gamma"}) {
+    ASSERT_TRUE(parameter(with, name).identifiable) << name << " is held, so it says nothing";
+  }
+  expectSameValues(data, options);
+}
+
+TEST(ParametersAlone, OfPlacementsWithFreeShapesAreThoseWithErrors) {
+  CalibrationOptions options;
+  options.base = options.tags = options.bleed = options.free_shapes = true;
+  expectSameValues(wrongRig(0.3), options);
+}
+
+TEST(ParametersAlone, HaveNothingElse) {
+  const Calibration found = calibrate({wrongRig(0.3)}, alone({}));
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  for (const Parameter& one : found.parameters) {
+    EXPECT_TRUE(std::isnan(one.standard_error)) << one.name;
+    EXPECT_FALSE(one.identifiable) << one.name;
+  }
+  EXPECT_EQ(found.correlation.size(), 0);
+  EXPECT_TRUE(found.combinations.empty());
+  EXPECT_TRUE(found.next_pressures.empty());
+  EXPECT_TRUE(found.held_out_shapes.empty());
+  EXPECT_FALSE(found.by_pressure || found.by_arm);
+  for (const CaptureResidual& one : found.captures) EXPECT_FALSE(one.gain);
+}
+
+TEST(ParametersAlone, AreAtTheOptimumEvenIfNothingDeterminesThem) {
+  // Shear hardly affects an untilted arm.
+  const model::Arm known = test::ringArm(test::straightRing()), truth = scaled(known, 1.2, 1.0);
+  const ArmCaptures data = twists(known, truth, 1e-4);
+  const Calibration found = calibrate({data}, alone({}));
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  ASSERT_EQ(found.parameters.size(), 2u);
+  const model::Stiffness stiffness = truth.actuator(0).stiffness;
+  EXPECT_NEAR(found.parameters[0].value / stiffness.kappa, 1, 1e-4);
+  EXPECT_NEAR(found.parameters[1].value / stiffness.gamma, 1, 1e-4);  // that of its prior
+  EXPECT_FALSE(parameter(calibrate({data}, {}), "K_gamma").identifiable);
 }
 
 }  // namespace

@@ -25,13 +25,6 @@ TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
   EXPECT_GT(bench_.error(), 5e-3);
 }
 
-TEST_F(Loop, CommandsNothingWithoutTarget) {
-  bench_.run(1);
-  EXPECT_EQ(state(), LoopState::kIdle);
-  EXPECT_FALSE(bench_.loop.turn().commands);
-  EXPECT_TRUE(bench_.pressure().isZero());
-}
-
 TEST_F(Loop, IsOpenUntilItHasSeenTheArm) {
   bench_.loop.aimAt(here_);
   bench_.run(1, false);
@@ -110,59 +103,6 @@ TEST_F(Loop, HoldsThePathWhileSomethingTouchesTheArm) {
   ASSERT_TRUE(before);
   bench_.run(1);
   EXPECT_EQ(bench_.loop.turn().path_time, before);
-}
-
-TEST_F(Loop, EndsThePathAtAContactThatIsToStopIt) {
-  bench_.loop.setOnContact(OnContact::kStop);
-  close();
-  bench_.run(12);
-  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
-  bench_.run(2);
-  touch();
-  bench_.run(1);
-  EXPECT_FALSE(bench_.loop.turn().path_time);
-  EXPECT_TRUE(bench_.loop.turn().commands) << "the command is held";
-}
-
-// The model bends the wrong way: the correction pushes the arm farther from a still target.
-TEST_F(Loop, StopsCorrectingAnArmThatGoesTheWrongWay) {
-  close();
-  bench_.options.gain = -3.0;
-  double begin = bench_.time();
-  while (state() == LoopState::kClosed && bench_.time() < begin + 20) bench_.step();
-  ASSERT_EQ(state(), LoopState::kDiverging);
-  const Eigen::VectorXd frozen = bench_.loop.turn().pressure;
-  bench_.run(3);
-  EXPECT_EQ(state(), LoopState::kDiverging);
-  EXPECT_LE((bench_.loop.turn().pressure - frozen).norm(), 1.0);
-  bench_.options.gain = 1.0;
-  bench_.loop.reset();
-  bench_.run(3);
-  EXPECT_EQ(state(), LoopState::kClosed);
-  EXPECT_LT(bench_.error(), 1e-3);
-}
-
-TEST_F(Loop, RestsWhileTheArmIsNotEnabled) {
-  close();
-  bench_.loop.enable(false);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kIdle);
-  EXPECT_FALSE(bench_.loop.turn().commands);
-  EXPECT_FALSE(bench_.loop.hasTarget()) << "nothing may move when it is enabled again";
-  bench_.loop.enable(true);
-  bench_.run(0.5);
-  EXPECT_EQ(state(), LoopState::kIdle);
-  bench_.loop.aimAt(there_);
-  bench_.run(2);
-  EXPECT_EQ(state(), LoopState::kClosed);
-}
-
-TEST_F(Loop, LearnsWhileItIsIdle) {
-  bench_.run(2);
-  EXPECT_LT(bench_.loop.tipDeviation(), 0.01);
-  bench_.loop.aimAt(here_);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kClosed);
 }
 
 // Whatever happens at a still target, the command moves by what a correction of some millimetres

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/lie/coefficients.hpp"
+#include "support/linked_arm.hpp"
 #include "support/tapered_arm.hpp"
 
 namespace helix_arm::model {
@@ -313,9 +314,10 @@ TEST(Batch, HandlesTablesAndTendons) {
   }
 }
 
-TEST(Batch, RowsOfTablesAndTapersAreTheTipsOfTheirColumns) {
+TEST(Batch, RowsOfTablesTapersAndLinksAreTheTipsOfTheirColumns) {
   constexpr std::size_t kCount = 700;
-  for (const Arm& arm : {tableArm(), tableArm(2), test::taperedArm(), test::taperedArm(0.26)}) {
+  for (const Arm& arm :
+       {tableArm(), tableArm(2), test::taperedArm(), test::taperedArm(0.26), test::linkedArm()}) {
     const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 82);
     const std::vector<double> rows = rowsOf(q);
     std::vector<double> by_columns;

@@ -5,20 +5,12 @@
 
 #include <gtest/gtest.h>
 
-#include "support/loaded_arm.hpp"
-#include "support/paper_arm.hpp"
+#include "statics/arms_under_load.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
 constexpr double kEps = 2.220446049250313e-16;
-
-TierRequest by(Tier tier, std::optional<int> order = {}) {
-  TierRequest request;
-  request.tier = tier;
-  request.order = order;
-  return request;
-}
 
 const Load kWeight = test::weight(test::Posture::kHorizontal, 0.2, 900);
 
@@ -31,10 +23,11 @@ std::vector<ArmModel> models() {
   return {ArmModel(model::embed(planar), planar),
           ArmModel(helical),
           ArmModel(test::ringArm(test::straightRing(), 2)),
-          ArmModel(helical, {}, kWeight, by(Tier::kLinear)),
-          ArmModel(helical, {}, kWeight, by(Tier::kLoaded, 3)),
-          ArmModel(model::embed(planar), planar, in_plane, by(Tier::kLoaded, 2)),
-          ArmModel(helical, {}, kWeight, by(Tier::kExact))};
+          ArmModel(test::linkedArm()),
+          ArmModel(helical, {}, kWeight, request(Tier::kLinear)),
+          ArmModel(helical, {}, kWeight, request(Tier::kLoaded, 3)),
+          ArmModel(model::embed(planar), planar, in_plane, request(Tier::kLoaded, 2)),
+          ArmModel(helical, {}, kWeight, request(Tier::kExact))};
 }
 
 int countFor(const ArmModel& model) {
@@ -139,7 +132,7 @@ TEST(Workspace, SensitivityIsThatOfDifferencesOfTheModel) {
         const TierSetting& setting = model.choice().setting;
         const ArmModel stiffer(
             arm, model.planar(), load,
-            by(setting.tier, setting.order > 0 ? std::optional(setting.order) : std::nullopt));
+            request(setting.tier, setting.order > 0 ? std::optional(setting.order) : std::nullopt));
         stiffness += (at(stiffer, q) - tip).squaredNorm();
       }
       EXPECT_NEAR(points.sensitivity(row, 2), std::sqrt(stiffness), 1e-9);
@@ -174,12 +167,12 @@ TEST(Workspace, InputsWithoutBalanceAreLeftOutAndCounted) {
   Load load = kWeight;
   load.gravity = {-test::kGravity, 0, 0};
   load.mass = {3};
-  const ArmModel model(test::softHelicalArm(), {}, load, by(Tier::kLoaded, 2));
+  const ArmModel model(test::softHelicalArm(), {}, load, request(Tier::kLoaded, 2));
   constexpr int kCount = 300;
   const Workspace workspace(model);
   const WorkspacePoints points = workspace.sample(0, kCount);
   const Eigen::MatrixXd drawn =
-      Workspace(model.withTier(by(Tier::kLinear))).sample(0, kCount).inputs;
+      Workspace(model.withTier(request(Tier::kLinear))).sample(0, kCount).inputs;
   int next = 0;
   for (int row = 0; row < kCount; ++row) {
     const Tip tip = model.tip(drawn.row(row).transpose());
