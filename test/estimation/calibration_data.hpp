@@ -29,6 +29,17 @@ inline bool warns(const Calibration& found, const std::string& words) {
                      [&words](const auto& one) { return one.find(words) != std::string::npos; });
 }
 
+/// Of captures that can be calibrated.
+inline Calibration calibrated(const std::vector<ArmCaptures>& data,
+                              const CalibrationOptions& options = {},
+                              const std::string& what = "") {
+  const Calibration found = calibrate(data, options);
+  if (found.status != CalibrationStatus::kCalibrated) {
+    throw std::runtime_error(what + ": " + nameOf(found.status) + ", " + found.reason);
+  }
+  return found;
+}
+
 /// A rig that differs from what is known of it in its stiffness alone.
 inline test::RigTruth rigOf(const model::Arm& truth, const TagLayout& layout = {}) {
   ArmView view;

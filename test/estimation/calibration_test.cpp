@@ -32,8 +32,7 @@ ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::Ri
 TEST(Calibration, FindsTheStiffnessThatMadeExactTwists) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const model::Arm truth = scaled(known, 1.3, 0.6);
-  const Calibration found = calibrate({twists(known, truth, 1e-6)}, {});
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({twists(known, truth, 1e-6)});
   EXPECT_NEAR(parameter(found, "K_kappa").value / truth.actuator(0).stiffness.kappa, 1, 1e-5);
   EXPECT_NEAR(parameter(found, "K_gamma").value / truth.actuator(0).stiffness.gamma, 1, 1e-5);
   EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
@@ -49,8 +48,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   const test::RigErrors errors{0.2, 0.3, 0.02, 0.01, 0.02, 0.002, 0.05, 0.0002};
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
   const CalibrationOptions options = test::everythingFromExactReadings(1e-6);
-  const Calibration found = calibrate({corners(known, view, truth, 0, random)}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({corners(known, view, truth, 0, random)}, options);
   for (const Parameter& one : found.parameters) {
     if (!one.identifiable) continue;
     const double expected = truth.parameters.at(one.name);
@@ -67,8 +65,7 @@ TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndKeepsItsValue) {
   Random random(2);
   for (const ArmCaptures& data : {curvatures(known, scaled(known, 1.2, 3.0), 0.01, random),
                                   twists(known, scaled(known, 1.2, 3.0), 1e-3)}) {
-    const Calibration found = calibrate({data}, {});
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    const Calibration found = calibrated({data});
     EXPECT_FALSE(parameter(found, "K_gamma").identifiable);
     EXPECT_EQ(parameter(found, "K_gamma").value, 10.0);
     EXPECT_EQ(found.stiffness->gamma, 10.0);
@@ -86,15 +83,13 @@ TEST(Calibration, TorsionIsFoundFromZeroAndOtherwiseStaysZero) {
   CalibrationOptions options;
   options.K_tau = true;
   options.stiffness_prior = 5;
-  const Calibration found = calibrate({twists(known, known.withStiffness(stiff), 1e-6)}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({twists(known, known.withStiffness(stiff), 1e-6)}, options);
   EXPECT_EQ(parameter(found, "K_tau").initial, 0.0);
   EXPECT_NEAR(parameter(found, "K_tau").value / 3e-4, 1, 1e-3);
 
   Random random(3);
   const model::Arm straight = test::ringArm(test::straightRing());
-  const Calibration blind = calibrate({curvatures(straight, straight, 0.01, random)}, options);
-  ASSERT_EQ(blind.status, CalibrationStatus::kCalibrated) << blind.reason;
+  const Calibration blind = calibrated({curvatures(straight, straight, 0.01, random)}, options);
   EXPECT_FALSE(parameter(blind, "K_tau").identifiable);
   EXPECT_EQ(blind.stiffness->tau, 0.0);
 }
@@ -109,8 +104,7 @@ TEST(Calibration, EachActuatorGetsItsOwnScale) {
   }
   CalibrationOptions options;
   options.length_scale = LengthScaling::kEach;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_LT((found.length_scale - scales).norm(), 1e-5);
   EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
 }
@@ -133,33 +127,9 @@ TEST(Calibration, ParametersThatAreNotFittedKeepTheirValues) {
   CalibrationOptions options;
   options.K_kappa = options.K_gamma = false;
   options.length_scale = LengthScaling::kCommon;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_NEAR(parameter(found, "length_scale").value, 1.01, 1e-5);
   EXPECT_LT(found.rms, 1e-5);
-}
-
-TEST(Calibration, StandardErrorsOfRepeatedExperimentsHold) {
-  const model::Arm known = test::ringArm(test::straightRing());
-  const model::Arm truth = scaled(known, 0.8, 1.0);
-  Random random(4);
-  constexpr int kRuns = 200;
-  double sum = 0;
-  int beyond = 0;
-  for (int run = 0; run < kRuns; ++run) {
-    CalibrationOptions options;
-    options.K_gamma = false;
-    const Calibration found = calibrate({curvatures(known, truth, 0.03, random)}, options);
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
-    const Parameter& kappa = parameter(found, "K_kappa");
-    const double z = (kappa.value - truth.actuator(0).stiffness.kappa) / kappa.standard_error;
-    sum += z * z;
-    beyond += std::abs(z) > 3;
-  }
-  // The larger of two estimates is a little cautious: z^2 is somewhat below 1 in the mean.
-  EXPECT_GT(sum / kRuns, 0.4);
-  EXPECT_LT(sum / kRuns, 1.2);
-  EXPECT_LE(beyond, 4);
 }
 
 TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
@@ -211,8 +181,7 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
   for (PoseObservation& seen : std::get<std::vector<PoseObservation>>(data.captures[8].reading)) {
     seen.X_BT.translation += Eigen::Vector3d(0.1, -0.3, 0.2);
   }
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_EQ(found.captures[4].outlier_tags, std::vector<int>{7});
   EXPECT_FALSE(found.captures[4].outlier);
   EXPECT_TRUE(found.captures[8].outlier);
@@ -261,8 +230,7 @@ TEST(Calibration, SeveralArmsShareOneStiffnessAndEachIsPredictedByTheOthers) {
   }
   CalibrationOptions options;
   options.K_gamma = false;
-  const Calibration found = calibrate(arms, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated(arms, options);
   const Parameter& kappa = parameter(found, "K_kappa");
   EXPECT_LT(std::abs(kappa.value - 1.3 * 1.38e-4), 3 * kappa.standard_error);
   ASSERT_TRUE(found.by_arm);
@@ -283,8 +251,7 @@ TEST(Calibration, WrongTagsOfEveryArmGoByTheirOwnIds) {
     arms.push_back(poses(known, layout, known, 0.002, random));
   }
   std::get<std::vector<PoseObservation>>(arms[1].captures[2].reading)[11].X_BT.translation.x() += 1;
-  const Calibration found = calibrate(arms, {});
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated(arms);
   EXPECT_EQ(found.captures[14].outlier_tags, std::vector<int>{511});
 }
 
@@ -298,8 +265,7 @@ TEST(Calibration, PlacementNeedsNoModelWhereShapesAreFree) {
   CalibrationOptions options;
   options.base = options.tags = options.free_shapes = true;
   const ArmCaptures data = corners(known, view, truth, 0.2, random);
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_FALSE(found.stiffness);
   for (const Parameter& one : found.parameters) {
     const double z = (one.value - truth.parameters.at(one.name)) / one.standard_error;
@@ -322,8 +288,7 @@ TEST(Calibration, PlacementsStayOnTheArm) {
   for (int tag = 12; tag < 16; ++tag) truth.view.layout.tags[tag].X_ST.translation.x() += 0.003;
   CalibrationOptions options;
   options.tags = options.base = options.bleed = true;
-  const Calibration found = calibrate({corners(known, view, truth, 0.1, random)}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({corners(known, view, truth, 0.1, random)}, options);
   EXPECT_NO_THROW(found.layout.validate(1));
   const model::Twists shape = truth.arm.twists(Eigen::VectorXd::Zero(3));
   int told = 0;
@@ -343,8 +308,7 @@ TEST(Calibration, SaysWhichCapturesAddNothingAndWhichWouldAddMost) {
   ArmCaptures data = curvatures(known, known, 0.01, random);
   CalibrationOptions options;
   options.K_gamma = false;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated);
+  const Calibration found = calibrated({data}, options);
   // At rest no stiffness is seen; the harder it bends, the more is.
   EXPECT_LT(found.captures.front().gain, 1e-6);
   EXPECT_GT(found.captures.back().gain, found.captures[3].gain);
@@ -524,8 +488,7 @@ CalibrationOptions alone(CalibrationOptions options) {
 
 // Same values, of parameters that are identified.
 void expectSameValues(const ArmCaptures& data, const CalibrationOptions& options) {
-  const Calibration with = calibrate({data}, options), without = calibrate({data}, alone(options));
-  ASSERT_EQ(with.status, CalibrationStatus::kCalibrated) << with.reason;
+  const Calibration with = calibrated({data}, options), without = calibrate({data}, alone(options));
   ASSERT_EQ(without.status, CalibrationStatus::kCalibrated) << without.reason;
   ASSERT_EQ(with.parameters.size(), without.parameters.size());
   for (std::size_t i = 0; i < with.parameters.size(); ++i) {
@@ -557,8 +520,7 @@ TEST(ParametersAlone, OfPlacementsWithFreeShapesAreThoseWithErrors) {
 }
 
 TEST(ParametersAlone, HaveNothingElse) {
-  const Calibration found = calibrate({wrongRig(0.3)}, alone({}));
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({wrongRig(0.3)}, alone({}));
   for (const Parameter& one : found.parameters) {
     EXPECT_TRUE(std::isnan(one.standard_error)) << one.name;
     EXPECT_FALSE(one.identifiable) << one.name;
@@ -575,8 +537,7 @@ TEST(ParametersAlone, AreAtTheOptimumEvenIfNothingDeterminesThem) {
   // Shear hardly affects an untilted arm.
   const model::Arm known = test::ringArm(test::straightRing()), truth = scaled(known, 1.2, 1.0);
   const ArmCaptures data = twists(known, truth, 1e-4);
-  const Calibration found = calibrate({data}, alone({}));
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, alone({}));
   ASSERT_EQ(found.parameters.size(), 2u);
   const model::Stiffness stiffness = truth.actuator(0).stiffness;
   EXPECT_NEAR(found.parameters[0].value / stiffness.kappa, 1, 1e-4);

@@ -69,8 +69,7 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   options.K_eps = true;
   options.length_scale = LengthScaling::kCommon;
   options.held_out = false;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_NEAR(parameter(found, "K_kappa").value / rig.stiffness.kappa, 1, 1e-4);
   EXPECT_NEAR(parameter(found, "K_gamma").value / rig.stiffness.gamma, 1, 1e-4);
   EXPECT_NEAR(parameter(found, "K_eps").value, 650.0, 0.1);
@@ -91,8 +90,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
     CalibrationOptions options;
     options.position_noise = 0.002;
     options.K_gamma = false;  // of which an arm without tilt tells next to nothing
-    const Calibration found = calibrate({data}, options);
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    const Calibration found = calibrated({data}, options);
     EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
     EXPECT_LT(sigmasOff(found, "K_kappa", rig.stiffness.kappa), 3.0);
     EXPECT_LT(parameter(found, "K_kappa").standard_error, 0.05 * rig.stiffness.kappa);
@@ -104,8 +102,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
     ArmCaptures weightless = data;
     weightless.load.reset();
     options.held_out = false;  // the errors of the noise alone
-    const Calibration ignorant = calibrate({weightless}, options);
-    ASSERT_EQ(ignorant.status, CalibrationStatus::kCalibrated) << ignorant.reason;
+    const Calibration ignorant = calibrated({weightless}, options);
     EXPECT_GT(sigmasOff(ignorant, "K_kappa", rig.stiffness.kappa), 3.0);
     EXPECT_GT(parameter(ignorant, "K_kappa").value, 1.2 * rig.stiffness.kappa);
   }
@@ -119,8 +116,7 @@ TEST(LoadedCalibration, TheWeightDeterminesKEps) {
   options.position_noise = 0.002;
   options.K_gamma = false;
   options.K_eps = true;
-  const Calibration found = calibrate({rig.poses(0.002, random)}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({rig.poses(0.002, random)}, options);
   EXPECT_TRUE(parameter(found, "K_eps").identifiable);
   EXPECT_LT(sigmasOff(found, "K_eps", 600.0), 3.0);
   EXPECT_GT(sigmasOff(found, "K_eps", 500.0), 3.0);
@@ -146,8 +142,7 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   }
   CalibrationOptions options = test::everythingFromExactReadings(1e-4);
   options.next_pressures = 0;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   for (const Parameter& one : found.parameters) {
     if (!one.identifiable) continue;
     const double expected = truth.parameters.at(one.name);
@@ -175,8 +170,7 @@ TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
   options.base = options.free_shapes = true;
   options.base_prior = {10.0, 10.0};
   options.position_noise = 0.001;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_LT((found.X_B0B.log() - offset).cwiseAbs().maxCoeff(), 1e-4);
   EXPECT_LT(found.rms, 1e-5);
   data.load.reset();

@@ -27,23 +27,6 @@ TEST(Arm, TwistIsTheMapTimesTheLengths) {
   }
 }
 
-TEST(Arm, SectionsInSeriesAreTheProductOfTheirExponentials) {
-  const Arm arm = test::ringArm(test::helicalRing(), 3);
-  test::Random random(62);
-  for (int i = 0; i < 200; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    lie::SE3 expected;
-    for (int k = 0; k < 3; ++k) {
-      expected =
-          expected * lie::SE3::exp(arm.equilibrium(k).map * arm.lengths(q).segment<3>(3 * k));
-    }
-    const lie::SE3 tip = arm.tip(q);
-    EXPECT_LT((tip.translation - expected.translation).norm(), 1e-13);
-    EXPECT_LT((tip.rotation - expected.rotation).norm(), 1e-13);
-    EXPECT_LT((tipPose(arm.twists(q)).translation - tip.translation).norm(), 1e-14);
-  }
-}
-
 TEST(Arm, InflatingOneMuscleBendsTowardsIt) {
   const Arm arm = test::ringArm(test::straightRing());
   const Eigen::Vector3d tip = arm.tip(Eigen::Vector3d(3e5, 0, 0)).translation;
@@ -213,25 +196,6 @@ TEST(Curve, TenThousandSamplesDoNotDrift) {
   }
   std::printf("worst of 10 001 samples: %.2f eps\n", worst);
   EXPECT_LE(worst, 8.0);
-}
-
-TEST(Curve, BeginsAtTheBaseAndEndsAtTheTip) {
-  const Arm arm = test::ringArm(test::helicalRing(), 3);
-  const Twists g = arm.twists(Eigen::VectorXd::LinSpaced(9, 0, 3e5));
-  const auto curve = sampleCurve(g, 50);
-  EXPECT_EQ(curve.front().s, 0.0);
-  EXPECT_EQ(curve.back().s, 3.0);
-  EXPECT_EQ(curve.front().X.translation, Eigen::Vector3d::Zero());
-  EXPECT_LT((curve.back().X.translation - tipPose(g).translation).norm(), 1e-15);
-  for (const auto& point : curve) {
-    EXPECT_LT((point.X.translation - poseAt(g, point.s).translation).norm(), 1e-15);
-  }
-}
-
-TEST(Curve, IsContinuousWhereSectionsMeet) {
-  const Arm arm = test::ringArm(test::straightRing(), 2);
-  const Twists g = arm.twists(Eigen::VectorXd::LinSpaced(6, 0, 3e5));
-  EXPECT_LT((poseAt(g, 1 - 1e-12).translation - poseAt(g, 1).translation).norm(), 1e-11);
 }
 
 TEST(Curve, IsNotExtrapolated) {

@@ -98,21 +98,6 @@ TEST(Taper, ConstantListsHaveTheSameBits) {
   }
 }
 
-TEST(Taper, TheTipIsThatOfTheIntegratedTwist) {
-  for (const double tilt : {0.0, kTilt}) {
-    const Section section = test::taperedSection(
-        tilt == 0.0 ? test::straightRing() : test::helicalRing(), {0.05, 0.025}, {tilt, tilt});
-    const Arm arm({section});
-    ASSERT_TRUE(arm.tapered());
-    test::Random random(92);
-    for (int i = 0; i < 10; ++i) {
-      const Eigen::VectorXd q = test::randomInput(arm, random);
-      const Eigen::Vector3d expected = tipByMidpoints(section, arm.lengths(q));
-      EXPECT_LT((arm.tip(q).translation - expected).norm(), 1e-5 * arm.restLength());
-    }
-  }
-}
-
 TEST(Taper, MagnusStepsConvergeWithOrderSix) {
   for (const double tilt : {0.0, kTilt}) {
     const Section section = test::taperedSection(

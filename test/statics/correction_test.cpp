@@ -69,36 +69,22 @@ TEST(Correct, OfNothingChangesNotABit) {
   }
 }
 
-TEST(Correct, BringsTheCorrectedArmToTheTarget) {
+TEST(Correct, BringsTheCorrectedArmToTheTargetAndToItsTwists) {
   test::Random random(2);
   for (const Arm& arm : kArms) {
     InverseSolver solver(arm);
     for (int k = 0; k < 100; ++k) {
       const Correction correction = randomCorrection(arm, random);
-      const Eigen::VectorXd input = test::randomInput(arm, random);
-      const Eigen::Vector3d target =
-          model::tipPose(expectedTwists(arm, correction, input)).translation;
-      solver.correct(correction);
-      const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
-      ASSERT_EQ(result.status, InverseStatus::kReached) << k;
-      const lie::SE3 reached = model::tipPose(expectedTwists(arm, correction, result.input));
-      ASSERT_LE((reached.translation - target).norm(), 2e-6) << k;
-    }
-  }
-}
-
-TEST(Correct, BringsTheCorrectedArmToItsTwists) {
-  test::Random random(3);
-  for (const Arm& arm : kArms) {
-    InverseSolver solver(arm);
-    for (int k = 0; k < 100; ++k) {
-      const Correction correction = randomCorrection(arm, random);
       const model::Twists target = expectedTwists(arm, correction, test::randomInput(arm, random));
+      const Eigen::Vector3d tip = model::tipPose(target).translation;
       solver.correct(correction);
-      const InverseResult& result = solver.toTwists(target, arm.inputAt(0.5));
-      ASSERT_EQ(result.status, InverseStatus::kReached) << k;
-      const model::Twists reached = expectedTwists(arm, correction, result.input);
-      ASSERT_LE((reached - target).norm(), 3e-5) << k;
+      const InverseResult position = solver.toPosition(tip, arm.inputAt(0.5));
+      ASSERT_EQ(position.status, InverseStatus::kReached) << k;
+      const lie::SE3 reached = model::tipPose(expectedTwists(arm, correction, position.input));
+      ASSERT_LE((reached.translation - tip).norm(), 2e-6) << k;
+      const InverseResult twists = solver.toTwists(target, arm.inputAt(0.5));
+      ASSERT_EQ(twists.status, InverseStatus::kReached) << k;
+      ASSERT_LE((expectedTwists(arm, correction, twists.input) - target).norm(), 3e-5) << k;
     }
   }
 }

@@ -31,26 +31,6 @@ model::Arm randomArm(int sections, test::Random& random) {
   return model::Arm(std::move(parts));
 }
 
-TEST(Loaded, WithoutLoadItIsTheLinearModel) {
-  test::Random random(3);
-  for (int i = 0; i < 50; ++i) {
-    const int sections = random.integer(1, 4);
-    const model::Arm arm = randomArm(sections, random);
-    Load load;
-    load.mass.assign(sections, 0.2);  // without gravity
-    load.K_eps.assign(sections, 1000);
-    const model::Twists twists = arm.twists(test::randomInput(arm, random));
-    const lie::SE3 expected = model::tipPose(twists);
-    for (int order = kLeastOrder; order <= kMostOrder; ++order) {
-      const Solution found = LoadedArm(arm, load, order).solve(twists);
-      ASSERT_TRUE(found.converged());
-      EXPECT_LT((found.tip.translation - expected.translation).norm(), 1e-12);
-      EXPECT_LT((found.tip.rotation - expected.rotation).norm(), 1e-12);
-      EXPECT_LT((found.shape.twists() - twists).cwiseAbs().maxCoeff(), 1e-12);
-    }
-  }
-}
-
 TEST(Loaded, AgreesWithShootingOnArmsOfAnySectionsAndPoints) {
   test::Random random(5);
   double worst = 0;
