@@ -83,6 +83,11 @@ class Bench {
     while (!forks.load().contact && time < begin + deadline) see();
     return forks.load().contact ? time - begin : INFINITY;
   }
+  // A force that is found.
+  void touch(const Eigen::Vector3d& by) {
+    force = by;
+    ASSERT_TRUE(std::isfinite(delay(1)));
+  }
   // Targets in a row until contacts may be found.
   void moveUntilArmed() {
     for (int k = 0; k < 5; ++k) {
@@ -282,8 +287,7 @@ TEST(LoadForks, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
 TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
   Bench bench(7);
   bench.moveUntilArmed();
-  bench.force = {0, 0.5, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.5, 0});
   bench.run(2);
   bench.force.setZero();
   const double begin = bench.time;
@@ -307,8 +311,7 @@ TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
 TEST(LoadForks, AForceThatChangesIsFollowed) {
   Bench bench(8);
   bench.moveUntilArmed();
-  bench.force = {0, 0.4, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.4, 0});
   bench.run(1.5);
   bench.force = {0, -0.6, 0.5};
   bench.run(1.5);
@@ -321,8 +324,7 @@ TEST(LoadForks, AForceThatChangesIsFollowed) {
 TEST(LoadForks, AnOutlierIsNoForce) {
   Bench bench(9);
   bench.moveUntilArmed();
-  bench.force = {0, 0.4, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.4, 0});
   bench.run(1.5);
   const Eigen::Vector3d before = loadOf(bench).force;
   for (int k = 0; k < 2; ++k) {
@@ -359,8 +361,7 @@ TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
 TEST(LoadForks, ResetForgetsContactAndForks) {
   Bench bench(13);
   bench.moveUntilArmed();
-  bench.force = {0, 1, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 1, 0});
   bench.forks.reset();
   EXPECT_FALSE(loadOf(bench).contact);
   EXPECT_EQ(loadOf(bench).score, 0);
@@ -378,8 +379,7 @@ TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
   ASSERT_TRUE(parts.normalised());
   bench.compliance = std::move(parts);
   bench.moveUntilArmed();
-  bench.force = {0, 0.6, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.6, 0});
   bench.run(1.5);
   EXPECT_TRUE(loadOf(bench).normalised);
   EXPECT_NEAR(loadOf(bench).force.y(), 0.6 / kK_eps, 0.15 / kK_eps);
