@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/expect_refusal.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -66,19 +66,16 @@ TEST(Camera, DirectionOfNonsenseIsNothing) {
 }
 
 TEST(Camera, WithoutCalibrationItIsRefused) {
-  const auto said = [](void (*spoil)(Camera&)) {
-    Camera camera = test::sampleCamera();
-    spoil(camera);
-    return test::refusal([&camera] { camera.validate(); });
-  };
-  EXPECT_EQ(said([](Camera&) {}), "accepted");
-  EXPECT_EQ(said([](Camera& c) { c.width = Camera::kMaxSide; }), "accepted");
-  EXPECT_EQ(said([](Camera& c) { c.fx = 0; }),
-            "camera: the focal length fx [px] is 0; expected a finite value > 0: calibrate the "
-            "camera first");
-  EXPECT_NE(said([](Camera& c) { c.distortion[4] = std::nan(""); }), "accepted");
-  EXPECT_NE(said([](Camera& c) { c.width = 0; }), "accepted");
-  EXPECT_NE(said([](Camera& c) { c.height = Camera::kMaxSide + 1; }), "accepted");
+  Camera largest = test::sampleCamera();
+  largest.width = Camera::kMaxSide;
+  test::expectRefusals(
+      largest, [](const Camera& camera) { camera.validate(); },
+      {{[](Camera& c) { c.fx = 0; },
+        "camera: the focal length fx [px] is 0; expected a finite value > 0: calibrate the camera "
+        "first"},
+       {[](Camera& c) { c.distortion[4] = std::nan(""); }, "nan"},
+       {[](Camera& c) { c.width = 0; }, "is 0"},
+       {[](Camera& c) { c.height = Camera::kMaxSide + 1; }, "expected"}});
 }
 
 }  // namespace

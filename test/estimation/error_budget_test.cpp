@@ -1,7 +1,6 @@
 #include "helix_arm/tracking/error_budget.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -9,8 +8,9 @@
 
 #include <gtest/gtest.h>
 
+#include "estimation/misplaced.hpp"
+#include "estimation/tracked_arm.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "support/loaded_arm.hpp"
 #include "support/sample_view.hpp"
 #include "support/tip_spread.hpp"
 
@@ -25,14 +25,7 @@ using test::Random;
 constexpr double kPressureNoise = 300.0;  // [Pa]
 constexpr double kDegree = test::kPi / 180;
 
-ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
 ArmModel twoSections() { return ArmModel(test::ringArm(test::helicalRing(), 2)); }
-ArmModel loadedModel() {
-  return ArmModel(test::softHelicalArm(), std::nullopt,
-                  test::weight(test::Posture::kHanging, 0.2, 900.0),
-                  statics::TierSetting{statics::Tier::kLoaded, 5});
-}
-
 // Deviations so small that the tip is linear in them, and an arm that is always at rest.
 ArmFilterOptions smallDeviations() {
   ArmFilterOptions out;
@@ -331,13 +324,11 @@ ArmFilterOptions calibrated() {
 class Rig {
  public:
   Rig(const Correction& truth, unsigned seed)
-      : truth_(model_), random_(seed), placed_(viewOf()), true_view_(placed_.view) {
+      : truth_(model_),
+        random_(seed),
+        placed_(viewOf()),
+        true_view_(misplaced(placed_, model_.arm(), random_)) {
     truth_.set(truth);
-    true_view_.X_CB = true_view_.X_CB * lie::SE3::exp(draw(placed_.deviations.base));
-    for (std::size_t i = 0; i < true_view_.layout.tags.size(); ++i) {
-      TagPlacement& tag = true_view_.layout.tags[i];
-      tag = movedBy(tag, draw(placed_.deviations.tags[i]), model_.arm().restLength(tag.section));
-    }
   }
 
   TipErrorBudget run(const ArmFilterOptions& options) {
@@ -366,8 +357,6 @@ class Rig {
     return *budget.current();
   }
 
-  static ArmModel nominal() { return ArmModel(test::ringArm(test::helicalRing())); }
-
  private:
   // Residuals of misplaced tags and the prior of a free base also raise the covariance of a fit.
   // Tags that are placed to 0.05 mm and a fixed base keep it that of the corners alone.
@@ -375,13 +364,8 @@ class Rig {
     const ArmView view = test::sampleView();
     return {view, {}, {view.layout, {0.00005, 0.05 * kDegree}, {0.0005, 0.1 * kDegree}}};
   }
-  lie::Vector6 draw(const lie::Vector6& deviations) {
-    lie::Vector6 out;
-    for (int i = 0; i < 6; ++i) out[i] = deviations[i] * random_.normal();
-    return out;
-  }
 
-  const ArmModel model_ = nominal();
+  const ArmModel model_ = helicalModel();
   CorrectedModel truth_;
   Random random_;
   const PlacedView placed_;
@@ -389,7 +373,7 @@ class Rig {
 };
 
 Correction longer(double scale) {
-  Correction out(Rig::nominal().arm());
+  Correction out(helicalModel().arm());
   out.length_scale.setConstant(scale);
   return out;
 }
@@ -428,7 +412,7 @@ TEST(ErrorBudget, IsOutsideOfWhatTheCalibrationExplainsAsRarelyAsChiSquareSays) 
   double sum = 0;
   for (unsigned seed = 1; seed <= kRuns; ++seed) {
     Random random(1000 + seed);
-    Correction truth(Rig::nominal().arm());
+    Correction truth(helicalModel().arm());
     truth.stiffness_factors.gamma = std::exp(options.stiffness_deviation.gamma * random.normal());
     truth.stiffness_factors.kappa = std::exp(options.stiffness_deviation.kappa * random.normal());
     for (double& scale : truth.length_scale) {

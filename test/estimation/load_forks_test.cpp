@@ -4,15 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/statics/loaded.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -387,17 +385,15 @@ TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
 }
 
 TEST(LoadForks, OptionsThatAreNoneAreRefused) {
-  const auto refused = [](void (*spoil)(LoadForksOptions&)) {
-    LoadForksOptions options;
-    spoil(options);
-    return test::refusal([&] { LoadForks forks(options); });
-  };
-  EXPECT_EQ(refused([](auto& o) { o.limit = 0; }),
-            "contact: the limit of the score is 0; expected a finite value > 0");
-  EXPECT_EQ(refused([](auto& o) { o.deviation = -1; }),
-            "contact: the deviation of forces [N] is -1; expected a finite value > 0");
-  EXPECT_EQ(refused([](auto& o) { o.creep = NAN; }),
-            "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0");
+  using Options = LoadForksOptions;
+  test::expectRefusals(
+      Options(), [](const Options& options) { LoadForks forks(options); },
+      {{[](Options& o) { o.limit = 0; },
+        "contact: the limit of the score is 0; expected a finite value > 0"},
+       {[](Options& o) { o.deviation = -1; },
+        "contact: the deviation of forces [N] is -1; expected a finite value > 0"},
+       {[](Options& o) { o.creep = NAN; },
+        "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0"}});
 }
 
 }  // namespace

@@ -1,17 +1,17 @@
 #include "helix_arm/localization/placed_view.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 
 #include <gtest/gtest.h>
 
+#include "estimation/misplaced.hpp"
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/refusal.hpp"
 #include "support/sample_view.hpp"
@@ -27,22 +27,6 @@ constexpr double kDegree = test::kPi / 180;
 PlacedView viewOf(const ArmView& view, const TwistFitOptions& fit, const TagPrior& tag,
                   const BasePrior& base) {
   return {view, fit, {view.layout, tag, base}};
-}
-
-// A rig whose placements are off by what a PlacedView says of them.
-ArmView misplaced(const PlacedView& placed, const model::Arm& arm, Random& random) {
-  const auto draw = [&random](const lie::Vector6& deviations) {
-    lie::Vector6 out;
-    for (int i = 0; i < 6; ++i) out[i] = deviations[i] * random.normal();
-    return out;
-  };
-  ArmView out = placed.view;
-  out.X_CB = out.X_CB * lie::SE3::exp(draw(placed.deviations.base));
-  for (std::size_t i = 0; i < out.layout.tags.size(); ++i) {
-    TagPlacement& tag = out.layout.tags[i];
-    tag = movedBy(tag, draw(placed.deviations.tags[i]), arm.restLength(tag.section));
-  }
-  return out;
 }
 
 // The tags `seen` as an exact camera sees them on another rig.
@@ -237,22 +221,14 @@ TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
 }
 
 TEST(PlacedView, RefusesDeviationsThatMakeNoSense) {
-  const PlacedView good = viewOf(test::sampleView(), {}, {}, {});
-  const auto said = [&good](const auto& change) {
-    PlacedView placed = good;
-    change(placed);
-    return test::refusal([&placed] { placed.validate(); });
-  };
-  EXPECT_EQ(said([](PlacedView&) {}), "accepted");
-  EXPECT_EQ(said([](PlacedView& placed) { placed.deviations.tags.pop_back(); }),
-            "placed view: the number of tags with deviations is 31; expected that of the layout");
-  EXPECT_EQ(
-      said([](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; }),
-      "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0");
-  EXPECT_EQ(said([](PlacedView& placed) {
-              placed.deviations.base[5] = std::numeric_limits<double>::quiet_NaN();
-            }),
-            "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0");
+  test::expectRefusals(
+      viewOf(test::sampleView(), {}, {}, {}), [](const PlacedView& placed) { placed.validate(); },
+      {{[](PlacedView& placed) { placed.deviations.tags.pop_back(); },
+        "placed view: the number of tags with deviations is 31; expected that of the layout"},
+       {[](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; },
+        "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0"},
+       {[](PlacedView& placed) { placed.deviations.base[5] = std::nan(""); },
+        "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0"}});
 }
 
 // Placing the camera by the tags of an arm at rest.
@@ -338,31 +314,28 @@ TEST(CameraPlacement, OneTagIsTooFew) {
 }
 
 TEST(CameraPlacement, BadArgumentsAreRefused) {
-  Bench bench;
-  const auto with = [&](const std::function<void(std::vector<CornerObservation>&, double&,
-                                                 CameraPlacementOptions&)>& change) {
-    auto seen = bench.look(0.3);
-    double focal = 900;
+  struct Arguments {
+    std::vector<CornerObservation> seen;
+    double focal;
     CameraPlacementOptions options;
-    change(seen, focal, options);
-    return test::refusal([&] {
-      fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, seen, focal, bench.view.X_CB,
-                         options);
-    });
   };
-  const char* const positive = "; expected a finite value > 0";
-  EXPECT_EQ(with([](auto&, double& focal, auto&) { focal = 0; }),
-            std::string("camera placement: the focal length [px] is 0") + positive);
-  EXPECT_EQ(with([](auto&, double&, auto& options) { options.corner_noise = -1; }),
-            std::string("camera placement: the corner noise [px] is -1") + positive);
-  EXPECT_EQ(with([](auto&, double&, auto& options) { options.max_iterations = 0; }),
-            "camera placement: the number of iterations is 0; expected a value > 0");
-  EXPECT_EQ(with([](auto& seen, double&, auto&) { seen[0].tag = 99; }),
-            "camera placement: the index of a tag is 99; expected one of the layout");
-  EXPECT_NE(with([](auto& seen, double&, auto&) {
-              seen[0].direction(0, 0) = std::numeric_limits<double>::quiet_NaN();
-            }).find("is not finite; expected finite directions"),
-            std::string::npos);
+  Bench bench;
+  test::expectRefusals(
+      Arguments{bench.look(0.3), 900, {}},
+      [&](const Arguments& given) {
+        fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, given.seen, given.focal,
+                           bench.view.X_CB, given.options);
+      },
+      {{[](Arguments& bad) { bad.focal = 0; },
+        "camera placement: the focal length [px] is 0; expected a finite value > 0"},
+       {[](Arguments& bad) { bad.options.corner_noise = -1; },
+        "camera placement: the corner noise [px] is -1; expected a finite value > 0"},
+       {[](Arguments& bad) { bad.options.max_iterations = 0; },
+        "camera placement: the number of iterations is 0; expected a value > 0"},
+       {[](Arguments& bad) { bad.seen[0].tag = 99; },
+        "camera placement: the index of a tag is 99; expected one of the layout"},
+       {[](Arguments& bad) { bad.seen[0].direction(0, 0) = std::nan(""); },
+        "is not finite; expected finite directions"}});
 }
 
 TEST(CameraPlacement, CornerErrorIsInPixelsAndInfiniteBehindTheCamera) {

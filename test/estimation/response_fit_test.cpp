@@ -2,9 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 

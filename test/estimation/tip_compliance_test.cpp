@@ -1,6 +1,5 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
-#include <cmath>
 #include <string>
 #include <vector>
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
-#include <string>
 
 #include <gtest/gtest.h>
 
@@ -200,26 +199,6 @@ TEST_F(TwistFitTest, UnderLoadErrorsAreAsLargeAsTheyAreSaidToBeAndWithoutItInThe
   EXPECT_GT(ignorant_curve, 3 * curve);
 }
 
-TEST(TwistFit, ALoadedArmIsFoundFromTheModelAlone) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  const TagLayout layout = test::sampleLayout(2, 8);
-  TwistFitOptions options;
-  options.position_noise = 1e-4;
-  options.model_prior = {1e6, 1e6};
-  TwistFitter fitter(layout, 2, options);
-  Random random(28);
-  for (int i = 0; i < 5; ++i) {
-    const model::Shape model = sagging(arm, test::randomInput(arm, random));
-    const model::Shape shape = model.about(nearby(model.twists(), 0.01, 0.3, random));
-    const std::vector<lie::SE3> poses = tagPoses(layout, shape);
-    std::vector<PoseObservation> seen;
-    for (int tag = 0; tag < 16; ++tag) seen.push_back({tag, poses[tag]});
-    const TwistFit& fit = fitter.fitCold(seen, model);
-    ASSERT_EQ(fit.status, FitStatus::kConverged);
-    EXPECT_LT((fit.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-4);
-  }
-}
-
 TEST(TwistFit, TipCovarianceIsThatOfTheTipsOfDrawnTwists) {
   const model::Arm arm = test::ringArm(test::helicalRing(), 2);
   Random random(7);
@@ -390,19 +369,26 @@ TEST(TwistFit, PosesGiveTheTwistsToo) {
   const model::Arm arm = test::ringArm(test::helicalRing(), 2);
   const TagLayout layout = test::sampleLayout(2, 8);
   Random random(10);
-  for (const double rotation_noise : {0.0, 5e-4}) {
-    TwistFitOptions options;
-    options.position_noise = 1e-4;  // converged is what this noise would hide
-    options.rotation_noise = rotation_noise;
-    TwistFitter fitter(layout, 2, options);
-    for (int i = 0; i < 20; ++i) {
-      const model::Twists twists = arm.twists(test::randomInput(arm, random));
-      const std::vector<lie::SE3> poses = tagPoses(layout, twists);
-      std::vector<PoseObservation> seen;
-      for (int tag = 0; tag < 16; ++tag) seen.push_back({tag, poses[tag]});
-      const TwistFit& fit = fitter.fit(seen, nearby(twists, 0.01, 0.1, random));
-      ASSERT_EQ(fit.status, FitStatus::kConverged);
-      EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-4);
+  for (const bool loaded : {false, true}) {
+    for (const double rotation_noise : {0.0, 5e-4}) {
+      TwistFitOptions options;
+      options.position_noise = 1e-4;  // converged is what this noise would hide
+      options.rotation_noise = rotation_noise;
+      if (loaded) options.model_prior = {1e6, 1e6};
+      TwistFitter fitter(layout, 2, options);
+      for (int i = 0; i < 20; ++i) {
+        const Eigen::VectorXd q = test::randomInput(arm, random);
+        const model::Shape model = loaded ? sagging(arm, q) : model::Shape(arm.twists(q));
+        const model::Shape shape =
+            model.about(nearby(model.twists(), 0.01, loaded ? 0.3 : 0.1, random));
+        const std::vector<lie::SE3> poses = tagPoses(layout, shape);
+        std::vector<PoseObservation> seen;
+        for (int tag = 0; tag < 16; ++tag) seen.push_back({tag, poses[tag]});
+        // Under a load from the model alone.
+        const TwistFit& fit = loaded ? fitter.fitCold(seen, model) : fitter.fit(seen, model);
+        ASSERT_EQ(fit.status, FitStatus::kConverged);
+        EXPECT_LT((fit.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-4);
+      }
     }
   }
 }

@@ -1,7 +1,7 @@
 // exp, log and the Jacobians against their definitions in 80 digits.
 #include <cmath>
 #include <cstdio>
-#include <vector>
+#include <functional>
 
 #include <gtest/gtest.h>
 
@@ -241,45 +241,56 @@ struct WorstCoefficient {
   }
 };
 
-TEST(Coefficients, HoldTheirDigitsFrom1e300ToAHalfTurn) {
+// Squares of angles that are measured together, and what they may be off by [eps].
+struct Angles {
+  const char* where;
+  double bound;
+  std::function<void(const std::function<void(double)>&)> each;
+};
+
+TEST(Coefficients, HoldTheirDigits) {
   test::Random random(31);
-  WorstCoefficient worst;
-  for (int i = 0; i < 5000; ++i) worst.measure(std::pow(random.logUniform(1e-300, kPi), 2));
-  for (int i = 0; i < 5000; ++i) worst.measure(random.uniform(0, kPi * kPi));
-  worst.print("to pi");
-  worst.expectWithin(4.0);
-}
-
-TEST(Coefficients, HoldTheirDigitsUpTo1e3) {
-  test::Random random(32);
-  WorstCoefficient worst;
-  for (int i = 0; i < 10000; ++i) worst.measure(std::pow(random.uniform(kPi, 1e3), 2));
-  worst.print("to 1e3");
-  worst.expectWithin(8.0);
-}
-
-TEST(Coefficients, AgreeWithTheirDefinitionOnBothSidesOfTheSwitch) {
-  WorstCoefficient below, above;
-  for (int ulps = 0; ulps < 500; ++ulps) {
-    below.measure(kSeriesLimit * (1 - ulps * test::kEps));
-    above.measure(kSeriesLimit * (1 + (ulps + 1) * test::kEps));
+  // Of one switch from below, and from above.
+  const auto below = [](double limit) {
+    return [limit](const auto& measure) {
+      for (int ulps = 0; ulps < 500; ++ulps) measure(limit * (1 - ulps * test::kEps));
+    };
+  };
+  const auto above = [](double limit) {
+    return [limit](const auto& measure) {
+      for (int ulps = 1; ulps <= 500; ++ulps) measure(limit * (1 + ulps * test::kEps));
+    };
+  };
+  const Angles all[] = {{"1e-300 to pi", 4,
+                         [&](const auto& measure) {
+                           for (int i = 0; i < 5000; ++i)
+                             measure(std::pow(random.logUniform(1e-300, kPi), 2));
+                           for (int i = 0; i < 5000; ++i) measure(random.uniform(0, kPi * kPi));
+                         }},
+                        {"to 1e3", 8,
+                         [&](const auto& measure) {
+                           for (int i = 0; i < 10000; ++i)
+                             measure(std::pow(random.uniform(kPi, 1e3), 2));
+                         }},
+                        {"below the switch", 6, below(kSeriesLimit)},
+                        {"above the switch", 6, above(kSeriesLimit)},
+                        {"below the versine's limit", 4, below(detail::kVersineLimit)},
+                        {"above the versine's limit", 4, above(detail::kVersineLimit)},
+                        {"where the reduction changes quadrant", 8, [&](const auto& measure) {
+                           for (int quadrant = 3; quadrant < 600; quadrant += 2) {
+                             const double theta =
+                                 quadrant * kPi / 2;  // h half-way between two multiples of pi/2
+                             for (int ulps = -5; ulps <= 5; ++ulps) {
+                               measure(std::pow(theta * (1 + ulps * test::kEps), 2));
+                             }
+                           }
+                         }}};
+  for (const Angles& angles : all) {
+    WorstCoefficient worst;
+    angles.each([&worst](double square) { worst.measure(square); });
+    worst.print(angles.where);
+    worst.expectWithin(angles.bound);
   }
-  below.print("below the switch");
-  above.print("above the switch");
-  below.expectWithin(6.0);
-  above.expectWithin(6.0);
-}
-
-TEST(Coefficients, CosineIsAsGoodWhereItsTwoFormsMeet) {
-  WorstCoefficient below, above;
-  for (int ulps = 0; ulps < 500; ++ulps) {
-    below.measure(detail::kVersineLimit * (1 - ulps * test::kEps));
-    above.measure(detail::kVersineLimit * (1 + (ulps + 1) * test::kEps));
-  }
-  below.print("below the versine's limit");
-  above.print("above the versine's limit");
-  below.expectWithin(4.0);
-  above.expectWithin(4.0);
 }
 
 // (1 - (theta/2) cot(theta/2)) / theta^2, by the series of a / (2 b) where it would cancel.
@@ -304,17 +315,6 @@ TEST(LogCoefficient, KeepsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
   // Its term in log is theta^2 / 12 of the whole, so these are less than one eps of a result.
   EXPECT_LE(worst, 16.0);
   EXPECT_LE(at_switch, 16.0);
-}
-
-TEST(Coefficients, AgreeWithTheirDefinitionWhereTheReductionChangesQuadrant) {
-  WorstCoefficient worst;
-  for (int quadrant = 3; quadrant < 600; quadrant += 2) {
-    const double theta = quadrant * kPi / 2;  // h half-way between two multiples of pi/2
-    for (int ulps = -5; ulps <= 5; ++ulps)
-      worst.measure(std::pow(theta * (1 + ulps * test::kEps), 2));
-  }
-  worst.print("at the quadrants");
-  worst.expectWithin(8.0);
 }
 
 // With fused products where the processor has them.

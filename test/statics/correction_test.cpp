@@ -1,17 +1,15 @@
 #include "helix_arm/statics/correction.hpp"
 
 #include <cmath>
-#include <limits>
-#include <string>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -176,29 +174,17 @@ TEST(CorrectedModel, AllocatesNothingWhereOnlyOffsetAndLengthsChange) {
 }
 
 TEST(CorrectedModel, RefusesAnInvalidCorrection) {
-  const Arm& arm = kArms[0];
-  CorrectedModel corrected{ArmModel(arm)};
-  const auto refused = [&](auto&& spoil) {
-    Correction correction(arm);
-    spoil(correction);
-    return test::refusal([&] { corrected.set(correction); });
-  };
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  const struct {
-    std::string message, culprit;
-  } cases[] = {
-      {refused([](Correction& c) { c.offset.setZero(6, 2); }), "sections of the offset is 2"},
-      {refused([&](Correction& c) { c.offset(0, 0) = nan; }), "the offset is not finite"},
-      {refused([](Correction& c) { c.length_scale.setOnes(2); }), "number of length scales is 2"},
-      {refused([](Correction& c) { c.length_scale[1] = 0; }), "a length scale is 0"},
-      {refused([&](Correction& c) { c.stiffness_factors.gamma = nan; }), "K_gamma is nan"},
-      {refused([](Correction& c) { c.stiffness_factors.kappa = -1; }), "K_kappa is -1"},
-      {refused([](Correction& c) { c.stiffness_factors.tau = 0; }), "K_tau is 0"},
-      {refused([](Correction& c) { c.K_eps_factor = 0; }), "K_eps is 0"},
-  };
-  for (const auto& [message, culprit] : cases) {
-    EXPECT_NE(message.find(culprit), std::string::npos) << message;
-  }
+  CorrectedModel corrected{ArmModel(kArms[0])};
+  test::expectRefusals(
+      Correction(kArms[0]), [&](const Correction& correction) { corrected.set(correction); },
+      {{[](Correction& c) { c.offset.setZero(6, 2); }, "sections of the offset is 2"},
+       {[](Correction& c) { c.offset(0, 0) = NAN; }, "the offset is not finite"},
+       {[](Correction& c) { c.length_scale.setOnes(2); }, "number of length scales is 2"},
+       {[](Correction& c) { c.length_scale[1] = 0; }, "a length scale is 0"},
+       {[](Correction& c) { c.stiffness_factors.gamma = NAN; }, "K_gamma is nan"},
+       {[](Correction& c) { c.stiffness_factors.kappa = -1; }, "K_kappa is -1"},
+       {[](Correction& c) { c.stiffness_factors.tau = 0; }, "K_tau is 0"},
+       {[](Correction& c) { c.K_eps_factor = 0; }, "K_eps is 0"}});
 }
 
 }  // namespace

@@ -1,8 +1,6 @@
 #include "helix_arm/statics/exact.hpp"
 
 #include <cmath>
-#include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 

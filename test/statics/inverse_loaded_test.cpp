@@ -1,7 +1,6 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "statics/arms_under_load.hpp"
 

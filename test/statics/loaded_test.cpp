@@ -9,6 +9,7 @@
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "statics/arms_under_load.hpp"
 #include "support/allocation_counter.hpp"
+#include "support/expect_refusal.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -327,20 +328,17 @@ TEST(Loaded, RefusesWhatItCannotSolve) {
     crowded.points.back().s = i / (kMaxInnerPoints + 2.0);
   }
   EXPECT_THROW(LoadedArm(arm, crowded, 5), std::invalid_argument);
-  for (const auto& spoil : std::vector<void (*)(Load&)>{
-           [](Load& bad) { bad.mass = {}; },
-           [](Load& bad) {
-             bad.K_eps = {1000, 1000};
-           },
-           [](Load& bad) { bad.mass = {-0.1}; }, [](Load& bad) { bad.K_eps = {0.0}; },
-           [](Load& bad) { bad.gravity.x() = std::nan(""); },
-           [](Load& bad) { bad.points = {{}}, bad.points[0].section = 1; },
-           [](Load& bad) { bad.points = {{}}, bad.points[0].s = 1.1; },
-           [](Load& bad) { bad.points = {{}}, bad.points[0].mass = -1; }}) {
-    Load bad = load;
-    spoil(bad);
-    EXPECT_THROW(LoadedArm(arm, bad, 5), std::invalid_argument);
-  }
+  Load one_point = load;
+  one_point.points.resize(1);
+  test::expectRefusals(one_point, [&](const Load& bad) { LoadedArm(arm, bad, 5); },
+                       {{[](Load& bad) { bad.mass = {}; }, ""},
+                        {[](Load& bad) { bad.K_eps.assign(2, 1000); }, ""},
+                        {[](Load& bad) { bad.mass = {-0.1}; }, ""},
+                        {[](Load& bad) { bad.K_eps = {0.0}; }, ""},
+                        {[](Load& bad) { bad.gravity.x() = std::nan(""); }, ""},
+                        {[](Load& bad) { bad.points[0].section = 1; }, ""},
+                        {[](Load& bad) { bad.points[0].s = 1.1; }, ""},
+                        {[](Load& bad) { bad.points[0].mass = -1; }, ""}});
 }
 
 }  // namespace

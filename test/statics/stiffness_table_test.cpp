@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -64,15 +63,6 @@ TEST(StiffnessTable, WithoutItNothingChanges) {
   // Factors of 1 give the same but for rounding.
   const ArmModel ones = modelWith(loadWith(StiffnessTable{{0, 4e5}, {1, 1}}));
   EXPECT_LT((ones.tip(q).tip.translation - plain.tip(q).tip.translation).norm(), 1e-11);
-}
-
-TEST(StiffnessTable, CocontractionStiffensTheArm) {
-  const ArmModel model = modelWith(loadWith(kTable));
-  const auto sag = [&](double pressure) {
-    const Eigen::VectorXd q = Eigen::VectorXd::Constant(3, pressure);
-    return (model.tip(q).tip.translation - model.arm().tip(q).translation).norm();
-  };
-  EXPECT_GT(sag(1e5), 1.5 * sag(4e5));
 }
 
 TEST(StiffnessTable, WhatItNeedsIsRefused) {
@@ -175,27 +165,6 @@ TEST(PreferStiff, IsNoMoreCompliantThanTheBestOfBruteForce) {
   }
   EXPECT_GE(compared, 24) << "targets balanced";
   EXPECT_EQ(worse, 0) << "of " << compared;
-}
-
-TEST(PreferStiff, FindsALessCompliantSolutionThanLeastPressure) {
-  // Four muscles for two directions of bending: one to spare.
-  const model::Arm arm = test::ringArm(test::straightRing(4));
-  StiffnessTable table{{0, test::kMaxPressure}, {1, 4}};
-  const ArmModel model(arm, std::nullopt, loadWith(table, 300, 0.05),
-                       TierSetting{Tier::kLoaded, 4});
-  const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.6, 0.3, 0.2, 0.3)));
-  const Eigen::Vector3d target = model.tip(q).tip.translation;
-  const Compliance compliance(model);
-  InverseOptions least, stiff;
-  stiff.preference = Preference::kStiff;
-  InverseSolver by_pressure(model, least), by_stiffness(model, stiff);
-  const InverseResult one = by_pressure.toPosition(target, arm.inputAt(0.1));
-  const InverseResult other = by_stiffness.toPosition(target, arm.inputAt(0.1));
-  ASSERT_EQ(one.status, InverseStatus::kReached);
-  ASSERT_EQ(other.status, InverseStatus::kReached);
-  EXPECT_LT((model.tip(other.input).tip.translation - target).norm(), 2e-6);
-  EXPECT_LT(compliance.at(other.input), 0.95 * compliance.at(one.input));
-  EXPECT_LE(compliance.at(other.input), compliance.at(q));
 }
 
 TEST(PreferStiff, NeedsAKnownStiffness) {

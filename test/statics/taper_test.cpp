@@ -1,7 +1,6 @@
 // Tapered sections in every tier.
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/correction.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
