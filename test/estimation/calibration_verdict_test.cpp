@@ -16,10 +16,6 @@ constexpr double kTwistNoise = 0.01;      // [m], [rad]
 constexpr double kPoseNoise = 0.01;       // [m]
 constexpr double kCornerNoise = 0.2;      // [px]
 
-ArmCaptures curvatures(const model::Arm& known, const test::RigTruth& truth, Random& random) {
-  return curvatures(known, truth, kCurvatureNoise, random);
-}
-
 // 21 captures of twists, or of tags.
 ArmCaptures readings(bool tags, const model::Arm& known, const ArmView& view,
                      const test::RigTruth& truth, Random& random) {
@@ -74,7 +70,7 @@ TEST(CalibrationVerdict, CurvaturesOfUntiltedArmsAlwaysTellTheBending) {
     const test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
     const Calibration found =
-        calibrated({curvatures(known, truth, random)}, {}, std::to_string(set));
+        calibrated({curvatures(known, truth, kCurvatureNoise, random)}, {}, std::to_string(set));
     expectAgreement(found, set);
     for (const Parameter& one : found.parameters) {
       tallies[one.name].add(one, truth.parameters.at(one.name));
@@ -123,7 +119,7 @@ TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
     Random random(2000 + set);
     const test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
-    ArmCaptures data = curvatures(known, truth, random);
+    ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     for (Capture& capture : data.captures) {
       if (random.uniform(0, 1) > 0.1) continue;
       std::get<CurvatureReading>(capture.reading).curvature = random.uniform(0, 6);
@@ -273,7 +269,7 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
     test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
     truth.length_scale = set % 2 == 0 ? 1.01 : 0.99;
-    const ArmCaptures data = curvatures(known, truth, random);
+    const ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     CalibrationOptions options;
     options.K_gamma = false;
     options.next_pressures = 0;
