@@ -1,8 +1,12 @@
 #include "helix_arm/basics/quote.hpp"
 
+#include <cmath>
 #include <random>
 
 #include <gtest/gtest.h>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::basics {
 namespace {
@@ -67,6 +71,15 @@ TEST(Printable, OfAnyBytesNoControlCharacterIsLeft) {
     EXPECT_EQ(printable(line), line);
     for (const char c : line) EXPECT_FALSE((c >= 0 && c < ' ') || c == '\x7f');
   }
+}
+
+TEST(Requirement, HasTheMessageAndNoSignOfANan) {
+  const auto message = [](double value) {
+    return test::refusal([&] { requireValue(false, "Arm", "length", value, "a number"); });
+  };
+  EXPECT_EQ(message(-1.5), "Arm: length is -1.5; expected a number");
+  EXPECT_EQ(message(std::nan("")), "Arm: length is nan; expected a number");
+  EXPECT_EQ(message(-std::nan("")), "Arm: length is nan; expected a number");
 }
 
 }  // namespace

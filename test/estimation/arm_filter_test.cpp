@@ -4,14 +4,13 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
-#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "support/loaded_arm.hpp"
+#include "estimation/tracked_arm.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -19,13 +18,6 @@ namespace {
 using statics::ArmModel;
 using statics::CorrectedModel;
 using statics::Correction;
-
-ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
-ArmModel loadedModel() {
-  return ArmModel(test::softHelicalArm(), std::nullopt,
-                  test::weight(test::Posture::kHanging, 0.2, 900.0),
-                  statics::TierSetting{statics::Tier::kLoaded, 5});
-}
 
 // A true arm that is measured with noise.
 class Bench {
@@ -71,16 +63,20 @@ Correction truthOf(const model::Arm& arm) {
   return out;
 }
 
+class HelicalArmFilter : public ::testing::Test {
+ protected:
+  const ArmModel model_ = helicalModel();
+};
+
 // Without growth of the bias the filter is recursive least squares.
-TEST(ArmFilter, EqualsLeastSquaresOverAllPictures) {
-  const ArmModel model = helicalModel();
+TEST_F(HelicalArmFilter, EqualsLeastSquaresOverAllPictures) {
   ArmFilterOptions options;
   options.hysteresis = options.creep = 0;
-  options.stiffness_deviation = {1e-4, 1e-4, 1e-4};  // so small that the model is linear
+  options.stiffness_deviation = {1e-4, 1e-4, 1e-4};  // so small that the model_ is linear
   options.length_deviation = 1e-6;
   options.settling_time = 1e-9;
-  Bench bench(model, Correction(model.arm()), 1);
-  ArmFilter filter(model, options);
+  Bench bench(model_, Correction(model_.arm()), 1);
+  ArmFilter filter(model_, options);
   const int m = filter.parameterCount();
   ASSERT_EQ(m, 5);
   Eigen::VectorXd prior(m + 6);
@@ -90,7 +86,7 @@ TEST(ArmFilter, EqualsLeastSquaresOverAllPictures) {
   for (int k = 0; k < 40; ++k) {
     const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
     const ArmFilter::Input input = bench.at(k + 1.0, pressure);
-    ArmFilter fresh(model, options);
+    ArmFilter fresh(model_, options);
     const auto linear = fresh.linearise(pressure);
     Eigen::MatrixXd H(6, m + 6);
     H << linear->by_theta, Eigen::MatrixXd::Identity(6, 6);
@@ -133,22 +129,21 @@ TEST(ArmFilter, LearnsWhatPredictsShapesItHasNotSeen) {
 
 // The prediction's covariance covers its error: the normalised error of the tip has a mean of 3
 // where the assumptions hold, and less where the arm is better than assumed.
-TEST(ArmFilter, KnowsHowWrongItIs) {
-  const ArmModel model = helicalModel();
+TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
   double nees = 0;
   constexpr int kRuns = 100;
   for (int run = 0; run < kRuns; ++run) {
     test::Random random(100 + static_cast<unsigned>(run));
-    Correction truth(model.arm());
+    Correction truth(model_.arm());
     truth.stiffness_factors = {std::exp(0.3 * random.normal()), 1.0,
                                std::exp(0.3 * random.normal())};
     for (double& scale : truth.length_scale) scale = std::exp(0.02 * random.normal());
     for (int i = 0; i < 6; ++i) truth.offset(i, 0) = (i < 3 ? 0.002 : 0.03) * random.normal();
-    Bench bench(model, truth, 1000 + static_cast<unsigned>(run));
+    Bench bench(model_, truth, 1000 + static_cast<unsigned>(run));
     ArmFilterOptions options;
     options.hysteresis = 0.05;
     options.creep = 0.05;
-    ArmFilter filter(model, options);
+    ArmFilter filter(model_, options);
     for (int k = 0; k < 20; ++k) {
       filter.see(bench.at(k + 1.0, test::randomInput(bench.arm(), bench.random())));
     }
@@ -166,10 +161,9 @@ TEST(ArmFilter, KnowsHowWrongItIs) {
   EXPECT_LT(nees, 8.0);
 }
 
-TEST(ArmFilter, SkipsTwoOutliersAndBelievesAThird) {
-  const ArmModel model = helicalModel();
-  Bench bench(model, Correction(model.arm()), 3);
-  ArmFilter filter(model, {});
+TEST_F(HelicalArmFilter, SkipsTwoOutliersAndBelievesAThird) {
+  Bench bench(model_, Correction(model_.arm()), 3);
+  ArmFilter filter(model_, {});
   const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
   for (int k = 0; k < 30; ++k) ASSERT_TRUE(filter.see(bench.at(0.03 * k, pressure)).accepted());
   const Eigen::VectorXd before = filter.state().mean;
@@ -190,11 +184,10 @@ TEST(ArmFilter, LimitsOutliersByChance) {
 }
 
 // While the arm swings a static model explains little: such pictures teach little.
-TEST(ArmFilter, TrustsPicturesOfAMovingArmLess) {
-  const ArmModel model = helicalModel();
+TEST_F(HelicalArmFilter, TrustsPicturesOfAMovingArmLess) {
   const auto distanceOfAnError = [&](bool moves) {
-    Bench bench(model, Correction(model.arm()), 4);
-    ArmFilter filter(model, {});
+    Bench bench(model_, Correction(model_.arm()), 4);
+    ArmFilter filter(model_, {});
     filter.see(bench.at(0.0, bench.arm().inputAt(moves ? 0.2 : 0.5)));
     ArmFilter::Input input = bench.at(0.03, bench.arm().inputAt(0.5));
     input.twists(4, 0) += 0.02;
@@ -203,10 +196,9 @@ TEST(ArmFilter, TrustsPicturesOfAMovingArmLess) {
   EXPECT_LT(distanceOfAnError(true), 0.5 * distanceOfAnError(false));
 }
 
-TEST(ArmFilter, KeepsItsEstimateThroughAGap) {
-  const ArmModel model = helicalModel();
-  Bench bench(model, truthOf(model.arm()), 5);
-  ArmFilter filter(model, {});
+TEST_F(HelicalArmFilter, KeepsItsEstimateThroughAGap) {
+  Bench bench(model_, truthOf(model_.arm()), 5);
+  ArmFilter filter(model_, {});
   for (int k = 0; k < 60; ++k) {
     filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
   }
@@ -216,10 +208,9 @@ TEST(ArmFilter, KeepsItsEstimateThroughAGap) {
   EXPECT_EQ(filter.state().mean, mean);
 }
 
-TEST(ArmFilter, NamesWhatItDoesNotTake) {
-  const ArmModel model = helicalModel();
-  Bench bench(model, Correction(model.arm()), 6);
-  ArmFilter filter(model, {});
+TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
+  Bench bench(model_, Correction(model_.arm()), 6);
+  ArmFilter filter(model_, {});
   const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
   ASSERT_TRUE(filter.see(bench.at(1.0, pressure)).accepted());
   const Gaussian before = filter.state();
@@ -277,10 +268,9 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
   }
 }
 
-TEST(ArmFilter, StartsAnewWhenAsked) {
-  const ArmModel model = helicalModel();
-  Bench bench(model, truthOf(model.arm()), 7);
-  ArmFilter filter(model, {}), fresh(model, {});
+TEST_F(HelicalArmFilter, StartsAnewWhenAsked) {
+  Bench bench(model_, truthOf(model_.arm()), 7);
+  ArmFilter filter(model_, {}), fresh(model_, {});
   for (int k = 0; k < 10; ++k) {
     filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
   }
@@ -315,14 +305,13 @@ TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
 
 // Bending and shear of a tilted arm do nearly the same: where only their combination is known, the
 // shape is, too.
-TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
-  const ArmModel model = helicalModel();
+TEST_F(HelicalArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   ArmFilterOptions options;
   options.length_deviation = 1e-9;
   options.bias_translation = options.bias_rotation = 1e-9;
   const auto startOf = [&](double correlation) {
     options.stiffness_correlation(0, 1) = options.stiffness_correlation(1, 0) = correlation;
-    return ArmFilter(model, options);
+    return ArmFilter(model_, options);
   };
   ArmFilter apart = startOf(0);
   const Eigen::VectorXd prior = apart.parameterPrior();
@@ -335,9 +324,9 @@ TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   EXPECT_EQ(together.parameterPrior(), prior);
 
   const Eigen::VectorXd pressure =
-      model.arm().inputAt(Eigen::VectorXd(Eigen::Vector3d(0.9, 0.1, 0.3)));
+      model_.arm().inputAt(Eigen::VectorXd(Eigen::Vector3d(0.9, 0.1, 0.3)));
   const Eigen::MatrixXd by_theta = together.linearise(pressure)->by_theta;
-  Bench bench(model, Correction(model.arm()), 5);
+  Bench bench(model_, Correction(model_.arm()), 5);
   const auto varianceOfTwists = [&](ArmFilter& filter) {
     const Eigen::MatrixXd covariance = filter.state().covariance.topLeftCorner(5, 5);
     return (by_theta * covariance * by_theta.transpose()).trace();
@@ -348,34 +337,21 @@ TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
 }
 
-TEST(ArmFilter, RefusesOptionsThatMakeNoSense) {
-  const ArmModel model = helicalModel();
-  const auto refused = [&](void (*spoil)(ArmFilterOptions&)) {
-    ArmFilterOptions options;
-    spoil(options);
-    return test::refusal([&] { ArmFilter(model, options); });
-  };
-  const struct {
-    void (*spoil)(ArmFilterOptions&);
-    const char* culprit;
-  } cases[] = {
-      {[](ArmFilterOptions& o) { o.hysteresis = -1; }, "the hysteresis is -1"},
-      {[](ArmFilterOptions& o) { o.creep = NAN; }, "the creep [s^-1/2] is nan"},
-      {[](ArmFilterOptions& o) { o.bias_translation = 0; }, "the bias of v [m] is 0"},
-      {[](ArmFilterOptions& o) { o.bias_rotation = 0; }, "the bias of w [rad] is 0"},
-      {[](ArmFilterOptions& o) { o.settling_time = 0; }, "the settling time [s] is 0"},
-      {[](ArmFilterOptions& o) { o.stiffness_deviation.gamma = 0; }, "K_gamma is 0"},
-      {[](ArmFilterOptions& o) { o.length_deviation = 0; }, "lengths is 0"},
-      {[](ArmFilterOptions& o) { o.stiffness_correlation(0, 1) = 0.5; }, "not symmetric"},
-      {[](ArmFilterOptions& o) {
-         o.stiffness_correlation(0, 1) = o.stiffness_correlation(1, 0) = 1.01;
-       },
-       "not symmetric and positive definite"},
-      {[](ArmFilterOptions& o) { o.stiffness_correlation(3, 3) = NAN; }, "with 1 on its diagonal"},
-  };
-  for (const auto& test : cases) {
-    EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);
-  }
+TEST_F(HelicalArmFilter, RefusesOptionsThatMakeNoSense) {
+  using Options = ArmFilterOptions;
+  test::expectRefusals(
+      Options(), [&](const Options& options) { ArmFilter(model_, options); },
+      {{[](Options& o) { o.hysteresis = -1; }, "the hysteresis is -1"},
+       {[](Options& o) { o.creep = NAN; }, "the creep [s^-1/2] is nan"},
+       {[](Options& o) { o.bias_translation = 0; }, "the bias of v [m] is 0"},
+       {[](Options& o) { o.bias_rotation = 0; }, "the bias of w [rad] is 0"},
+       {[](Options& o) { o.settling_time = 0; }, "the settling time [s] is 0"},
+       {[](Options& o) { o.stiffness_deviation.gamma = 0; }, "K_gamma is 0"},
+       {[](Options& o) { o.length_deviation = 0; }, "lengths is 0"},
+       {[](Options& o) { o.stiffness_correlation(0, 1) = 0.5; }, "not symmetric"},
+       {[](Options& o) { o.stiffness_correlation(0, 1) = o.stiffness_correlation(1, 0) = 1.01; },
+        "not symmetric and positive definite"},
+       {[](Options& o) { o.stiffness_correlation(3, 3) = NAN; }, "with 1 on its diagonal"}});
 }
 
 }  // namespace

@@ -1,84 +1,27 @@
 // Verdicts and errors of calibrations, over many data sets drawn from what their priors say: what
 // the captures determine is found, what is called identifiable is known, and errors hold whatever
 // is left out of the fit.
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <map>
-#include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/calibration/calibration.hpp"
-#include "helix_arm/model/curve.hpp"
-#include "support/sample_rig.hpp"
+#include "estimation/calibration_data.hpp"
 
 namespace helix_arm::estimation {
 namespace {
-
-using test::Random;
 
 constexpr double kCurvatureNoise = 0.02;  // [rad]
 constexpr double kTwistNoise = 0.01;      // [m], [rad]
 constexpr double kPoseNoise = 0.01;       // [m]
 constexpr double kCornerNoise = 0.2;      // [px]
 
-std::vector<Eigen::VectorXd> randomPressures(const model::Arm& arm, int count, Random& random) {
-  std::vector<Eigen::VectorXd> out;
-  for (int i = 0; i < count; ++i) out.push_back(test::randomInput(arm, random));
-  return out;
-}
-
-ArmCaptures dataOf(const model::Arm& known) { return {"arm", known, false, {}, {}, 0, {}}; }
-
-ArmCaptures curvatures(const model::Arm& known, const test::RigTruth& truth, Random& random) {
-  ArmCaptures data = dataOf(known);
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    const double exact = model::curvatureOf(test::shapeOf(truth, pressure).col(0));
-    test::addCapture(data, pressure,
-                     CurvatureReading{std::abs(exact + kCurvatureNoise * random.normal())});
-  }
-  return data;
-}
-
-ArmCaptures twists(const model::Arm& known, const test::RigTruth& truth, Random& random) {
-  ArmCaptures data = dataOf(known);
-  const Eigen::MatrixXd covariance = kTwistNoise * kTwistNoise * Eigen::MatrixXd::Identity(6, 6);
-  for (const Eigen::VectorXd& pressure : randomPressures(known, 21, random)) {
-    model::Twists seen = test::shapeOf(truth, pressure);
-    for (int i = 0; i < 6; ++i) seen.data()[i] += kTwistNoise * random.normal();
-    test::addCapture(data, pressure, TwistReading{seen, covariance});
-  }
-  return data;
-}
-
-ArmCaptures poses(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
-                  Random& random) {
-  ArmCaptures data = dataOf(known);
-  data.layout = view.layout;
-  for (const Eigen::VectorXd& pressure : randomPressures(known, 21, random)) {
-    std::vector<PoseObservation> seen;
-    for (const lie::SE3& X_BT : tagPoses(truth.view.layout, test::shapeOf(truth, pressure))) {
-      lie::SE3 X_B0T = truth.X_B0B * X_BT;
-      for (double& x : X_B0T.translation) x += kPoseNoise * random.normal();
-      seen.push_back({static_cast<int>(seen.size()), X_B0T});
-    }
-    test::addCapture(data, pressure, seen);
-  }
-  return data;
-}
-
-ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
-                    int captures, Random& random) {
-  ArmCaptures data = dataOf(known);
-  data.layout = view.layout;
-  data.X_CB = view.X_CB;
-  data.focal = view.camera.fx;
-  for (const Eigen::VectorXd& pressure : randomPressures(known, captures, random)) {
-    test::addCapture(data, pressure, test::observe(truth, pressure, kCornerNoise, random));
-  }
-  return data;
+// 21 captures of twists, or of tags.
+ArmCaptures readings(bool tags, const model::Arm& known, const ArmView& view,
+                     const test::RigTruth& truth, Random& random) {
+  const Pressures pressures = randomPressures(known, 21, random);
+  return tags ? poses(known, view.layout, truth, pressures, kPoseNoise, random)
+              : twists(known, truth, pressures, kTwistNoise, kTwistNoise, random);
 }
 
 // Of one parameter, over many data sets, in its standard errors.
@@ -126,8 +69,8 @@ TEST(CalibrationVerdict, CurvaturesOfUntiltedArmsAlwaysTellTheBending) {
     Random random(100 + set);
     const test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
-    const Calibration found = calibrate({curvatures(known, truth, random)}, {});
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    const Calibration found =
+        calibrated({curvatures(known, truth, kCurvatureNoise, random)}, {}, std::to_string(set));
     expectAgreement(found, set);
     for (const Parameter& one : found.parameters) {
       tallies[one.name].add(one, truth.parameters.at(one.name));
@@ -153,9 +96,8 @@ TEST(CalibrationVerdict, TheStiffnessOfATiltedArmIsNeverLostToItsValley) {
       CalibrationOptions options;
       options.tag_prior = {1e-6, 1e-6};
       options.held_out = set % 10 == 0;
-      const Calibration found = calibrate(
-          {tags ? poses(known, view, truth, random) : twists(known, truth, random)}, options);
-      ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+      const Calibration found =
+          calibrated({readings(tags, known, view, truth, random)}, options, std::to_string(set));
       expectAgreement(found, set);
       for (const Parameter& one : found.parameters) {
         tallies[one.name].add(one, truth.parameters.at(one.name));
@@ -177,13 +119,12 @@ TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
     Random random(2000 + set);
     const test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
-    ArmCaptures data = curvatures(known, truth, random);
+    ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     for (Capture& capture : data.captures) {
       if (random.uniform(0, 1) > 0.1) continue;
       std::get<CurvatureReading>(capture.reading).curvature = random.uniform(0, 6);
     }
-    const Calibration found = calibrate({data}, {});
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    const Calibration found = calibrated({data}, {}, std::to_string(set));
     const Parameter& one = found.parameters.front();
     ASSERT_EQ(one.name, "K_kappa");
     EXPECT_TRUE(one.identifiable) << set;
@@ -207,8 +148,9 @@ TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
     Random random(3000 + set);
     const test::RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
     const test::RigTruth truth = test::drawRig(known, view, errors, random);
-    const Calibration found = calibrate({corners(known, view, truth, 60, random)}, options);
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    const Calibration found = calibrated(
+        {corners(known, view, truth, randomPressures(known, 60, random), kCornerNoise, random)},
+        options, std::to_string(set));
     expectAgreement(found, set);
     for (const Parameter& one : found.parameters) {
       const std::string group = one.name.substr(0, one.name.find('_') + 2);
@@ -255,7 +197,9 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     for (int set = 0; set < 2; ++set) {
       Random random(10000 + 100 * words + set);
       const test::RigTruth truth = test::drawRig(known, view, errors, random);
-      const Calibration found = calibrate({corners(known, view, truth, 8, random)}, options);
+      const Calibration found = calibrate(
+          {corners(known, view, truth, randomPressures(known, 8, random), kCornerNoise, random)},
+          options);
       if (found.status == CalibrationStatus::kNotIdentifiable) continue;
       if (found.status != CalibrationStatus::kCalibrated) {
         ADD_FAILURE() << words << " " << set << nameOf(found.status);
@@ -277,11 +221,6 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     EXPECT_LT(tally.rms(), name == "K_tau" ? 1.3 : 1.2) << name;
     EXPECT_GT(tally.rms(), 0.6) << name;
   }
-}
-
-bool warns(const Calibration& found, const std::string& words) {
-  return std::any_of(found.warnings.begin(), found.warnings.end(),
-                     [&words](const auto& one) { return one.find(words) != std::string::npos; });
 }
 
 // Parameters that are not fitted are named where captures contradict them: lengths, or a base, that
@@ -308,9 +247,8 @@ TEST(CalibrationVerdict, WhatIsOffAndNotFittedIsNamed) {
       truth.length_scale = one.length_scale;
       truth.X_B0B.translation.z() += one.base_shift;
       const bool tags = set % 2 == 0 || one.base_shift > 0;
-      const Calibration found = calibrate(
-          {tags ? poses(known, view, truth, random) : twists(known, truth, random)}, options);
-      ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+      const Calibration found =
+          calibrated({readings(tags, known, view, truth, random)}, options, std::to_string(set));
       named += warns(found, std::string("the captures contradict the scene's ") + one.off);
     }
     std::printf("off: %s; named in %d of %d sets\n", one.off, named, one.sets);
@@ -331,7 +269,7 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
     test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
     truth.length_scale = set % 2 == 0 ? 1.01 : 0.99;
-    const ArmCaptures data = curvatures(known, truth, random);
+    const ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     CalibrationOptions options;
     options.K_gamma = false;
     options.next_pressures = 0;

@@ -1,9 +1,8 @@
 #include "helix_arm/localization/camera.hpp"
 
-#include <stdexcept>
-
 #include <gtest/gtest.h>
 
+#include "support/expect_refusal.hpp"
 #include "support/random.hpp"
 #include "support/sample_view.hpp"
 
@@ -67,27 +66,16 @@ TEST(Camera, DirectionOfNonsenseIsNothing) {
 }
 
 TEST(Camera, WithoutCalibrationItIsRefused) {
-  Camera camera = test::sampleCamera();
-  camera.fx = 0;
-  try {
-    camera.validate();
-    FAIL() << "taken";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "camera: the focal length fx [px] is 0; expected a finite value > 0: calibrate "
-                 "the camera first");
-  }
-  camera = test::sampleCamera();
-  camera.distortion[4] = std::nan("");
-  EXPECT_THROW(camera.validate(), std::invalid_argument);
-  camera = test::sampleCamera();
-  camera.width = 0;
-  EXPECT_THROW(camera.validate(), std::invalid_argument);
-  camera.width = Camera::kMaxSide;
-  EXPECT_NO_THROW(camera.validate());
-  camera.height = Camera::kMaxSide + 1;
-  EXPECT_THROW(camera.validate(), std::invalid_argument);
-  EXPECT_NO_THROW(test::sampleCamera().validate());
+  Camera largest = test::sampleCamera();
+  largest.width = Camera::kMaxSide;
+  test::expectRefusals(
+      largest, [](const Camera& camera) { camera.validate(); },
+      {{[](Camera& c) { c.fx = 0; },
+        "camera: the focal length fx [px] is 0; expected a finite value > 0: calibrate the camera "
+        "first"},
+       {[](Camera& c) { c.distortion[4] = std::nan(""); }, "nan"},
+       {[](Camera& c) { c.width = 0; }, "is 0"},
+       {[](Camera& c) { c.height = Camera::kMaxSide + 1; }, "expected"}});
 }
 
 }  // namespace

@@ -4,15 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/statics/loaded.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -82,6 +80,11 @@ class Bench {
     const double begin = time;
     while (!forks.load().contact && time < begin + deadline) see();
     return forks.load().contact ? time - begin : INFINITY;
+  }
+  // A force that is found.
+  void touch(const Eigen::Vector3d& by) {
+    force = by;
+    ASSERT_TRUE(std::isfinite(delay(1)));
   }
   // Targets in a row until contacts may be found.
   void moveUntilArmed() {
@@ -282,8 +285,7 @@ TEST(LoadForks, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
 TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
   Bench bench(7);
   bench.moveUntilArmed();
-  bench.force = {0, 0.5, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.5, 0});
   bench.run(2);
   bench.force.setZero();
   const double begin = bench.time;
@@ -307,8 +309,7 @@ TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
 TEST(LoadForks, AForceThatChangesIsFollowed) {
   Bench bench(8);
   bench.moveUntilArmed();
-  bench.force = {0, 0.4, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.4, 0});
   bench.run(1.5);
   bench.force = {0, -0.6, 0.5};
   bench.run(1.5);
@@ -321,8 +322,7 @@ TEST(LoadForks, AForceThatChangesIsFollowed) {
 TEST(LoadForks, AnOutlierIsNoForce) {
   Bench bench(9);
   bench.moveUntilArmed();
-  bench.force = {0, 0.4, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.4, 0});
   bench.run(1.5);
   const Eigen::Vector3d before = loadOf(bench).force;
   for (int k = 0; k < 2; ++k) {
@@ -359,8 +359,7 @@ TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
 TEST(LoadForks, ResetForgetsContactAndForks) {
   Bench bench(13);
   bench.moveUntilArmed();
-  bench.force = {0, 1, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 1, 0});
   bench.forks.reset();
   EXPECT_FALSE(loadOf(bench).contact);
   EXPECT_EQ(loadOf(bench).score, 0);
@@ -378,8 +377,7 @@ TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
   ASSERT_TRUE(parts.normalised());
   bench.compliance = std::move(parts);
   bench.moveUntilArmed();
-  bench.force = {0, 0.6, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.touch({0, 0.6, 0});
   bench.run(1.5);
   EXPECT_TRUE(loadOf(bench).normalised);
   EXPECT_NEAR(loadOf(bench).force.y(), 0.6 / kK_eps, 0.15 / kK_eps);
@@ -387,17 +385,15 @@ TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
 }
 
 TEST(LoadForks, OptionsThatAreNoneAreRefused) {
-  const auto refused = [](void (*spoil)(LoadForksOptions&)) {
-    LoadForksOptions options;
-    spoil(options);
-    return test::refusal([&] { LoadForks forks(options); });
-  };
-  EXPECT_EQ(refused([](auto& o) { o.limit = 0; }),
-            "contact: the limit of the score is 0; expected a finite value > 0");
-  EXPECT_EQ(refused([](auto& o) { o.deviation = -1; }),
-            "contact: the deviation of forces [N] is -1; expected a finite value > 0");
-  EXPECT_EQ(refused([](auto& o) { o.creep = NAN; }),
-            "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0");
+  using Options = LoadForksOptions;
+  test::expectRefusals(
+      Options(), [](const Options& options) { LoadForks forks(options); },
+      {{[](Options& o) { o.limit = 0; },
+        "contact: the limit of the score is 0; expected a finite value > 0"},
+       {[](Options& o) { o.deviation = -1; },
+        "contact: the deviation of forces [N] is -1; expected a finite value > 0"},
+       {[](Options& o) { o.creep = NAN; },
+        "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0"}});
 }
 
 }  // namespace

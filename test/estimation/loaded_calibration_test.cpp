@@ -1,31 +1,14 @@
-#include <algorithm>
-#include <cmath>
-#include <stdexcept>
-#include <string>
-
 #include <gtest/gtest.h>
 
-#include "helix_arm/calibration/calibration.hpp"
-#include "helix_arm/model/curve.hpp"
+#include "estimation/calibration_data.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/sample_load.hpp"
-#include "support/sample_rig.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-using test::Random;
-
 constexpr statics::TierSetting kLoaded{statics::Tier::kLoaded, 5};
-
-const Parameter& parameter(const Calibration& calibration, const std::string& name) {
-  const auto& all = calibration.parameters;
-  const auto found = std::find_if(all.begin(), all.end(),
-                                  [&name](const Parameter& one) { return one.name == name; });
-  if (found == all.end()) throw std::out_of_range("no parameter " + name);
-  return *found;
-}
 
 // How far a parameter is from the truth, in its standard errors.
 double sigmasOff(const Calibration& calibration, const std::string& name, double truth) {
@@ -53,7 +36,7 @@ struct LoadedRig {
   }
 
   ArmCaptures captures(const TagLayout& layout = {}) const {
-    ArmCaptures data{"arm", known, false, layout, {}, 0, {}};
+    ArmCaptures data = dataOf(known, layout);
     data.load = known_load;
     data.tier = kLoaded;
     return data;
@@ -62,12 +45,7 @@ struct LoadedRig {
   ArmCaptures poses(double noise, Random& random) const {
     ArmCaptures data = captures(test::sampleLayout(1, 12));
     for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-      std::vector<PoseObservation> seen;
-      for (lie::SE3 X_BT : tagPoses(data.layout, shape(pressure))) {
-        for (int axis = 0; axis < 3; ++axis) X_BT.translation[axis] += noise * random.normal();
-        seen.push_back({static_cast<int>(seen.size()), X_BT});
-      }
-      test::addCapture(data, pressure, seen);
+      test::addCapture(data, pressure, posesOf(data.layout, shape(pressure), {}, noise, random));
     }
     return data;
   }
@@ -91,8 +69,7 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   options.K_eps = true;
   options.length_scale = LengthScaling::kCommon;
   options.held_out = false;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_NEAR(parameter(found, "K_kappa").value / rig.stiffness.kappa, 1, 1e-4);
   EXPECT_NEAR(parameter(found, "K_gamma").value / rig.stiffness.gamma, 1, 1e-4);
   EXPECT_NEAR(parameter(found, "K_eps").value, 650.0, 0.1);
@@ -113,8 +90,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
     CalibrationOptions options;
     options.position_noise = 0.002;
     options.K_gamma = false;  // of which an arm without tilt tells next to nothing
-    const Calibration found = calibrate({data}, options);
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    const Calibration found = calibrated({data}, options);
     EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
     EXPECT_LT(sigmasOff(found, "K_kappa", rig.stiffness.kappa), 3.0);
     EXPECT_LT(parameter(found, "K_kappa").standard_error, 0.05 * rig.stiffness.kappa);
@@ -126,8 +102,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
     ArmCaptures weightless = data;
     weightless.load.reset();
     options.held_out = false;  // the errors of the noise alone
-    const Calibration ignorant = calibrate({weightless}, options);
-    ASSERT_EQ(ignorant.status, CalibrationStatus::kCalibrated) << ignorant.reason;
+    const Calibration ignorant = calibrated({weightless}, options);
     EXPECT_GT(sigmasOff(ignorant, "K_kappa", rig.stiffness.kappa), 3.0);
     EXPECT_GT(parameter(ignorant, "K_kappa").value, 1.2 * rig.stiffness.kappa);
   }
@@ -141,8 +116,7 @@ TEST(LoadedCalibration, TheWeightDeterminesKEps) {
   options.position_noise = 0.002;
   options.K_gamma = false;
   options.K_eps = true;
-  const Calibration found = calibrate({rig.poses(0.002, random)}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({rig.poses(0.002, random)}, options);
   EXPECT_TRUE(parameter(found, "K_eps").identifiable);
   EXPECT_LT(sigmasOff(found, "K_eps", 600.0), 3.0);
   EXPECT_GT(sigmasOff(found, "K_eps", 500.0), 3.0);
@@ -168,8 +142,7 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   }
   CalibrationOptions options = test::everythingFromExactReadings(1e-4);
   options.next_pressures = 0;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   for (const Parameter& one : found.parameters) {
     if (!one.identifiable) continue;
     const double expected = truth.parameters.at(one.name);
@@ -185,23 +158,19 @@ TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
   const LoadedRig rig;
   lie::Vector6 offset;
   offset << 0.01, -0.02, 0.005, 0.03, -0.02, 0.04;
-  const lie::SE3 X_B0B = lie::SE3::exp(offset);
+  Random unused(0);
   ArmCaptures data = rig.captures(test::sampleLayout(1, 12));
   data.tier = {statics::Tier::kExact, 0};
   for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
-    std::vector<PoseObservation> seen;
-    for (const lie::SE3& X_BT : tagPoses(data.layout, rig.shape(pressure))) {
-      seen.push_back({static_cast<int>(seen.size()), X_B0B * X_BT});
-    }
-    test::addCapture(data, pressure, seen);
+    test::addCapture(data, pressure,
+                     posesOf(data.layout, rig.shape(pressure), lie::SE3::exp(offset), 0, unused));
   }
   CalibrationOptions options;
   options.K_kappa = options.K_gamma = false;
   options.base = options.free_shapes = true;
   options.base_prior = {10.0, 10.0};
   options.position_noise = 0.001;
-  const Calibration found = calibrate({data}, options);
-  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Calibration found = calibrated({data}, options);
   EXPECT_LT((found.X_B0B.log() - offset).cwiseAbs().maxCoeff(), 1e-4);
   EXPECT_LT(found.rms, 1e-5);
   data.load.reset();
@@ -228,7 +197,7 @@ TEST(LoadedCalibration, ALoadThatNoShapeBalancesIsNamed) {
   // One centred muscle resists no moment about its axis.
   test::Ring ring = test::straightRing(1);
   ring.radius = 0;
-  ArmCaptures data{"arm", test::ringArm(ring), false, {}, {}, 0, {}};
+  ArmCaptures data = dataOf(test::ringArm(ring));
   data.load = test::horizontalLoad();
   data.load->points.front().moment = {0.1, 0, 0};
   data.tier = kLoaded;

@@ -2,13 +2,16 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <limits>
+#include <cmath>
 #include <string>
 
 #include <gtest/gtest.h>
 
+#include "estimation/misplaced.hpp"
+#include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/refusal.hpp"
 #include "support/sample_view.hpp"
@@ -24,22 +27,6 @@ constexpr double kDegree = test::kPi / 180;
 PlacedView viewOf(const ArmView& view, const TwistFitOptions& fit, const TagPrior& tag,
                   const BasePrior& base) {
   return {view, fit, {view.layout, tag, base}};
-}
-
-// A rig whose placements are off by what a PlacedView says of them.
-ArmView misplaced(const PlacedView& placed, const model::Arm& arm, Random& random) {
-  const auto draw = [&random](const lie::Vector6& deviations) {
-    lie::Vector6 out;
-    for (int i = 0; i < 6; ++i) out[i] = deviations[i] * random.normal();
-    return out;
-  };
-  ArmView out = placed.view;
-  out.X_CB = out.X_CB * lie::SE3::exp(draw(placed.deviations.base));
-  for (std::size_t i = 0; i < out.layout.tags.size(); ++i) {
-    TagPlacement& tag = out.layout.tags[i];
-    tag = movedBy(tag, draw(placed.deviations.tags[i]), arm.restLength(tag.section));
-  }
-  return out;
 }
 
 // The tags `seen` as an exact camera sees them on another rig.
@@ -110,77 +97,78 @@ INSTANTIATE_TEST_SUITE_P(All, PlacementCovariance,
                                            Case{"UnderALoad", 1, true, true}),
                          nameOfCase);
 
+class Placements : public ::testing::Test {
+ protected:
+  const model::Arm arm_ = test::ringArm(test::helicalRing());
+  const ArmView view_ = test::sampleView();
+  const model::Shape shape_ = arm_.twists(arm_.inputAt(0.4));
+  std::vector<int> seenTags() const {
+    std::vector<int> out;
+    for (const TagImage& one : visibleTags(view_, shape_, 0.3)) out.push_back(one.tag);
+    return out;
+  }
+};
+
 // Of the same misplaced rig, with all tags and with some.
-TEST(PlacementDifference, IsThatOfRepeatedFits) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView();
+TEST_F(Placements, DifferenceIsThatOfRepeatedFits) {
   TwistFitOptions fit;
   fit.robust_scale = 100;
-  const PlacedView placed = viewOf(view, fit, {0.0002, 0.2 * kDegree}, {0.001, 0.3 * kDegree});
-  const model::Shape shape = arm.twists(arm.inputAt(0.4));
-  std::vector<int> all;
-  for (const TagImage& one : visibleTags(view, shape, 0.3)) all.push_back(one.tag);
+  const PlacedView placed = viewOf(view_, fit, {0.0002, 0.2 * kDegree}, {0.001, 0.3 * kDegree});
+  const std::vector<int> all = seenTags();
   const std::vector<int> some(all.begin(), all.end() - 1);
-  const auto difference = placementDifference(placed, arm, shape, all, some);
+  const auto difference = placementDifference(placed, arm_, shape_, all, some);
   ASSERT_TRUE(difference);
-  EXPECT_LT(difference->trace(), placementCovariance(placed, arm, shape, all)->trace());
-  EXPECT_TRUE(placementDifference(placed, arm, shape, all, all)->isZero(0));
-  TwistFitter fitter(view.layout, 1, fit);
+  EXPECT_LT(difference->trace(), placementCovariance(placed, arm_, shape_, all)->trace());
+  EXPECT_TRUE(placementDifference(placed, arm_, shape_, all, all)->isZero(0));
+  TwistFitter fitter(view_.layout, 1, fit);
   Random random(5);
   const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
-    const ArmView truth = misplaced(placed, arm, random);
+    const ArmView truth = misplaced(placed, arm_, random);
     const auto tipOf = [&](const std::vector<int>& tags) {
       const TwistFit& result =
-          fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+          fitter.fit(lookAgain(truth, shape_, tags), view_.X_CB, view_.camera.focal(), shape_);
       return Eigen::Vector3d(model::tipPose(result.shape).translation);
     };
     return Eigen::Vector3d(tipOf(some) - tipOf(all));
   });
-  test::expectSpread(sampled, tipCovariance(shape, *difference), 0.2);
+  test::expectSpread(sampled, tipCovariance(shape_, *difference), 0.2);
 }
 
 // Of a base that is fitted with hardly any prior, on rigs whose base is where it is thought.
-TEST(RigByPlacements, IsThatOfRepeatedFits) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView();
+TEST_F(Placements, RigByPlacementsIsThatOfRepeatedFits) {
   TwistFitOptions fit;
   fit.free_base = fit.free_bleed = true;
   fit.robust_scale = 100;
-  PlacedView placed = viewOf(view, fit, {0.0003, 0.3 * kDegree}, fit.base_prior);
-  const model::Shape shape = arm.twists(arm.inputAt(0.4));
-  std::vector<int> tags;
-  for (const TagImage& one : visibleTags(view, shape, 0.3)) tags.push_back(one.tag);
-  const auto covariance = rigByPlacements(placed, arm, shape, tags);
+  PlacedView placed = viewOf(view_, fit, {0.0003, 0.3 * kDegree}, fit.base_prior);
+  const std::vector<int> tags = seenTags();
+  const auto covariance = rigByPlacements(placed, arm_, shape_, tags);
   ASSERT_TRUE(covariance);
   placed.deviations.base.setZero();
   TwistFitOptions wide = fit;
   wide.base_prior.translation *= 30;
   wide.base_prior.rotation *= 30;
   wide.bleed_prior *= 30;
-  TwistFitter fitter(view.layout, 1, wide);
+  TwistFitter fitter(view_.layout, 1, wide);
   Random random(6);
   const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
-    const ArmView truth = misplaced(placed, arm, random);
+    const ArmView truth = misplaced(placed, arm_, random);
     const TwistFit& result =
-        fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+        fitter.fit(lookAgain(truth, shape_, tags), view_.X_CB, view_.camera.focal(), shape_);
     return Eigen::Vector3d(result.rig.mean.head<3>());
   });
   test::expectSpread(sampled, covariance->topLeftCorner<3, 3>(), 0.2);
   fit.free_base = false;
-  const auto bleed = rigByPlacements({view, fit, placed.deviations}, arm, shape, tags);
+  const auto bleed = rigByPlacements({view_, fit, placed.deviations}, arm_, shape_, tags);
   EXPECT_TRUE(bleed->topRows<6>().isZero(0));
   EXPECT_GT((*bleed)(6, 6), 0);
 }
 
-TEST(PlacementCovariance, GrowsWithTheSquareOfTheDeviations) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView();
-  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+TEST_F(Placements, GrowsWithTheSquareOfTheDeviations) {
   const std::vector<int> tags = {0, 4, 8, 12, 16, 20, 24, 28};
   const auto of = [&](double factor) {
     return *placementCovariance(
-        viewOf(view, {}, {factor * 0.001, factor * 0.01}, {factor * 0.001, factor * 0.01}), arm,
-        shape, tags);
+        viewOf(view_, {}, {factor * 0.001, factor * 0.01}, {factor * 0.001, factor * 0.01}), arm_,
+        shape_, tags);
   };
   const Eigen::MatrixXd once = of(1), twice = of(2);
   EXPECT_LT((twice - 4 * once).norm(), 1e-9 * twice.norm());
@@ -188,16 +176,13 @@ TEST(PlacementCovariance, GrowsWithTheSquareOfTheDeviations) {
   EXPECT_TRUE(of(0).isZero(0));
 }
 
-TEST(PlacementCovariance, DependsOnTheFittedTagsAlone) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView();
-  const model::Shape shape = arm.twists(arm.inputAt(0.5));
-  PlacedView placed = viewOf(view, {}, {0.001, 0.01}, {0.001, 0.01});
-  const Eigen::MatrixXd before = *placementCovariance(placed, arm, shape, {4, 12, 20, 28});
+TEST_F(Placements, DependsOnTheFittedTagsAlone) {
+  PlacedView placed = viewOf(view_, {}, {0.001, 0.01}, {0.001, 0.01});
+  const Eigen::MatrixXd before = *placementCovariance(placed, arm_, shape_, {4, 12, 20, 28});
   placed.deviations.tags[8] *= 100;
-  EXPECT_EQ(*placementCovariance(placed, arm, shape, {4, 12, 20, 28}), before);
-  EXPECT_GT(placementCovariance(placed, arm, shape, {4, 8, 12, 20, 28})->trace(), before.trace());
-  EXPECT_TRUE(placementCovariance(placed, arm, shape, {})->isZero(0));
+  EXPECT_EQ(*placementCovariance(placed, arm_, shape_, {4, 12, 20, 28}), before);
+  EXPECT_GT(placementCovariance(placed, arm_, shape_, {4, 8, 12, 20, 28})->trace(), before.trace());
+  EXPECT_TRUE(placementCovariance(placed, arm_, shape_, {})->isZero(0));
 }
 
 TEST(PlacementCovariance, IsNothingBehindTheCamera) {
@@ -236,22 +221,135 @@ TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
 }
 
 TEST(PlacedView, RefusesDeviationsThatMakeNoSense) {
-  const PlacedView good = viewOf(test::sampleView(), {}, {}, {});
-  const auto said = [&good](const auto& change) {
-    PlacedView placed = good;
-    change(placed);
-    return test::refusal([&placed] { placed.validate(); });
+  test::expectRefusals(
+      viewOf(test::sampleView(), {}, {}, {}), [](const PlacedView& placed) { placed.validate(); },
+      {{[](PlacedView& placed) { placed.deviations.tags.pop_back(); },
+        "placed view: the number of tags with deviations is 31; expected that of the layout"},
+       {[](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; },
+        "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0"},
+       {[](PlacedView& placed) { placed.deviations.base[5] = std::nan(""); },
+        "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0"}});
+}
+
+// Placing the camera by the tags of an arm at rest.
+struct Bench {
+  model::Arm arm = test::ringArm({});
+  model::Shape shape = arm.twists(arm.inputAt(0));
+  ArmView view = test::sampleView();
+  Random random{1};
+
+  std::vector<CornerObservation> look(double noise) {
+    return test::observe(view, visibleTags(view, shape, 0.3), noise, random);
+  }
+};
+
+TEST(CameraPlacement, CovarianceOfTheCameraIsThatOfItsSmallMotions) {
+  Random random(2);
+  const auto pose = [&random] {
+    lie::Vector6 xi;
+    for (int i = 0; i < 6; ++i) xi[i] = random.normal();
+    return lie::SE3::exp(xi);
   };
-  EXPECT_EQ(said([](PlacedView&) {}), "accepted");
-  EXPECT_EQ(said([](PlacedView& placed) { placed.deviations.tags.pop_back(); }),
-            "placed view: the number of tags with deviations is 31; expected that of the layout");
+  const lie::SE3 X_WB = pose(), X_CB = pose();
+  lie::Matrix6 L = lie::Matrix6::Random();
+  const lie::Matrix6 covariance = L * L.transpose();
+  // Position and rotation of the camera by differences, from the definition of xi.
+  lie::Matrix6 J;
+  const lie::SE3 nominal = X_WB * X_CB.inverse();
+  constexpr double kStep = 1e-6;
+  for (int j = 0; j < 6; ++j) {
+    const lie::SE3 moved = X_WB * (X_CB * lie::SE3::exp(kStep * lie::Vector6::Unit(j))).inverse();
+    const lie::SE3 turn{moved.rotation * nominal.rotation.transpose(), Eigen::Vector3d::Zero()};
+    J.col(j) << (moved.translation - nominal.translation) / kStep, turn.log().tail<3>() / kStep;
+  }
+  const lie::Matrix6 expected = J * covariance * J.transpose();
+  EXPECT_TRUE(cameraCovariance(X_WB, X_CB, covariance).isApprox(expected, 1e-5));
+}
+
+TEST(CameraPlacement, StatedErrorGrowsWithResidualsAndWithPriors) {
+  Bench bench;
+  const auto seen = bench.look(0.3);
+  const double focal = bench.view.camera.focal();
+  const auto error = [&](const std::vector<CornerObservation>& what,
+                         const CameraPlacementOptions& options) {
+    const CameraPlacement placed = fitCameraPlacement(bench.arm, bench.view.layout, bench.shape,
+                                                      what, focal, bench.view.X_CB, options);
+    EXPECT_EQ(placed.status, PlacementStatus::kPlaced);
+    return placed.covariance.diagonal().cwiseSqrt().head<3>().norm();
+  };
+  CameraPlacementOptions exact, loose;
+  exact.tag_prior = {1e-6, 1e-6};
+  exact.shape_prior = {1e-6, 1e-6};
+  exact.bleed_prior = 1e-8;
+  const double least = error(seen, exact);
+  EXPECT_GT(error(seen, loose), 3 * least);
+  EXPECT_GT(error(bench.look(0.75), exact), 2 * least);  // 0.75 px where 0.3 px are expected
+}
+
+TEST(CameraPlacement, FarStartsAreFound) {
+  Bench bench;
+  const auto seen = bench.look(0);
+  for (int i = 0; i < 20; ++i) {
+    lie::Vector6 off;
+    off << 0.1 * bench.random.direction<3>(), 0.3 * bench.random.direction<3>();
+    const CameraPlacement placed =
+        fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, seen,
+                           bench.view.camera.focal(), bench.view.X_CB * lie::SE3::exp(off));
+    EXPECT_EQ(placed.status, PlacementStatus::kPlaced);
+    EXPECT_LT((placed.X_CB.inverse() * bench.view.X_CB).log().norm(), 1e-5) << i;
+    EXPECT_EQ(placed.outliers(), 0);
+    EXPECT_LT(placed.rms, 1e-3);
+    EXPECT_LT(placed.shape_deviations, 1e-2);
+  }
+}
+
+TEST(CameraPlacement, OneTagIsTooFew) {
+  Bench bench;
+  auto seen = bench.look(0.3);
+  seen.resize(1);
   EXPECT_EQ(
-      said([](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; }),
-      "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0");
-  EXPECT_EQ(said([](PlacedView& placed) {
-              placed.deviations.base[5] = std::numeric_limits<double>::quiet_NaN();
-            }),
-            "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0");
+      fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, seen, 900, bench.view.X_CB)
+          .status,
+      PlacementStatus::kTooFewTags);
+}
+
+TEST(CameraPlacement, BadArgumentsAreRefused) {
+  struct Arguments {
+    std::vector<CornerObservation> seen;
+    double focal;
+    CameraPlacementOptions options;
+  };
+  Bench bench;
+  test::expectRefusals(
+      Arguments{bench.look(0.3), 900, {}},
+      [&](const Arguments& given) {
+        fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, given.seen, given.focal,
+                           bench.view.X_CB, given.options);
+      },
+      {{[](Arguments& bad) { bad.focal = 0; },
+        "camera placement: the focal length [px] is 0; expected a finite value > 0"},
+       {[](Arguments& bad) { bad.options.corner_noise = -1; },
+        "camera placement: the corner noise [px] is -1; expected a finite value > 0"},
+       {[](Arguments& bad) { bad.options.max_iterations = 0; },
+        "camera placement: the number of iterations is 0; expected a value > 0"},
+       {[](Arguments& bad) { bad.seen[0].tag = 99; },
+        "camera placement: the index of a tag is 99; expected one of the layout"},
+       {[](Arguments& bad) { bad.seen[0].direction(0, 0) = std::nan(""); },
+        "is not finite; expected finite directions"}});
+}
+
+TEST(CameraPlacement, CornerErrorIsInPixelsAndInfiniteBehindTheCamera) {
+  Bench bench;
+  auto seen = bench.look(0);
+  const double focal = bench.view.camera.focal();
+  EXPECT_NEAR(cornerError(bench.view.layout, bench.shape, bench.view.X_CB, seen[0], focal), 0,
+              1e-9);
+  seen[0].direction.row(0).array() += 2 / focal;  // 2 px along one of two axes
+  EXPECT_NEAR(cornerError(bench.view.layout, bench.shape, bench.view.X_CB, seen[0], focal),
+              std::sqrt(2.0), 1e-9);
+  lie::SE3 behind = bench.view.X_CB;
+  behind.translation.z() -= 5;
+  EXPECT_TRUE(std::isinf(cornerError(bench.view.layout, bench.shape, behind, seen[0], focal)));
 }
 
 }  // namespace

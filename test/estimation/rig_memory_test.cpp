@@ -1,7 +1,6 @@
 #include "helix_arm/localization/rig_memory.hpp"
 
 #include <cmath>
-#include <cstdio>
 
 #include <gtest/gtest.h>
 

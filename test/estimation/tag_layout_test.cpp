@@ -1,13 +1,11 @@
 #include "helix_arm/localization/tag_layout.hpp"
 
 #include <algorithm>
-#include <stdexcept>
-#include <string>
 #include <utility>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -98,39 +96,20 @@ TEST(TagLayout, ATagThatIsMovedTurnsAboutItsCentre) {
   EXPECT_EQ(movedBy(layout.tags[3], lie::Vector6::Unit(0) * 0.01, length).s, 0.5 + 0.01 / length);
 }
 
-std::string refusal(const TagLayout& layout) {
-  try {
-    layout.validate(1);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
-}
-
 TEST(TagLayout, FaultsAreNamed) {
-  const TagLayout sound = test::sampleLayout();
-  EXPECT_EQ(refusal(sound), "");
-  TagLayout layout = sound;
-  layout.tags[1].id = 0;
-  EXPECT_NE(refusal(layout).find("tag 0 is placed twice"), std::string::npos);
-  layout = sound;
-  layout.tags[2].s = 1.01;
-  EXPECT_NE(refusal(layout).find("tag 2 is at s = 1.01"), std::string::npos);
-  layout = sound;
-  layout.tags[2].section = 1;
-  EXPECT_NE(refusal(layout).find("tag 2 is on section 1; expected 0 to 0"), std::string::npos);
-  layout = sound;
-  layout.tags[2].id = -4;
-  EXPECT_NE(refusal(layout).find("expected an id >= 0"), std::string::npos);
-  layout = sound;
-  layout.tags[3].X_ST.translation.x() = std::nan("");
-  EXPECT_NE(refusal(layout).find("tag 3 has a pose that is not finite"), std::string::npos);
-  layout = sound;
-  layout.size = 0;
-  EXPECT_NE(refusal(layout).find("size"), std::string::npos);
-  layout = sound;
-  for (int id = 100; id < 200; ++id) layout.tags.push_back({id, 0, 0.5, {}});
-  EXPECT_NE(refusal(layout).find("expected at most 64"), std::string::npos);
+  test::expectRefusals(
+      test::sampleLayout(), [](const TagLayout& layout) { layout.validate(1); },
+      {{[](TagLayout& l) { l.tags[1].id = 0; }, "tag 0 is placed twice"},
+       {[](TagLayout& l) { l.tags[2].s = 1.01; }, "tag 2 is at s = 1.01"},
+       {[](TagLayout& l) { l.tags[2].section = 1; }, "tag 2 is on section 1; expected 0 to 0"},
+       {[](TagLayout& l) { l.tags[2].id = -4; }, "expected an id >= 0"},
+       {[](TagLayout& l) { l.tags[3].X_ST.translation.x() = std::nan(""); },
+        "tag 3 has a pose that is not finite"},
+       {[](TagLayout& l) { l.size = 0; }, "size"},
+       {[](TagLayout& l) {
+          l.tags.resize(132, {200, 0, 0.5, {}});
+        },
+        "expected at most 64"}});
 }
 
 TEST(TagImage, VisibleTagsFaceTheCameraAndLieInThePicture) {

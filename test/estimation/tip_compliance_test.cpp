@@ -1,6 +1,5 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
-#include <cmath>
 #include <string>
 #include <vector>
 
@@ -57,6 +56,14 @@ Eigen::VectorXd slope(const model::Arm& arm, const ForcePlace& place, int axis, 
 }
 
 Eigen::VectorXd meanStrain(const model::Shape& shape) { return shape.twists().reshaped(); }
+
+class TipComplianceTest : public ::testing::Test {
+ protected:
+  const model::Arm arm_ = helicalArm();
+  const ArmView view_ = test::sampleView();
+  const Eigen::VectorXd pressure_ = pressureOf(arm_);
+  const model::Shape unforced_ = arm_.twists(pressure_);
+};
 
 // v [m] and w [rad] are compared alike: this arm is 0.4 m long.
 void expectNear(const Eigen::VectorXd& got, const Eigen::VectorXd& expected, double part,
@@ -131,23 +138,20 @@ std::vector<int> seenTags(const ArmView& view, const model::Shape& shape) {
   return out;
 }
 
-TEST(TipCompliance, WithACameraItIsTheChangeOfWhatIsFitted) {
-  const model::Arm arm = helicalArm();
-  const ArmView view = test::sampleView();
-  TipCompliance compliance(modelOf(), view, freeBase());
-  compliance.moveTo(pressureOf(arm), Correction(arm));
-  const model::Shape unforced = arm.twists(pressureOf(arm));
-  Eye eye(view, freeBase());
-  const std::vector<int> tags = seenTags(view, unforced);
-  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, tags, unforced); };
+TEST_F(TipComplianceTest, WithACameraItIsTheChangeOfWhatIsFitted) {
+  TipCompliance compliance(modelOf(), view_, freeBase());
+  compliance.moveTo(pressure_, Correction(arm_));
+  Eye eye(view_, freeBase());
+  const std::vector<int> tags = seenTags(view_, unforced_);
+  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, tags, unforced_); };
   double other = 0;
   for (std::size_t i = 0; i < compliance.places().size(); ++i) {
     for (int axis = 0; axis < 3; ++axis) {
-      const Eigen::VectorXd expected = slope(arm, compliance.places()[i], axis, fitted);
-      // A force along the arm bends it little, and by its square too: less of it is linear.
+      const Eigen::VectorXd expected = slope(arm_, compliance.places()[i], axis, fitted);
+      // A force along the arm_ bends it little, and by its square too: less of it is linear.
       expectNear(compliance.at(i).col(axis), expected, axis == 0 ? 0.1 : 0.03,
                  "place " + std::to_string(i) + ", axis " + std::to_string(axis));
-      const Eigen::VectorXd strain = slope(arm, compliance.places()[i], axis, meanStrain);
+      const Eigen::VectorXd strain = slope(arm_, compliance.places()[i], axis, meanStrain);
       other = std::max(other, (strain - expected).norm() / expected.norm());
     }
   }
@@ -155,81 +159,72 @@ TEST(TipCompliance, WithACameraItIsTheChangeOfWhatIsFitted) {
 }
 
 // The exact tip under a force against that of what is fitted.
-TEST(TipCompliance, TheTipMovesFartherThanTheFitSays) {
-  const model::Arm arm = helicalArm();
-  const ArmView view = test::sampleView();
+TEST_F(TipComplianceTest, TheTipMovesFartherThanTheFitSays) {
   const TwistFitOptions fixed;
-  TipCompliance compliance(modelOf(), view, fixed), blind(modelOf());
-  for (TipCompliance* one : {&compliance, &blind}) one->moveTo(pressureOf(arm), Correction(arm));
-  const model::Shape unforced = arm.twists(pressureOf(arm));
-  Eye eye(view, fixed);
-  const std::vector<int> tags = seenTags(view, unforced);
+  TipCompliance compliance(modelOf(), view_, fixed), blind(modelOf());
+  for (TipCompliance* one : {&compliance, &blind}) one->moveTo(pressure_, Correction(arm_));
+  Eye eye(view_, fixed);
+  const std::vector<int> tags = seenTags(view_, unforced_);
   const auto beyond = [&](const model::Shape& shape) -> Eigen::VectorXd {
     return model::tipPose(shape).translation -
-           model::tipPose(eye.fitted(shape, tags, unforced)).translation;
+           model::tipPose(eye.fitted(shape, tags, unforced_)).translation;
   };
   const auto tip = [](const model::Shape& shape) -> Eigen::VectorXd {
     return model::tipPose(shape).translation;
   };
   for (std::size_t i = 1; i < compliance.places().size(); ++i) {
     for (const int axis : {1, 2}) {
-      const Eigen::VectorXd whole = slope(arm, compliance.places()[i], axis, tip);
-      const Eigen::VectorXd expected = slope(arm, compliance.places()[i], axis, beyond);
+      const Eigen::VectorXd whole = slope(arm_, compliance.places()[i], axis, tip);
+      const Eigen::VectorXd expected = slope(arm_, compliance.places()[i], axis, beyond);
       EXPECT_LT((compliance.tipBeyondFit(i).col(axis) - expected).norm(), 0.01 * whole.norm())
           << "place " << i << ", axis " << axis;
       EXPECT_GT(expected.norm(), 0.02 * whole.norm()) << "there is something to know";
     }
   }
-  EXPECT_TRUE(blind.tipBeyondFit(3).isZero(0)) << "what is measured without a view is not known";
+  EXPECT_TRUE(blind.tipBeyondFit(3).isZero(0)) << "what is measured without a view_ is not known";
 }
 
-TEST(TipCompliance, TheTagsThatAreFittedCount) {
-  const model::Arm arm = helicalArm();
-  const ArmView view = test::sampleView();
-  const model::Shape unforced = arm.twists(pressureOf(arm));
-  const std::vector<int> all = seenTags(view, unforced);
+TEST_F(TipComplianceTest, TheTagsThatAreFittedCount) {
+  const std::vector<int> all = seenTags(view_, unforced_);
   const std::vector<int> half(all.begin(), all.begin() + static_cast<int>(all.size()) / 2);
-  TipCompliance compliance(modelOf(), view, freeBase());
-  Eye eye(view, freeBase());
-  compliance.moveTo(pressureOf(arm), Correction(arm), half);
+  TipCompliance compliance(modelOf(), view_, freeBase());
+  Eye eye(view_, freeBase());
+  compliance.moveTo(pressure_, Correction(arm_), half);
   const Eigen::MatrixXd of_half = compliance.atTip();
-  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, half, unforced); };
+  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, half, unforced_); };
   for (const int axis : {1, 2}) {
-    expectNear(of_half.col(axis), slope(arm, {0, 1.0}, axis, fitted), 0.03, std::to_string(axis));
+    expectNear(of_half.col(axis), slope(arm_, {0, 1.0}, axis, fitted), 0.03, std::to_string(axis));
   }
   // Another set, at the same pressures, is noticed; those that face the camera are the default.
-  compliance.moveTo(pressureOf(arm), Correction(arm), all);
+  compliance.moveTo(pressure_, Correction(arm_), all);
   const Eigen::MatrixXd of_all = compliance.atTip();
   EXPECT_GT((of_all - of_half).norm(), 0.05 * of_all.norm());
-  compliance.moveTo(pressureOf(arm), Correction(arm));
+  compliance.moveTo(pressure_, Correction(arm_));
   EXPECT_LT((compliance.atTip() - of_all).norm(), 1e-12 * of_all.norm());
 }
 
-TEST(TipCompliance, ItIsComputedAnewWhereAPressureMovedByTenKilopascals) {
-  const model::Arm arm = helicalArm();
-  const Eigen::VectorXd at = pressureOf(arm);
+TEST_F(TipComplianceTest, ItIsComputedAnewWhereAPressureMovedByTenKilopascals) {
   TipCompliance compliance(modelOf());
-  compliance.moveTo(at, Correction(arm));
+  compliance.moveTo(pressure_, Correction(arm_));
   const Eigen::MatrixXd here = compliance.atTip();
-  Eigen::VectorXd moved = at;
+  Eigen::VectorXd moved = pressure_;
   moved[1] += 9.99e3;
-  compliance.moveTo(moved, Correction(arm));
+  compliance.moveTo(moved, Correction(arm_));
   EXPECT_EQ(compliance.atTip(), here);
-  moved[1] = at[1] + 1.01e4;
-  compliance.moveTo(moved, Correction(arm));
+  moved[1] = pressure_[1] + 1.01e4;
+  compliance.moveTo(moved, Correction(arm_));
   EXPECT_NE(compliance.atTip(), here);
   TipCompliance fresh(modelOf());
-  fresh.moveTo(moved, Correction(arm));
+  fresh.moveTo(moved, Correction(arm_));
   EXPECT_EQ(compliance.atTip(), fresh.atTip());
 }
 
-TEST(TipCompliance, ItFallsWithTheStiffnessThatIsKnownOrLearnt) {
-  const model::Arm arm = helicalArm();
+TEST_F(TipComplianceTest, ItFallsWithTheStiffnessThatIsKnownOrLearnt) {
   const auto norm = [&](double K_eps, double factor) {
     TipCompliance compliance(modelOf(1, K_eps));
-    Correction correction(arm);
+    Correction correction(arm_);
     correction.K_eps_factor = factor;
-    compliance.moveTo(pressureOf(arm), correction);
+    compliance.moveTo(pressure_, correction);
     return compliance.atTip().norm();
   };
   const double once = norm(900, 1);
@@ -237,12 +232,11 @@ TEST(TipCompliance, ItFallsWithTheStiffnessThatIsKnownOrLearnt) {
   EXPECT_NEAR(norm(900, 2), once / 2, 0.01 * once);
 }
 
-TEST(TipCompliance, AnArmOfUnknownKEpsCountsAsATypicalOne) {
-  const model::Arm arm = helicalArm();
-  TipCompliance unknown{ArmModel(arm)}, typical(modelOf(1, TipCompliance::kTypicalStiffness));
+TEST_F(TipComplianceTest, AnArmOfUnknownKEpsCountsAsATypicalOne) {
+  TipCompliance unknown{ArmModel(arm_)}, typical(modelOf(1, TipCompliance::kTypicalStiffness));
   EXPECT_TRUE(unknown.normalised());
   EXPECT_FALSE(typical.normalised());
-  for (TipCompliance* one : {&unknown, &typical}) one->moveTo(pressureOf(arm), Correction(arm));
+  for (TipCompliance* one : {&unknown, &typical}) one->moveTo(pressure_, Correction(arm_));
   EXPECT_EQ(unknown.atTip(), typical.atTip());
 }
 
@@ -254,24 +248,22 @@ TEST(TipCompliance, ManySectionsHaveThePlaceAtTheTipAlone) {
   EXPECT_EQ(five.places()[0].s, 1.0);
 }
 
-TEST(TipCompliance, AForceThatNoShapeBalancesHasNone) {
-  const model::Arm arm = helicalArm();
+TEST_F(TipComplianceTest, AForceThatNoShapeBalancesHasNone) {
   TipCompliance compliance(modelOf(1, 1e-3));
-  compliance.moveTo(pressureOf(arm), Correction(arm));
+  compliance.moveTo(pressure_, Correction(arm_));
   EXPECT_TRUE(compliance.atTip().isZero(0));
 }
 
-TEST(TipCompliance, TagsAndViewsOfOtherArmsAreRefused) {
-  const model::Arm arm = helicalArm();
-  const ArmView view = test::sampleView();
-  TipCompliance compliance(modelOf(), view, {});
+TEST_F(TipComplianceTest, TagsAndViewsOfOtherArmsAreRefused) {
+  TipCompliance compliance(modelOf(), view_, {});
   EXPECT_EQ(test::refusal([&] {
-              compliance.moveTo(pressureOf(arm), Correction(arm), std::vector<int>{0, 32});
+              compliance.moveTo(pressure_, Correction(arm_), std::vector<int>{0, 32});
             }),
-            "compliance of the arm: the index of a tag is 32; expected one of the layout");
-  EXPECT_EQ(test::refusal([&] { TipCompliance(modelOf(2), view, {}); }),
-            "compliance of the arm: the number of sections in the camera's view is 1; expected as "
-            "many as the arm has");
+            "compliance of the arm_: the index of a tag is 32; expected one of the layout");
+  EXPECT_EQ(
+      test::refusal([&] { TipCompliance(modelOf(2), view_, {}); }),
+      "compliance of the arm_: the number of sections in the camera's view_ is 1; expected as "
+      "many as the arm_ has");
 }
 
 }  // namespace

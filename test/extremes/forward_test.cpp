@@ -37,9 +37,7 @@ double turnOf(const Twists& twists) {
 }
 double largestTurnOf(const Twists& twists) {
   double turn = 0;
-  for (int k = 0; k < twists.cols(); ++k) {
-    turn = std::max(turn, twists.col(k).tail<3>().stableNorm());
-  }
+  for (const auto& twist : twists.colwise()) turn = std::max(turn, twist.tail<3>().stableNorm());
   return turn;
 }
 

@@ -26,6 +26,13 @@ class PathCheck : public testing::Test {
     return checkPath(path, arm, solver, arm.inputAt(0.0),
                      {tolerance, Eigen::VectorXd::Constant(3, slew)});
   }
+  // Told to stop after so many places.
+  std::optional<PathRefusal> checkUntil(int most, const TipPath& path) {
+    asked = 0;
+    return checkPath(path, arm, solver, arm.inputAt(0.0),
+                     {kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)},
+                     [this, most] { return ++asked > most; });
+  }
   Eigen::Vector3d tipAt(const Eigen::Vector3d& fractions) const {
     return arm.tip(arm.inputAt(fractions)).translation;
   }
@@ -43,6 +50,7 @@ class PathCheck : public testing::Test {
 
   const model::Arm arm = test::ringArm({3, 0.0254, test::kPi / 12, {100.0, 0.0, 9.8e-5}});
   statics::InverseSolver solver{arm};
+  int asked = 0;
 };
 
 TEST_F(PathCheck, APathWithinReachAndRatesIsAccepted) { EXPECT_FALSE(check(circle(8))); }
@@ -122,15 +130,9 @@ TEST_F(PathCheck, OrientationsCountWhereThePathHasThem) {
 
 TEST_F(PathCheck, StopsAtTheNextPlaceWhenAskedTo) {
   const TipPath far = straight(tipAt({0.5, 0.4, 0.4}), {1.0, 0.0, 0.0}, 100.0);
-  const PathRules rules{kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)};
-  int asked = 0;
-  const auto checked = [&](int most) {
-    asked = 0;
-    return checkPath(far, arm, solver, arm.inputAt(0.0), rules, [&] { return ++asked > most; });
-  };
-  EXPECT_FALSE(checked(1));
+  EXPECT_FALSE(checkUntil(1, far));
   EXPECT_EQ(asked, 2);
-  EXPECT_TRUE(checked(100'000));
+  EXPECT_TRUE(checkUntil(100'000, far));
   EXPECT_GT(asked, 2);
 }
 
@@ -162,13 +164,7 @@ TEST_F(PathCheck, ASpikeOfAnyLengthIsFound) {
 
 TEST_F(PathCheck, APathOfMorePlacesThanAreCheckedIsRefused) {
   const Eigen::Vector3d rest = tipAt({0.5, 0.4, 0.4}), away = rest + Eigen::Vector3d(0, 0.3, 0);
-  int asked = 0;
-  const auto refusalOf = [&](const TipPath& path) {
-    asked = 0;
-    return checkPath(path, arm, solver, arm.inputAt(0.0),
-                     {kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)},
-                     [&] { return ++asked > 3; });
-  };
+  const auto refusalOf = [this](const TipPath& path) { return checkUntil(3, path); };
   // Points 5 s apart around a spike.
   const double middle = 5e5;
   const auto refused = refusalOf(TipPath({{0.0, rest},

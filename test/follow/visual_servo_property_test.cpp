@@ -1,6 +1,5 @@
 // What holds of a visual servo whatever it is given.
 #include <Eigen/Cholesky>
-#include <cmath>
 #include <cstdio>
 #include <limits>
 

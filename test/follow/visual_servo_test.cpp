@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/loop_fixture.hpp"
 #include "support/refusal.hpp"
 
@@ -23,13 +24,6 @@ TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
   bench_.loop.close(false);
   bench_.run(3);
   EXPECT_GT(bench_.error(), 5e-3);
-}
-
-TEST_F(Loop, CommandsNothingWithoutTarget) {
-  bench_.run(1);
-  EXPECT_EQ(state(), LoopState::kIdle);
-  EXPECT_FALSE(bench_.loop.turn().commands);
-  EXPECT_TRUE(bench_.pressure().isZero());
 }
 
 TEST_F(Loop, IsOpenUntilItHasSeenTheArm) {
@@ -68,101 +62,28 @@ TEST_F(Loop, ClosesAgainFromCoastingAfterThreePictures) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
-TEST_F(Loop, StandsStillWhileSomethingTouchesTheArm) {
+TEST_F(Loop, HoldsArmAndPathWhileSomethingTouchesTheArm) {
   bench_.loop.setOnContact(OnContact::kYield);
   close();
   bench_.run(12);  // contacts are found after ten seconds of pictures
   ASSERT_FALSE(bench_.loop.load().contact);
-  touch();
-  bench_.run(1);
-  ASSERT_EQ(state(), LoopState::kYielding);
-  EXPECT_TRUE(bench_.loop.load().contact);
-  const Eigen::VectorXd held = bench_.loop.turn().pressure;
-  bench_.run(2);
-  EXPECT_LE((bench_.loop.turn().pressure - held).norm(), 1.0);
-  letGo();
-  bench_.run(4);
-  EXPECT_EQ(state(), LoopState::kClosed);
-  EXPECT_LT(bench_.error(), 1e-3);
-}
-
-TEST_F(Loop, PushesOnWhereContactsAreReportedAlone) {
-  bench_.loop.setOnContact(OnContact::kReport);
-  close();
-  bench_.run(12);
-  touch();
-  bench_.run(2);
-  EXPECT_EQ(state(), LoopState::kClosed);
-  EXPECT_TRUE(bench_.loop.load().contact);
-  EXPECT_LT(bench_.error(), 1e-3);
-}
-
-TEST_F(Loop, HoldsThePathWhileSomethingTouchesTheArm) {
-  bench_.loop.setOnContact(OnContact::kYield);
-  close();
-  bench_.run(12);
   bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
   bench_.run(2);
   touch();
   bench_.run(1);
   const auto before = bench_.loop.turn().path_time;
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
   ASSERT_EQ(state(), LoopState::kYielding);
+  EXPECT_TRUE(bench_.loop.load().contact);
   ASSERT_TRUE(before);
-  bench_.run(1);
-  EXPECT_EQ(bench_.loop.turn().path_time, before);
-}
-
-TEST_F(Loop, EndsThePathAtAContactThatIsToStopIt) {
-  bench_.loop.setOnContact(OnContact::kStop);
-  close();
-  bench_.run(12);
-  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
   bench_.run(2);
-  touch();
-  bench_.run(1);
-  EXPECT_FALSE(bench_.loop.turn().path_time);
-  EXPECT_TRUE(bench_.loop.turn().commands) << "the command is held";
-}
-
-// The model bends the wrong way: the correction pushes the arm farther from a still target.
-TEST_F(Loop, StopsCorrectingAnArmThatGoesTheWrongWay) {
-  close();
-  bench_.options.gain = -3.0;
-  double begin = bench_.time();
-  while (state() == LoopState::kClosed && bench_.time() < begin + 20) bench_.step();
-  ASSERT_EQ(state(), LoopState::kDiverging);
-  const Eigen::VectorXd frozen = bench_.loop.turn().pressure;
-  bench_.run(3);
-  EXPECT_EQ(state(), LoopState::kDiverging);
-  EXPECT_LE((bench_.loop.turn().pressure - frozen).norm(), 1.0);
-  bench_.options.gain = 1.0;
-  bench_.loop.reset();
-  bench_.run(3);
+  EXPECT_EQ(bench_.loop.turn().path_time, before);
+  EXPECT_LE((bench_.loop.turn().pressure - held).norm(), 1.0);
+  bench_.loop.aimAt(here_);
+  letGo();
+  bench_.run(4);
   EXPECT_EQ(state(), LoopState::kClosed);
   EXPECT_LT(bench_.error(), 1e-3);
-}
-
-TEST_F(Loop, RestsWhileTheArmIsNotEnabled) {
-  close();
-  bench_.loop.enable(false);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kIdle);
-  EXPECT_FALSE(bench_.loop.turn().commands);
-  EXPECT_FALSE(bench_.loop.hasTarget()) << "nothing may move when it is enabled again";
-  bench_.loop.enable(true);
-  bench_.run(0.5);
-  EXPECT_EQ(state(), LoopState::kIdle);
-  bench_.loop.aimAt(there_);
-  bench_.run(2);
-  EXPECT_EQ(state(), LoopState::kClosed);
-}
-
-TEST_F(Loop, LearnsWhileItIsIdle) {
-  bench_.run(2);
-  EXPECT_LT(bench_.loop.tipDeviation(), 0.01);
-  bench_.loop.aimAt(here_);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kClosed);
 }
 
 // Whatever happens at a still target, the command moves by what a correction of some millimetres
@@ -361,27 +282,17 @@ TEST_F(Loop, ClosesWithFewReadings) {
 }
 
 TEST(VisualServoConfig, RefusesWhatMakesNoSense) {
+  using Config = VisualServoConfig;
   const statics::ArmModel model(test::ringArm(test::helicalRing()));
-  const auto refused = [&](void (*spoil)(VisualServoConfig&)) {
-    VisualServoConfig config = LoopBench::config();
-    spoil(config);
-    return test::refusal([&] { VisualServo(model, config); });
-  };
-  const struct {
-    void (*spoil)(VisualServoConfig&);
-    const char* culprit;
-  } cases[] = {
-      {[](VisualServoConfig& c) { c.smoothing = 0; }, "smoothing time [s] is 0"},
-      {[](VisualServoConfig& c) { c.stale_after = -1; }, "coasts [s] is -1"},
-      {[](VisualServoConfig& c) { c.coast_time = 0; }, "for which it coasts [s] is 0"},
-      {[](VisualServoConfig& c) { c.time_constant = 0; }, "regulator's time constant [s] is 0"},
-      {[](VisualServoConfig& c) { c.reading_noise = 0; }, "noise of a reading [Pa] is 0"},
-      {[](VisualServoConfig& c) { c.watch_creep = -1; }, "creep of the watch"},
-      {[](VisualServoConfig& c) { c.filter.hysteresis = -1; }, "hysteresis is -1"},
-  };
-  for (const auto& test : cases) {
-    EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);
-  }
+  test::expectRefusals(
+      LoopBench::config(), [&](const Config& config) { VisualServo(model, config); },
+      {{[](Config& c) { c.smoothing = 0; }, "smoothing time [s] is 0"},
+       {[](Config& c) { c.stale_after = -1; }, "coasts [s] is -1"},
+       {[](Config& c) { c.coast_time = 0; }, "for which it coasts [s] is 0"},
+       {[](Config& c) { c.time_constant = 0; }, "regulator's time constant [s] is 0"},
+       {[](Config& c) { c.reading_noise = 0; }, "noise of a reading [Pa] is 0"},
+       {[](Config& c) { c.watch_creep = -1; }, "creep of the watch"},
+       {[](Config& c) { c.filter.hysteresis = -1; }, "hysteresis is -1"}});
 }
 
 TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {

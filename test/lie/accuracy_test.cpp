@@ -1,13 +1,17 @@
 // exp, log and the Jacobians against their definitions in 80 digits.
+#include <cmath>
 #include <cstdio>
-#include <vector>
+#include <functional>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/pi.hpp"
+#include "basics/vector_clones.hpp"
+#include "lie/coefficients.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
-#include "lie/coefficients.hpp"
+#include "helix_arm/lie/so3.hpp"
+#include "lie/so3_switch.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 
@@ -15,6 +19,7 @@ namespace helix_arm::lie {
 namespace {
 
 using test::kEps;
+using test::Real;
 using test::RealMatrix;
 
 using basics::kPi;
@@ -158,7 +163,7 @@ TYPED_TEST(Accuracy, JacobianInversesUndoTheSeries) {
   for (int i = 0; i < 500; ++i) {
     const auto xi = this->twist(i % 2 == 0 ? this->random_.logUniform(1e-300, 1.0)
                                            : this->random_.uniform(0, 5.0));
-    const RealMatrix product = TypeParam::leftJacobianInverse(xi).template cast<test::Real>() *
+    const RealMatrix product = TypeParam::leftJacobianInverse(xi).template cast<Real>() *
                                test::leftJacobianByDefinition(xi);
     const double scale =
         TypeParam::leftJacobianInverse(xi).norm() * TypeParam::leftJacobian(xi).norm();
@@ -168,6 +173,272 @@ TYPED_TEST(Accuracy, JacobianInversesUndoTheSeries) {
   }
   std::printf("inverse of the left Jacobian: %.2f eps of its condition\n", worst);
   EXPECT_LE(worst, 16.0);
+}
+
+// The coefficients themselves, where finite differences of exp would see nothing.
+
+// Definitions, by their series where the quotients cancel.
+struct Reference {
+  Real a, b, c, d, e;
+  explicit Reference(const Real& x) {
+    const auto series = [&x](int first) {
+      Real term = 1, sum = 0;
+      for (int k = 2; k <= first; ++k) term /= k;
+      for (int j = 0; j < 60; ++j) {
+        sum += term;
+        term *= -x / ((2 * j + first + 1) * (2 * j + first + 2));
+      }
+      return sum;
+    };
+    if (x < 1) {
+      a = series(1), b = series(2), c = series(3), d = series(4), e = series(5);
+    } else {
+      const Real theta = sqrt(x);
+      a = sin(theta) / theta;
+      b = (1 - cos(theta)) / x;
+      c = (1 - a) / x;
+      d = (Real(0.5) - b) / x;
+      e = (Real(1) / 6 - c) / x;
+    }
+  }
+};
+
+struct WorstCoefficient {
+  double a = 0, b = 0, c = 0, d = 0, e = 0, cosine = 0;
+
+  void measure(double x) {
+    const Reference exact{Real(x)};
+    const ExpCoefficients f = expCoefficients(x);
+    const JacobianCoefficients g = jacobianCoefficients(x);
+    const double theta = std::sqrt(x);
+    const auto eps = [](const Real& error) {
+      return static_cast<double>(Real(abs(error) / test::kEps));
+    };
+    // a and b vanish at some angles: a is held to sin(theta), b to what a half turn's neighbourhood
+    // allows.
+    a = std::max(a, eps((exact.a - f.a) * std::max(1.0, theta)));
+    if (theta < 3 || std::abs(std::remainder(theta, 2 * kPi)) > 0.5)
+      b = std::max(b, eps((exact.b - f.b) / exact.b));
+    c = std::max(c, eps((exact.c - f.c) / exact.c));
+    d = std::max(d, eps((exact.d - g.d) / exact.d));
+    e = std::max(e, eps((exact.e - g.e) / exact.e));
+    cosine = std::max(cosine, eps(1 - exact.b * x - f.cosine));
+    EXPECT_EQ(f.a, g.a);
+    EXPECT_EQ(f.b, g.b);
+    EXPECT_EQ(f.c, g.c);
+  }
+  void print(const char* where) const {
+    std::printf("%s: a %.2f b %.2f c %.2f d %.2f e %.2f cos %.2f eps\n", where, a, b, c, d, e,
+                cosine);
+  }
+  void expectWithin(double bound) const {
+    EXPECT_LE(a, bound);
+    EXPECT_LE(b, bound);
+    EXPECT_LE(c, bound);
+    EXPECT_LE(d, bound);
+    EXPECT_LE(e, bound);
+    EXPECT_LE(cosine, bound);
+  }
+};
+
+// Squares of angles that are measured together, and what they may be off by [eps].
+struct Angles {
+  const char* where;
+  double bound;
+  std::function<void(const std::function<void(double)>&)> each;
+};
+
+TEST(Coefficients, HoldTheirDigits) {
+  test::Random random(31);
+  // Of one switch from below, and from above.
+  const auto below = [](double limit) {
+    return [limit](const auto& measure) {
+      for (int ulps = 0; ulps < 500; ++ulps) measure(limit * (1 - ulps * test::kEps));
+    };
+  };
+  const auto above = [](double limit) {
+    return [limit](const auto& measure) {
+      for (int ulps = 1; ulps <= 500; ++ulps) measure(limit * (1 + ulps * test::kEps));
+    };
+  };
+  const Angles all[] = {{"1e-300 to pi", 4,
+                         [&](const auto& measure) {
+                           for (int i = 0; i < 5000; ++i)
+                             measure(std::pow(random.logUniform(1e-300, kPi), 2));
+                           for (int i = 0; i < 5000; ++i) measure(random.uniform(0, kPi * kPi));
+                         }},
+                        {"to 1e3", 8,
+                         [&](const auto& measure) {
+                           for (int i = 0; i < 10000; ++i)
+                             measure(std::pow(random.uniform(kPi, 1e3), 2));
+                         }},
+                        {"below the switch", 6, below(kSeriesLimit)},
+                        {"above the switch", 6, above(kSeriesLimit)},
+                        {"below the versine's limit", 4, below(detail::kVersineLimit)},
+                        {"above the versine's limit", 4, above(detail::kVersineLimit)},
+                        {"where the reduction changes quadrant", 8, [&](const auto& measure) {
+                           for (int quadrant = 3; quadrant < 600; quadrant += 2) {
+                             const double theta =
+                                 quadrant * kPi / 2;  // h half-way between two multiples of pi/2
+                             for (int ulps = -5; ulps <= 5; ++ulps) {
+                               measure(std::pow(theta * (1 + ulps * test::kEps), 2));
+                             }
+                           }
+                         }}};
+  for (const Angles& angles : all) {
+    WorstCoefficient worst;
+    angles.each([&worst](double square) { worst.measure(square); });
+    worst.print(angles.where);
+    worst.expectWithin(angles.bound);
+  }
+}
+
+// (1 - (theta/2) cot(theta/2)) / theta^2, by the series of a / (2 b) where it would cancel.
+double logErrorEps(double x) {
+  const Reference f{Real(x)};
+  const Real exact = x < 1e-20 ? Real(1) / 12 : (1 - f.a / (2 * f.b)) / Real(x);
+  return static_cast<double>(Real(abs((exact - logCoefficient(x)) / exact) / test::kEps));
+}
+
+TEST(LogCoefficient, KeepsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
+  test::Random random(33);
+  double worst = 0;
+  for (int i = 0; i < 3000; ++i) {
+    worst = std::max(worst, logErrorEps(std::pow(random.logUniform(1e-300, kPi), 2)));
+    worst = std::max(worst, logErrorEps(random.uniform(0, kPi * kPi)));
+  }
+  double at_switch = 0;
+  for (int ulps = -500; ulps <= 500; ++ulps) {
+    at_switch = std::max(at_switch, logErrorEps(kLogSeriesLimit * (1 + ulps * test::kEps)));
+  }
+  std::printf("log coefficient: %.2f eps, %.2f at its switch\n", worst, at_switch);
+  // Its term in log is theta^2 / 12 of the whole, so these are less than one eps of a result.
+  EXPECT_LE(worst, 16.0);
+  EXPECT_LE(at_switch, 16.0);
+}
+
+// With fused products where the processor has them.
+HELIX_ARM_CLONES double remainderOf(double square, double root) {
+  return detail::squareRemainder(square, root);
+}
+
+TEST(SquareRemainder, KeepsItsDigitsWithFusedProductsToo) {
+  test::Random random(7);
+  for (int i = 0; i < 20000; ++i) {
+    const double root = random.logUniform(1e-100, 1e100);
+    const double square = root * root;
+    EXPECT_NEAR(remainderOf(square, root), -std::fma(root, root, -square), 1e-31 * square);
+  }
+}
+
+TEST(Coefficients, AreTheirLimitsAtZeroAndForDenormals) {
+  for (const double x : {0.0, 5e-324, 1e-310, 1e-300}) {
+    const JacobianCoefficients f = jacobianCoefficients(x);
+    EXPECT_EQ(f.a, 1.0);
+    EXPECT_EQ(f.b, 0.5);
+    EXPECT_EQ(f.c, 1.0 / 6.0);
+    EXPECT_EQ(f.d, 1.0 / 24.0);
+    EXPECT_EQ(f.e, 1.0 / 120.0);
+  }
+}
+
+TEST(Coefficients, PassNotANumberOn) { EXPECT_TRUE(std::isnan(expCoefficients(std::nan("")).a)); }
+
+// Rotations: exp and log against their definitions.
+
+// (x y z w) of exp(w): sin(|w| / 2) w / |w| and cos(|w| / 2).
+RealMatrix expByDefinition(const Eigen::Vector3d& w) {
+  const RealMatrix exact = w.cast<Real>();
+  const Real angle = exact.norm(), half = angle / 2;
+  RealMatrix q(4, 1);
+  q.topRows(3) = exact * (angle > 0 ? Real(sin(half) / angle) : Real(0.5));
+  q(3, 0) = cos(half);
+  return q;
+}
+
+struct WorstRotation {
+  double entries = 0.0;  // of exp, in eps of 1
+  double vector = 0.0;   // of exp's vector part, relative, in eps
+  double log = 0.0;      // of the rounded exp, against w, relative, in eps
+
+  void add(const Eigen::Vector3d& w) {
+    const RealMatrix exact = expByDefinition(w);
+    const SO3 R = SO3::exp(w);
+    entries = std::max(entries, test::worstEps(R.quaternion.coeffs(), exact));
+    if (w.norm() <= kPi) {
+      vector = std::max(vector, test::relativeEps(R.quaternion.vec(), exact.topRows(3)));
+      SO3 rounded;
+      rounded.quaternion.coeffs() = exact.cast<double>();
+      log = std::max(log, test::relativeEps(rounded.log(), w));
+    }
+  }
+  void print(const char* where) const {
+    std::printf("%s: entries %.2f, vector part %.2f, log %.2f eps\n", where, entries, vector, log);
+  }
+  void expectWithin(double bound) const {
+    EXPECT_LE(entries, bound);
+    EXPECT_LE(vector, bound);
+    EXPECT_LE(log, bound);
+  }
+};
+
+TEST(So3Accuracy, ExpAndLogWithin4EpsUpToAHalfTurn) {
+  test::Random random(43);
+  WorstRotation worst;
+  for (int i = 0; i < 3000; ++i) worst.add(random.logUniform(1e-300, 1.0) * random.direction<3>());
+  for (int i = 0; i < 6000; ++i) worst.add(random.uniform(0, kPi) * random.direction<3>());
+  for (int i = 0; i < 3000; ++i) {
+    worst.add((kPi - random.logUniform(1e-12, 1e-1)) * random.direction<3>());
+  }
+  worst.print("to pi");
+  worst.expectWithin(4.0);
+}
+
+TEST(So3Accuracy, ExpWithin8EpsUpToTwoTurns) {
+  test::Random random(44);
+  WorstRotation worst;
+  for (int i = 0; i < 6000; ++i) worst.add(random.uniform(kPi, 4 * kPi) * random.direction<3>());
+  worst.print("to 4 pi");
+  EXPECT_LE(worst.entries, 8.0);
+}
+
+// Angles around a switch-over, so many on each side of it.
+void addAround(double angle, test::Random& random, WorstRotation& below, WorstRotation& above) {
+  for (int ulps = 0; ulps < 500; ++ulps) {
+    const Eigen::Vector3d axis = random.direction<3>();
+    below.add(angle * (1 - (ulps + 4) * kEps) * axis);
+    above.add(angle * (1 + (ulps + 4) * kEps) * axis);
+    EXPECT_LT((angle * (1 - (ulps + 4) * kEps) * axis).norm(), angle);
+    EXPECT_GT((angle * (1 + (ulps + 4) * kEps) * axis).norm(), angle);
+  }
+}
+
+TEST(So3Accuracy, ExpIsAsGoodOnBothSidesOfItsSwitch) {
+  test::Random random(45);
+  WorstRotation below, above;
+  addAround(kSo3ExpSwitch, random, below, above);
+  below.expectWithin(4.0);
+  above.expectWithin(4.0);
+}
+
+TEST(So3Accuracy, LogIsAsGoodOnBothSidesOfItsSwitch) {
+  test::Random random(46);
+  WorstRotation below, above;
+  // The vector part of such a rotation is half its angle, to the last bit.
+  addAround(2 * kSo3LogSwitch, random, below, above);
+  below.expectWithin(4.0);
+  above.expectWithin(4.0);
+}
+
+TEST(So3Accuracy, ExpAndLogOfTheTiniestAnglesAreTheirLimits) {
+  for (const double angle : {5e-324, 1e-310, 1e-300, 1e-160}) {
+    const SO3 R = SO3::exp({angle, 0, 0});
+    EXPECT_EQ(R.quaternion.w(), 1.0);
+    EXPECT_EQ(R.quaternion.x(), 0.5 * angle);
+    SO3 half;
+    half.quaternion.x() = angle;
+    EXPECT_EQ(half.log().x(), 2.0 * angle);
+  }
 }
 
 }  // namespace

@@ -6,6 +6,8 @@
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/lie/so3.hpp"
+#include "support/allocation_counter.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::lie {
@@ -13,49 +15,93 @@ namespace {
 
 using basics::kPi;
 
-// The laws every Lie group obeys, at twists of three regimes: tiny, ordinary and near a half turn.
+// Twists of a group, and the largest difference of two of its motions.
 template <class Group>
-class LieGroup : public ::testing::Test {
- protected:
+struct Motions {
   using Tangent = typename Group::Tangent;
-
-  Tangent twist(double angle) {
+  static Tangent twist(double angle, test::Random& random) {
     Tangent xi;
-    for (int i = 0; i < Group::kSpace; ++i) xi[i] = random_.uniform(-1, 1);
-    const auto axis = random_.direction<Group::kRotations>();
-    xi.template tail<Group::kRotations>() = angle * axis;
+    for (int i = 0; i < Group::kSpace; ++i) xi[i] = random.uniform(-1, 1);
+    xi.template tail<Group::kRotations>() = angle * random.direction<Group::kRotations>();
     return xi;
   }
-  double angleOf(const Tangent& xi) { return xi.template tail<Group::kRotations>().norm(); }
+  static double distance(const Group& a, const Group& b) {
+    return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(),
+                    (a.translation - b.translation).cwiseAbs().maxCoeff());
+  }
+};
+template <>
+struct Motions<SO3> {
+  using Tangent = Eigen::Vector3d;
+  static Tangent twist(double angle, test::Random& random) { return angle * random.direction<3>(); }
+  // Of the matrices: a rotation has two quaternions.
+  static double distance(const SO3& a, const SO3& b) {
+    return (a.quaternion.toRotationMatrix() - b.quaternion.toRotationMatrix())
+        .cwiseAbs()
+        .maxCoeff();
+  }
+};
 
+// The laws every group obeys, at twists of three regimes: tiny, ordinary and near a half turn.
+template <class Group>
+class AnyGroup : public ::testing::Test {
+ protected:
+  using Tangent = typename Motions<Group>::Tangent;
+
+  Tangent twist(double angle) { return Motions<Group>::twist(angle, random_); }
   template <class Law>
   void forRandomTwists(Law law) {
     for (int i = 0; i < 500; ++i) law(twist(random_.logUniform(1e-12, 1e-3)));
     for (int i = 0; i < 500; ++i) law(twist(random_.uniform(1e-3, 3.0)));
     for (int i = 0; i < 500; ++i) law(twist(kPi - random_.logUniform(1e-9, 1e-2)));
   }
-  static double distance(const Group& a, const Group& b) {
-    return std::max((a.rotation - b.rotation).cwiseAbs().maxCoeff(),
-                    (a.translation - b.translation).cwiseAbs().maxCoeff());
-  }
+  static double distance(const Group& a, const Group& b) { return Motions<Group>::distance(a, b); }
 
   test::Random random_{11};
 };
+using AnyGroups = ::testing::Types<SO3, SE2, SE3>;
+TYPED_TEST_SUITE(AnyGroup, AnyGroups);
 
-using Groups = ::testing::Types<SE2, SE3>;
-TYPED_TEST_SUITE(LieGroup, Groups);
-
-TYPED_TEST(LieGroup, ExpOfZeroIsTheIdentityExactly) {
-  const TypeParam X = TypeParam::exp(TypeParam::Tangent::Zero());
+TYPED_TEST(AnyGroup, ExpOfZeroIsTheIdentityExactly) {
+  const TypeParam X = TypeParam::exp(this->twist(0.0) * 0.0);
   EXPECT_EQ(this->distance(X, TypeParam{}), 0.0);
   EXPECT_TRUE(TypeParam{}.log().isZero(0.0));
 }
 
-TYPED_TEST(LieGroup, LogInvertsExp) {
+TYPED_TEST(AnyGroup, LogInvertsExp) {
   this->forRandomTwists([](const auto& xi) {
     EXPECT_LT((TypeParam::exp(xi).log() - xi).norm(), 1e-14) << xi.transpose();
   });
 }
+
+TYPED_TEST(AnyGroup, ExpOfTheOppositeTwistIsTheInverse) {
+  this->forRandomTwists([this](const auto& xi) {
+    EXPECT_LT(this->distance(TypeParam::exp(-xi), TypeParam::exp(xi).inverse()), 1e-14);
+    EXPECT_LT(this->distance(TypeParam::exp(xi) * TypeParam::exp(xi).inverse(), TypeParam{}),
+              1e-14);
+  });
+}
+
+TYPED_TEST(AnyGroup, ExpIsAdditiveAlongOneTwist) {
+  this->forRandomTwists([this](const auto& xi) {
+    EXPECT_LT(
+        this->distance(TypeParam::exp(0.3 * xi) * TypeParam::exp(0.7 * xi), TypeParam::exp(xi)),
+        1e-14);
+  });
+}
+
+TYPED_TEST(AnyGroup, ProductsAreAssociative) {
+  this->forRandomTwists([this](const auto& xi) {
+    const TypeParam X = TypeParam::exp(xi), Y = TypeParam::exp(this->twist(1.0)),
+                    Z = TypeParam::exp(this->twist(2.0));
+    EXPECT_LT(this->distance((X * Y) * Z, X * (Y * Z)), 1e-14);
+  });
+}
+
+template <class Group>
+class LieGroup : public AnyGroup<Group> {};
+using LieGroups = ::testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(LieGroup, LieGroups);
 
 TYPED_TEST(LieGroup, RotationsOfExpAreOrthogonal) {
   this->forRandomTwists([](const auto& xi) {
@@ -65,27 +111,9 @@ TYPED_TEST(LieGroup, RotationsOfExpAreOrthogonal) {
   });
 }
 
-TYPED_TEST(LieGroup, ExpOfTheOppositeTwistIsTheInverse) {
+TYPED_TEST(LieGroup, ProductsActOnPoints) {
   this->forRandomTwists([this](const auto& xi) {
-    EXPECT_LT(this->distance(TypeParam::exp(-xi), TypeParam::exp(xi).inverse()), 1e-14);
-    EXPECT_LT(this->distance(TypeParam::exp(xi) * TypeParam::exp(xi).inverse(), TypeParam{}),
-              1e-14);
-  });
-}
-
-TYPED_TEST(LieGroup, ExpIsAdditiveAlongOneTwist) {
-  this->forRandomTwists([this](const auto& xi) {
-    EXPECT_LT(
-        this->distance(TypeParam::exp(0.3 * xi) * TypeParam::exp(0.7 * xi), TypeParam::exp(xi)),
-        1e-14);
-  });
-}
-
-TYPED_TEST(LieGroup, ProductsAreAssociativeAndActOnPoints) {
-  this->forRandomTwists([this](const auto& xi) {
-    const TypeParam X = TypeParam::exp(xi), Y = TypeParam::exp(this->twist(1.0)),
-                    Z = TypeParam::exp(this->twist(2.0));
-    EXPECT_LT(this->distance((X * Y) * Z, X * (Y * Z)), 1e-14);
+    const TypeParam X = TypeParam::exp(xi), Y = TypeParam::exp(this->twist(1.0));
     const typename TypeParam::Point p = this->twist(0.5).template head<TypeParam::kSpace>();
     EXPECT_LT(((X * Y) * p - X * (Y * p)).norm(), 1e-14);
   });
@@ -152,6 +180,44 @@ TYPED_TEST(LieGroup, LeftJacobianMovesATwistToTheFrontOfExp) {
   });
 }
 
+class So3 : public AnyGroup<SO3> {};
+
+TEST_F(So3, LogIsTheSameOfBothQuaternionsOfARotation) {
+  forRandomTwists([](const Eigen::Vector3d& w) {
+    SO3 R = SO3::exp(w);
+    R.quaternion.coeffs() *= -1.0;
+    EXPECT_LT((R.log() - w).norm(), 1e-14) << w.transpose();
+  });
+}
+
+TEST_F(So3, LogOfMoreThanAHalfTurnIsTheShortWayBack) {
+  forRandomTwists([](const Eigen::Vector3d& w) {
+    const Eigen::Vector3d other = w - 2 * kPi * w.normalized();
+    EXPECT_LT((SO3::exp(other).log() - w).norm(), 1e-14) << w.transpose();
+  });
+}
+
+TEST_F(So3, ExpIsOfUnitLength) {
+  forRandomTwists(
+      [](const Eigen::Vector3d& w) { EXPECT_NEAR(SO3::exp(w).quaternion.norm(), 1.0, 1e-15); });
+}
+
+TEST_F(So3, IsTheRotationOfTheRigidMotion) {
+  forRandomTwists([](const Eigen::Vector3d& w) {
+    Vector6 xi;
+    xi << 1.0, -2.0, 0.5, w;
+    EXPECT_LT((SO3::exp(w).quaternion.toRotationMatrix() - SE3::exp(xi).rotation).norm(), 1e-14);
+  });
+}
+
+TEST_F(So3, NormalizingRemovesTheRoundingOfManyProducts) {
+  const SO3 step = SO3::exp({0.3, -0.2, 0.1});
+  SO3 R;
+  for (int i = 0; i < 100000; ++i) R = R * step;
+  EXPECT_NEAR(R.normalized().quaternion.norm(), 1.0, 1e-15);
+  EXPECT_LT((R.normalized().log() - R.log()).norm(), 1e-14);
+}
+
 TEST(Se3, TranslationJacobianIsTheRightJacobianTurnedIntoTheBaseFrame) {
   test::Random random(12);
   for (int i = 0; i < 2000; ++i) {
@@ -189,6 +255,32 @@ TEST(Convention, TwistsAreTranslationFirstAndRotationsAgreeWithEigen) {
 
 TEST(Convention, PositiveCurvatureAboutZBendsTowardsY) {
   EXPECT_GT(SE2::exp({0.4, 0, 0.5}).translation.y(), 0.05);
+}
+
+TEST(AllocationCounter, SeesWhatEigenAllocates) {
+  const test::AllocationCounter counter;
+  const Eigen::VectorXd vector = Eigen::VectorXd::Zero(100);
+  EXPECT_EQ(vector.sum(), 0.0);
+  EXPECT_GE(counter.count(), 1u);
+}
+
+template <class Group>
+double useEverything(const typename Group::Tangent& xi) {
+  const Group X = Group::exp(xi) * Group::exp(xi).inverse() * Group::exp(0.5 * xi);
+  return X.log().sum() + X.adjoint().sum() + Group::leftJacobian(xi).sum() +
+         Group::rightJacobian(xi).sum() + Group::leftJacobianInverse(xi).sum() +
+         Group::rightJacobianInverse(xi).sum();
+}
+
+TEST(Lie, NeverAllocates) {
+  const SE2::Tangent flat(0.4, 0.1, 0.7);
+  const SE3::Tangent xi = embed(flat) + SE3::Tangent::Constant(0.01);
+  const test::AllocationCounter counter;
+  const double sum = useEverything<SE2>(flat) + useEverything<SE3>(xi) +
+                     useEverything<SE3>(20.0 * xi) + SE3::translationJacobian(xi).sum() +
+                     (SO3::exp(xi.tail<3>()) * SO3::exp(xi.head<3>()).inverse()).log().sum();
+  EXPECT_EQ(counter.count(), 0u);
+  EXPECT_TRUE(std::isfinite(sum));
 }
 
 }  // namespace

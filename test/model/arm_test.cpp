@@ -1,13 +1,17 @@
 #include "helix_arm/model/arm.hpp"
 
+#include <cmath>
+#include <cstdio>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
 #include "support/allocation_counter.hpp"
-#include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
+#include "support/apart.hpp"
+#include "support/expect_refusal.hpp"
+#include "support/high_precision.hpp"
+#include "support/linked_arm.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -20,23 +24,6 @@ TEST(Arm, TwistIsTheMapTimesTheLengths) {
     const lie::Vector6 expected = arm.equilibrium(0).map * arm.lengths(q);
     EXPECT_LT((arm.twists(q).col(0) - expected).norm(), 1e-13);
     EXPECT_LT((arm.twistsOfLengths(arm.lengths(q)).col(0) - expected).norm(), 1e-13);
-  }
-}
-
-TEST(Arm, SectionsInSeriesAreTheProductOfTheirExponentials) {
-  const Arm arm = test::ringArm(test::helicalRing(), 3);
-  test::Random random(62);
-  for (int i = 0; i < 200; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    lie::SE3 expected;
-    for (int k = 0; k < 3; ++k) {
-      expected =
-          expected * lie::SE3::exp(arm.equilibrium(k).map * arm.lengths(q).segment<3>(3 * k));
-    }
-    const lie::SE3 tip = arm.tip(q);
-    EXPECT_LT((tip.translation - expected.translation).norm(), 1e-13);
-    EXPECT_LT((tip.rotation - expected.rotation).norm(), 1e-13);
-    EXPECT_LT((tipPose(arm.twists(q)).translation - tip.translation).norm(), 1e-14);
   }
 }
 
@@ -64,23 +51,16 @@ TEST(Arm, ActuatorsMayDiffer) {
   const Arm arm({section});
   const Eigen::VectorXd l = arm.lengths(Eigen::Vector3d(1e5, 2, 0));
   EXPECT_NEAR(l[1], 0.40, 1e-15);
-  EXPECT_NE(test::refusal<std::out_of_range>([&] {
-              arm.tip(Eigen::Vector3d(1e5, 4.5, 0));
-            }).find("muscle_2 is asked for 4.5"),
-            std::string::npos);
+  test::expectRefusal<std::out_of_range>("muscle_2 is asked for 4.5",
+                                         [&] { arm.tip(Eigen::Vector3d(1e5, 4.5, 0)); });
 }
 
 TEST(Arm, RefusesInputsThatBreakTheContract) {
   const Arm arm = test::ringArm(test::straightRing());
-  EXPECT_NE(test::refusal<std::invalid_argument>([&] {
-              arm.tip(Eigen::Vector2d::Zero());
-            }).find("got 2 inputs"),
-            std::string::npos);
+  test::expectRefusal("got 2 inputs", [&] { arm.tip(Eigen::Vector2d::Zero()); });
   for (const double bad : {-1.0, 1e6, double(NAN), double(INFINITY)}) {
     const Eigen::Vector3d q(0, bad, 0);
-    EXPECT_NE(test::refusal<std::out_of_range>([&] { arm.tip(q); }).find("muscle_2"),
-              std::string::npos)
-        << bad;
+    test::expectRefusal<std::out_of_range>("muscle_2", [&] { arm.tip(q); });
     EXPECT_THROW(arm.twists(q), std::out_of_range);
     EXPECT_THROW(arm.lengths(q), std::out_of_range);
   }
@@ -94,44 +74,15 @@ TEST(Arm, ClampsInputsToTheirLimits) {
 }
 
 TEST(Arm, RefusesToBeBuiltWrong) {
-  EXPECT_NE(test::refusal<std::invalid_argument>([] { Arm({}); }).find("0 sections"),
-            std::string::npos);
-  EXPECT_NE(test::refusal<std::invalid_argument>([] {
-              test::ringArm(test::straightRing(), 17);
-            }).find("17 sections"),
-            std::string::npos);
-  EXPECT_NE(test::refusal<std::invalid_argument>([] { Arm({Section{}}); }).find("section 1"),
-            std::string::npos);
+  test::expectRefusal("0 sections", [] { Arm({}); });
+  test::expectRefusal("17 sections", [] { test::ringArm(test::straightRing(), 17); });
+  test::expectRefusal("section 1", [] { Arm({Section{}}); });
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
   section.actuators[2].limits.upper = 1e6;
-  EXPECT_NE(
-      test::refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_3 has limits"),
-      std::string::npos);
+  test::expectRefusal("muscle_3 has limits", [&] { Arm({section}); });
   section = test::ringSection(test::straightRing(), test::fig3Muscle());
   section.actuators[1].stiffness.tau = -1;
-  EXPECT_NE(
-      test::refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_2 has K_tau"),
-      std::string::npos);
-}
-
-TEST(PlanarArm, AgreesWithItsEmbedding) {
-  const Contraction muscle = test::fig3Muscle();
-  PlanarSection section;
-  for (const double y : {0.0381, -0.0381}) {
-    section.actuators.push_back({"muscle",
-                                 {Eigen::Matrix2d::Identity(), {0, y}},
-                                 {10, 0, 1.38e-4},
-                                 muscle,
-                                 muscle.inputRange()});
-  }
-  const PlanarArm flat({section, section});
-  const Arm arm = embed(flat);
-  test::Random random(63);
-  for (int i = 0; i < 200; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(), 1e-13);
-    EXPECT_LT((embed(flat.twists(q)) - arm.twists(q)).norm(), 1e-12);
-  }
+  test::expectRefusal("muscle_2 has K_tau", [&] { Arm({section}); });
 }
 
 TEST(Arm, PressuresToTipDoesNotAllocate) {
@@ -141,6 +92,149 @@ TEST(Arm, PressuresToTipDoesNotAllocate) {
   const double sum = arm.tip(q).translation.sum() + arm.twists(q).sum();
   EXPECT_EQ(counter.count(), 0u);
   EXPECT_TRUE(std::isfinite(sum));
+}
+
+TEST(PlanarArm, AgreesWithItsEmbedding) {
+  for (const PlanarArm& flat : {test::planarArm(2), test::linkedPlanarArm()}) {
+    const Arm arm = embed(flat);
+    test::Random random(63);
+    for (int i = 0; i < 200; ++i) {
+      const Eigen::VectorXd q = test::randomInput(arm, random);
+      EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(), 1e-13);
+      EXPECT_LT(test::apart(lie::embed(flat.tip(q)), arm.tip(q)), 1e-12);
+      EXPECT_LT(test::apart(lie::embed(flat.tipOf(flat.twists(q))), arm.tip(q)), 1e-12);
+      EXPECT_LT((embed(flat.twists(q)) - arm.twists(q)).norm(), 1e-12);
+    }
+  }
+}
+
+// Plates and tools: rigid links of an arm.
+
+// The tip composed by hand.
+lie::SE3 composed(const Arm& arm, const Twists& twists) {
+  lie::SE3 X;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    lie::Vector6 plate = lie::Vector6::Zero();
+    plate[0] = test::kPlates[k];
+    X = X * lie::SE3::exp(twists.col(k)) * lie::SE3::exp(plate);
+  }
+  return X * test::tool();
+}
+
+TEST(Links, TheTipIsTheProductOfExponentialsPlatesAndTool) {
+  const Arm arm = test::linkedArm();
+  test::Random random(71);
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::VectorXd q = test::randomInput(arm, random);
+    const lie::SE3 expected = composed(arm, arm.twists(q));
+    EXPECT_LT(test::apart(arm.tip(q), expected), 1e-13);
+    EXPECT_LT(test::apart(arm.tipOf(arm.twists(q)), expected), 1e-13);
+    EXPECT_LT(test::apart(tipPose(shapeOf(arm, arm.twists(q))), expected), 1e-13);
+  }
+}
+
+TEST(Links, AnArmWithoutThemHasTheSameBits) {
+  const Arm plain = test::ringArm(test::helicalRing(), 2);
+  Section section = test::ringSection(test::helicalRing(), test::fig3Muscle());
+  section.plate = 0.0;
+  const Arm zero({section, section}, lie::SE3());
+  EXPECT_EQ(plain.links(), nullptr);
+  EXPECT_EQ(zero.links(), nullptr);
+  const Eigen::VectorXd q = plain.inputAt(0.3);
+  EXPECT_EQ(plain.tip(q).translation, zero.tip(q).translation);
+  EXPECT_EQ(plain.tip(q).translation, tipPose(plain.twists(q)).translation);
+}
+
+TEST(Links, SectionsBeginBeyondThePlateAndEndBeforeIt) {
+  const Arm arm = test::linkedArm();
+  const Shape shape = shapeOf(arm, arm.twists(arm.inputAt(0.4)));
+  const lie::SE3 plate{Eigen::Matrix3d::Identity(), {test::kPlates[0], 0, 0}};
+  EXPECT_LT(test::apart(poseAt(shape, 0, 1.0) * plate, poseAt(shape, 1, 0.0)), 1e-14);
+  EXPECT_LT(test::apart(poseAt(shape, 1.0), poseAt(shape, 1, 0.0)), 1e-14);
+  EXPECT_LT(test::apart(poseAt(shape, 1.5), poseAt(shape, 1, 0.5)), 1e-14);
+  EXPECT_LT(test::apart(poseAt(shape, 1, 1.0) * arm.link(1), tipPose(shape)), 1e-13);
+  const auto curve = sampleCurve(shape, 5);
+  EXPECT_LT(test::apart(curve[2].X, poseAt(shape, 1, 0.0)), 1e-14);
+  EXPECT_LT(test::apart(curve[4].X, poseAt(shape, 1, 1.0)), 1e-14);
+  EXPECT_LT(test::apart(sampleToTip(shape, 5).back().X, tipPose(shape)), 1e-13);
+  EXPECT_LT(test::apart(tipPose(shape.about(2 * shape.twists())), arm.tipOf(2 * shape.twists())),
+            1e-13);
+}
+
+TEST(Links, StiffnessLeavesThemAsTheyAre) {
+  const Arm arm = test::linkedArm();
+  const Arm other = arm.scaledStiffness({2, 1, 1.5});
+  EXPECT_EQ(other.plate(1), arm.plate(1));
+  EXPECT_LT(test::apart(other.link(1), arm.link(1)), 1e-15);
+}
+
+TEST(Links, WhatIsNotRigidIsRefused) {
+  Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
+  section.plate = -0.01;
+  test::expectRefusal("section 1: its plate is -0.01", [&] { Arm({section}); });
+  section.plate = 0;
+  lie::SE3 tool;
+  tool.translation.x() = NAN;
+  test::expectRefusal("tool is not finite", [&] { Arm({section}, tool); });
+}
+
+Twists twist(const Eigen::Vector3d& v, const Eigen::Vector3d& w) {
+  Twists g(6, 1);
+  g << v, w;
+  return g;
+}
+
+TEST(Curve, TenThousandSamplesDoNotDrift) {
+  const Twists g = twist({0.4, 0.001, -0.002}, {4.0, 0.1, 0.5});
+  const auto curve = sampleCurve(g, 10001);
+  double worst = 0;
+  for (std::size_t i = 1; i < curve.size(); i += 97) {
+    const lie::Vector6 xi = curve[i].s * g.col(0);
+    const test::RealMatrix exact = test::expOfMatrix(test::hat(xi));
+    worst = std::max(worst, test::relativeEps(curve[i].X.translation, exact.topRightCorner(3, 1)));
+    worst = std::max(worst, test::worstEps(curve[i].X.rotation, exact.topLeftCorner(3, 3)));
+  }
+  std::printf("worst of 10 001 samples: %.2f eps\n", worst);
+  EXPECT_LE(worst, 8.0);
+}
+
+TEST(Curve, IsNotExtrapolated) {
+  const Twists g = twist({0.4, 0, 0}, {0, 0, 1});
+  for (const double s : {-1e-9, 1.0 + 1e-9, double(NAN)}) {
+    EXPECT_THROW(poseAt(g, s), std::invalid_argument) << s;
+  }
+}
+
+TEST(Curve, RefusesFewerThanTwoSamples) {
+  EXPECT_THROW(sampleCurve(twist({0.4, 0, 0}, {0, 0, 1}), 1), std::invalid_argument);
+}
+
+TEST(Helix, EveryPointOfTheCurveLiesAtItsRadiusFromItsAxis) {
+  const Eigen::Vector3d v(0.4, 0.03, -0.02), w(3.0, 0.4, 0.9);
+  const Twists g = twist(v, w);
+  const Helix helix = helixOf(g.col(0));
+  const Eigen::Vector3d axis = w.normalized(), on_axis = w.cross(v) / w.squaredNorm();
+  for (const auto& point : sampleCurve(g, 100)) {
+    const Eigen::Vector3d from_axis = point.X.translation - on_axis;
+    EXPECT_NEAR((from_axis - axis * axis.dot(from_axis)).norm(), helix.radius, 1e-14);
+  }
+  // After one turn the curve has advanced by the pitch.
+  const Twists turn = g / helix.turns;
+  EXPECT_NEAR((tipPose(turn).translation - axis * helix.pitch).norm(), 0.0, 1e-13);
+}
+
+TEST(Helix, OfAnArcHasNoPitchAndOfALineNoTurns) {
+  const Helix arc = helixOf(twist({0.4, 0, 0}, {0, 0, 2}).col(0));
+  EXPECT_DOUBLE_EQ(arc.radius, 0.2);
+  EXPECT_EQ(arc.pitch, 0.0);
+  const Helix line = helixOf(twist({0.4, 0, 0}, {0, 0, 0}).col(0));
+  EXPECT_EQ(line.turns, 0.0);
+  EXPECT_TRUE(std::isinf(line.radius));
+  EXPECT_NEAR(helixOf(twist({0.4, 0, 0}, {0, 0, 1e-200}).col(0)).radius / 4e199, 1.0, 1e-12);
+}
+
+TEST(Curvature, LeavesTwistOut) {
+  EXPECT_DOUBLE_EQ(curvatureOf(twist({0.4, 0, 0}, {5, 0.3, -0.4}).col(0)), 0.5);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "lie/coefficients.hpp"
+#include "support/linked_arm.hpp"
 #include "support/tapered_arm.hpp"
 
 namespace helix_arm::model {
@@ -59,6 +60,13 @@ InputArray arrayOf(const std::vector<double>& rows, std::ptrdiff_t columns, std:
 InputArray columnsOf(const std::vector<double>& numbers, std::ptrdiff_t rows) {
   constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
   return {numbers.data(), kNumber, rows * kNumber};
+}
+
+// One column after the other.
+std::vector<double> joined(const std::vector<std::vector<double>>& columns) {
+  std::vector<double> out;
+  for (const auto& column : columns) out.insert(out.end(), column.begin(), column.end());
+  return out;
 }
 
 // Tips by columns, one row each.
@@ -208,9 +216,7 @@ TEST(Batch, LargeBatchesPastTheCachesAreTheSame) {
   const Arm arm = test::ringArm(test::helicalRing());
   const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 80);
   const std::vector<double> rows = rowsOf(q);
-  std::vector<double> by_columns;
-  for (const std::vector<double>& column : q)
-    by_columns.insert(by_columns.end(), column.begin(), column.end());
+  const std::vector<double> by_columns = joined(q);
   for (const InstructionSet set : setsOfThisMachine()) {
     const TipBatch batch(arm, set);
     std::vector<double> expected(3 * kCount);
@@ -249,12 +255,10 @@ TEST(Batch, RowsAreReadWhateverTheirStrides) {
     const std::vector<double> expected = tipsOf(TipBatch(arm), q);
     // Columns in reverse order, two numbers apart, with a gap between rows.
     const int width = 2 * actuators + 3;
-    std::vector<double> wide(700 * width, std::nan("")), by_columns;
+    std::vector<double> wide(700 * width, std::nan(""));
+    const std::vector<double> by_columns = joined(q);
     for (std::size_t j = 0; j < 700; ++j) {
       for (int i = 0; i < actuators; ++i) wide[j * width + 2 * (actuators - 1 - i)] = q[i][j];
-    }
-    for (const std::vector<double>& column : q) {
-      by_columns.insert(by_columns.end(), column.begin(), column.end());
     }
     constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
     std::vector<double> tips(3 * 700);
@@ -263,30 +267,6 @@ TEST(Batch, RowsAreReadWhateverTheirStrides) {
     EXPECT_EQ(tips, expected) << actuators;
     EXPECT_TRUE(TipBatch(arm).rows(columnsOf(by_columns, 700), 700, tips.data()));
     EXPECT_EQ(tips, expected) << actuators;
-  }
-}
-
-TEST(Batch, RowsTellWhetherAllInputsAreInside) {
-  for (const InstructionSet set : setsOfThisMachine()) {
-    for (const int actuators : {2, 3}) {
-      const Arm arm = test::ringArm(test::straightRing(actuators));
-      const TipBatch batch(arm, set);
-      const Range limits = arm.actuator(0).limits;
-      std::vector<double> rows(static_cast<std::size_t>(actuators) * 21, limits.upper), tips(63);
-      rows[0] = limits.lower;
-      ASSERT_TRUE(batch.rows(arrayOf(rows, actuators), 21, tips.data()));
-      for (std::size_t at = 0; at < rows.size(); ++at) {
-        for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
-                                 std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
-          std::vector<double> numbers = rows;
-          numbers[at] = bad;
-          EXPECT_FALSE(batch.rows(arrayOf(numbers, actuators), 21, tips.data()))
-              << bad << " at " << at << ", " << nameOf(set);
-          EXPECT_FALSE(batch.rows(columnsOf(numbers, 21), 21, tips.data()))
-              << bad << " at " << at << ", by columns, " << nameOf(set);
-        }
-      }
-    }
   }
 }
 
@@ -307,22 +287,15 @@ Arm tableArm(int sections = 1) {
   return Arm(std::vector<Section>(static_cast<std::size_t>(sections), section));
 }
 
-TEST(Batch, HandlesTablesAndTendons) {
-  for (const InstructionSet set : setsOfThisMachine()) {
-    EXPECT_LE(worstDifference(tableArm(), 5000, 76, set), 8.0) << nameOf(set);
-  }
-}
-
-TEST(Batch, RowsOfTablesAndTapersAreTheTipsOfTheirColumns) {
+TEST(Batch, RowsOfTablesTapersAndLinksAreTheTipsOfTheirColumns) {
   constexpr std::size_t kCount = 700;
-  for (const Arm& arm : {tableArm(), tableArm(2), test::taperedArm(), test::taperedArm(0.26)}) {
+  for (const Arm& arm :
+       {tableArm(), tableArm(2), test::taperedArm(), test::taperedArm(0.26), test::linkedArm()}) {
     const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 82);
     const std::vector<double> rows = rowsOf(q);
-    std::vector<double> by_columns;
-    for (const std::vector<double>& column : q) {
-      by_columns.insert(by_columns.end(), column.begin(), column.end());
-    }
+    const std::vector<double> by_columns = joined(q);
     for (const InstructionSet set : setsOfThisMachine()) {
+      EXPECT_LE(worstDifference(arm, 5000, 76, set), 8.0) << nameOf(set);
       const TipBatch batch(arm, set);
       const std::vector<double> expected = tipsOf(batch, q);
       std::vector<double> tips(3 * kCount + 1, -7);
@@ -333,30 +306,44 @@ TEST(Batch, RowsOfTablesAndTapersAreTheTipsOfTheirColumns) {
       EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, tips.data()));
       EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin())) << nameOf(set);
     }
-    EXPECT_LE(worstDifference(arm, kCount, 82), 8.0);
   }
 }
 
-TEST(Batch, RowsOfTablesAndTapersTellWhetherAllInputsAreInside) {
-  for (const Arm& arm : {tableArm(), test::taperedArm()}) {
+TEST(Batch, RowsTellWhetherAllInputsAreInside) {
+  constexpr std::size_t kRows = 21;
+  for (const Arm& arm : {test::ringArm(test::straightRing(2)), test::ringArm(test::straightRing()),
+                         tableArm(), test::taperedArm()}) {
+    const auto actuators = static_cast<std::size_t>(arm.actuatorCount());
+    // The limits are inside.
+    std::vector<std::vector<double>> q = randomColumns(arm, kRows, 83);
+    for (std::size_t i = 0; i < actuators; ++i) {
+      const Range limits = arm.actuator(static_cast<int>(i)).limits;
+      q[i].front() = limits.lower;
+      q[i].back() = limits.upper;
+    }
+    const std::vector<double> rows = rowsOf(q);
     for (const InstructionSet set : setsOfThisMachine()) {
       const TipBatch batch(arm, set);
-      const std::vector<double> rows = rowsOf(randomColumns(arm, 9, 83));
-      const std::vector<double> inside = tipsOf(batch, randomColumns(arm, 9, 83));
-      std::vector<double> tips(27);
+      const std::vector<double> inside = tipsOf(batch, q);
+      std::vector<double> tips(3 * kRows);
+      ASSERT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kRows, tips.data()));
       for (std::size_t at = 0; at < rows.size(); ++at) {
-        const Range limits = arm.actuator(static_cast<int>(at % 3)).limits;
+        const Range limits = arm.actuator(static_cast<int>(at % actuators)).limits;
         for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
                                  std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
           std::vector<double> numbers = rows;
           numbers[at] = bad;
-          EXPECT_FALSE(batch.rows(arrayOf(numbers, 3), 9, tips.data()))
+          EXPECT_FALSE(batch.rows(arrayOf(numbers, arm.actuatorCount()), kRows, tips.data()))
               << bad << " at " << at << ", " << nameOf(set);
           // Only its own row suffers.
           for (std::size_t i = 0; i < tips.size(); ++i) {
-            if (i / 3 == at / 3) continue;
+            if (i / 3 == at / actuators) continue;
             EXPECT_EQ(tips[i], inside[i]) << at << " " << nameOf(set);
           }
+          auto columns = q;
+          columns[at % actuators][at / actuators] = bad;
+          EXPECT_FALSE(batch.rows(columnsOf(joined(columns), kRows), kRows, tips.data()))
+              << bad << " at " << at << ", by columns, " << nameOf(set);
         }
       }
     }

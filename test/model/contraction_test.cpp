@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
@@ -72,26 +73,17 @@ TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
 }
 
 TEST(Quintic, ThatIsConstantOrNotFiniteIsRefused) {
-  EXPECT_NE(test::refusal([] {
-              Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("slope"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::quintic({0.4, NAN, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("c1"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 0, 1e5);
-            }).find("reference_pressure"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 1e5, -1);
-            }).find("max_pressure"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("smallest length"),
-            std::string::npos);
+  test::expectRefusal("slope", [] { Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5); });
+  test::expectRefusal("c1", [] { Contraction::quintic({0.4, NAN, 0, 0, 0, 0}, 1e5, 1e5); });
+  test::expectRefusal("reference_pressure", [] {
+    Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 0, 1e5);
+  });
+  test::expectRefusal("max_pressure", [] {
+    Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 1e5, -1);
+  });
+  test::expectRefusal("smallest length", [] {
+    Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
+  });
 }
 
 TEST(Table, GoesThroughItsPointsAndNeverTurnsBetweenThem) {
@@ -120,32 +112,17 @@ TEST(Table, OfAStraightLineIsTheLine) {
 }
 
 TEST(Table, RefusesATableThatIsNotMonotone) {
-  EXPECT_NE(test::refusal([] { Contraction::table({0}, {0.4}); }).find("at least 2"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, 1e5}, {0.4});
-            }).find("number of lengths"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, 1e5, 1e5}, {0.4, 0.3, 0.2});
-            }).find("pressure of point 3"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, 1e5, 2e5}, {0.4, 0.3, 0.31});
-            }).find("length of point 3"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, 1e5}, {0.4, 0.4});
-            }).find("length of point 2"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, 1e5}, {0.4, -0.1});
-            }).find("length of point 2"),
-            std::string::npos);
-  EXPECT_NE(test::refusal([] {
-              Contraction::table({0, NAN}, {0.4, 0.3});
-            }).find("pressure of point 2"),
-            std::string::npos);
+  test::expectRefusal("at least 2", [] { Contraction::table({0}, {0.4}); });
+  test::expectRefusal("number of lengths", [] { Contraction::table({0, 1e5}, {0.4}); });
+  test::expectRefusal("pressure of point 3", [] {
+    Contraction::table({0, 1e5, 1e5}, {0.4, 0.3, 0.2});
+  });
+  test::expectRefusal("length of point 3", [] {
+    Contraction::table({0, 1e5, 2e5}, {0.4, 0.3, 0.31});
+  });
+  test::expectRefusal("length of point 2", [] { Contraction::table({0, 1e5}, {0.4, 0.4}); });
+  test::expectRefusal("length of point 2", [] { Contraction::table({0, 1e5}, {0.4, -0.1}); });
+  test::expectRefusal("pressure of point 2", [] { Contraction::table({0, NAN}, {0.4, 0.3}); });
 }
 
 TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
@@ -153,8 +130,7 @@ TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
   EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
   EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
   EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("smallest length"),
-            std::string::npos);
+  test::expectRefusal("smallest length", [] { Contraction::tendon(0.4, 0.01, 50); });
 }
 
 class EveryContraction : public ::testing::TestWithParam<Contraction> {};
@@ -219,7 +195,7 @@ TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
     }
   }
   for (const double factor : {0.0, -1.0, double(NAN), double(INFINITY)}) {
-    EXPECT_NE(test::refusal([&] { curve.scaledBy(factor); }).find("factor is"), std::string::npos);
+    test::expectRefusal("factor is", [&] { curve.scaledBy(factor); });
   }
 }
 

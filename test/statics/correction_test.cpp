@@ -1,17 +1,15 @@
 #include "helix_arm/statics/correction.hpp"
 
 #include <cmath>
-#include <limits>
-#include <string>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -69,36 +67,22 @@ TEST(Correct, OfNothingChangesNotABit) {
   }
 }
 
-TEST(Correct, BringsTheCorrectedArmToTheTarget) {
+TEST(Correct, BringsTheCorrectedArmToTheTargetAndToItsTwists) {
   test::Random random(2);
   for (const Arm& arm : kArms) {
     InverseSolver solver(arm);
     for (int k = 0; k < 100; ++k) {
       const Correction correction = randomCorrection(arm, random);
-      const Eigen::VectorXd input = test::randomInput(arm, random);
-      const Eigen::Vector3d target =
-          model::tipPose(expectedTwists(arm, correction, input)).translation;
-      solver.correct(correction);
-      const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
-      ASSERT_EQ(result.status, InverseStatus::kReached) << k;
-      const lie::SE3 reached = model::tipPose(expectedTwists(arm, correction, result.input));
-      ASSERT_LE((reached.translation - target).norm(), 2e-6) << k;
-    }
-  }
-}
-
-TEST(Correct, BringsTheCorrectedArmToItsTwists) {
-  test::Random random(3);
-  for (const Arm& arm : kArms) {
-    InverseSolver solver(arm);
-    for (int k = 0; k < 100; ++k) {
-      const Correction correction = randomCorrection(arm, random);
       const model::Twists target = expectedTwists(arm, correction, test::randomInput(arm, random));
+      const Eigen::Vector3d tip = model::tipPose(target).translation;
       solver.correct(correction);
-      const InverseResult& result = solver.toTwists(target, arm.inputAt(0.5));
-      ASSERT_EQ(result.status, InverseStatus::kReached) << k;
-      const model::Twists reached = expectedTwists(arm, correction, result.input);
-      ASSERT_LE((reached - target).norm(), 3e-5) << k;
+      const InverseResult position = solver.toPosition(tip, arm.inputAt(0.5));
+      ASSERT_EQ(position.status, InverseStatus::kReached) << k;
+      const lie::SE3 reached = model::tipPose(expectedTwists(arm, correction, position.input));
+      ASSERT_LE((reached.translation - tip).norm(), 2e-6) << k;
+      const InverseResult twists = solver.toTwists(target, arm.inputAt(0.5));
+      ASSERT_EQ(twists.status, InverseStatus::kReached) << k;
+      ASSERT_LE((expectedTwists(arm, correction, twists.input) - target).norm(), 3e-5) << k;
     }
   }
 }
@@ -190,29 +174,17 @@ TEST(CorrectedModel, AllocatesNothingWhereOnlyOffsetAndLengthsChange) {
 }
 
 TEST(CorrectedModel, RefusesAnInvalidCorrection) {
-  const Arm& arm = kArms[0];
-  CorrectedModel corrected{ArmModel(arm)};
-  const auto refused = [&](auto&& spoil) {
-    Correction correction(arm);
-    spoil(correction);
-    return test::refusal([&] { corrected.set(correction); });
-  };
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  const struct {
-    std::string message, culprit;
-  } cases[] = {
-      {refused([](Correction& c) { c.offset.setZero(6, 2); }), "sections of the offset is 2"},
-      {refused([&](Correction& c) { c.offset(0, 0) = nan; }), "the offset is not finite"},
-      {refused([](Correction& c) { c.length_scale.setOnes(2); }), "number of length scales is 2"},
-      {refused([](Correction& c) { c.length_scale[1] = 0; }), "a length scale is 0"},
-      {refused([&](Correction& c) { c.stiffness_factors.gamma = nan; }), "K_gamma is nan"},
-      {refused([](Correction& c) { c.stiffness_factors.kappa = -1; }), "K_kappa is -1"},
-      {refused([](Correction& c) { c.stiffness_factors.tau = 0; }), "K_tau is 0"},
-      {refused([](Correction& c) { c.K_eps_factor = 0; }), "K_eps is 0"},
-  };
-  for (const auto& [message, culprit] : cases) {
-    EXPECT_NE(message.find(culprit), std::string::npos) << message;
-  }
+  CorrectedModel corrected{ArmModel(kArms[0])};
+  test::expectRefusals(
+      Correction(kArms[0]), [&](const Correction& correction) { corrected.set(correction); },
+      {{[](Correction& c) { c.offset.setZero(6, 2); }, "sections of the offset is 2"},
+       {[](Correction& c) { c.offset(0, 0) = NAN; }, "the offset is not finite"},
+       {[](Correction& c) { c.length_scale.setOnes(2); }, "number of length scales is 2"},
+       {[](Correction& c) { c.length_scale[1] = 0; }, "a length scale is 0"},
+       {[](Correction& c) { c.stiffness_factors.gamma = NAN; }, "K_gamma is nan"},
+       {[](Correction& c) { c.stiffness_factors.kappa = -1; }, "K_kappa is -1"},
+       {[](Correction& c) { c.stiffness_factors.tau = 0; }, "K_tau is 0"},
+       {[](Correction& c) { c.K_eps_factor = 0; }, "K_eps is 0"}});
 }
 
 }  // namespace

@@ -1,11 +1,8 @@
-#include <cstdio>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
-#include "support/loaded_arm.hpp"
+#include "statics/arms_under_load.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -14,10 +11,7 @@ using test::Posture;
 
 ArmModel modelOf(const model::Arm& arm, const Load& load, Tier tier,
                  std::optional<int> order = {}) {
-  TierRequest request;
-  request.tier = tier;
-  request.order = order;
-  return ArmModel(arm, std::nullopt, load, request);
+  return ArmModel(arm, std::nullopt, load, request(tier, order));
 }
 
 TEST(LoadedInverse, FindsInputsOfReachableTips) {

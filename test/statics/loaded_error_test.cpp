@@ -342,8 +342,12 @@ TEST(LoadedError, TheTableOfOrdersHoldsAtManyInputs) {
     for (int i = 0; i < kOrders; ++i) {
       std::printf(" %.1e", 100 * worst[i]);
       EXPECT_LE(worst[i], table[hanging ? 0 : 1][i]) << "order " << i + kLeastOrder;
+      if (i > 0) {
+        EXPECT_LT(worst[i], 0.3 * worst[i - 1]) << "order " << i + kLeastOrder;
+      }
     }
     std::printf("\n");
+    EXPECT_GT(linear, hanging ? 0.02 : 0.05);  // there is something to correct
     EXPECT_LE(linear, hanging ? 0.0285 : 0.0825);
   }
 }
