@@ -16,6 +16,25 @@
 
 namespace helix_arm::follow {
 
+namespace {
+
+constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;     // [s]
+constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
+constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
+constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
+
+constexpr int kMostTurns = 2048;  // history of the wanted tip
+
+const VisualServoConfig& checked(const VisualServoConfig& config) {
+  config.validate();
+  return config;
+}
+
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
 /// the model bends in the wrong direction.
 class DivergenceWatch {
@@ -64,25 +83,6 @@ class DivergenceWatch {
   std::optional<Suspicion> suspicion_;
 };
 
-namespace {
-
-constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
-constexpr double kClosingTime = 0.5;     // [s]
-constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
-constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
-constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
-constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
-constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
-constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
-constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
-
-constexpr int kMostTurns = 2048;  // history of the wanted tip
-
-const VisualServoConfig& checked(const VisualServoConfig& config) {
-  config.validate();
-  return config;
-}
-
 }  // namespace
 
 struct VisualServo::Workspace {
@@ -109,20 +109,159 @@ struct VisualServo::Workspace {
 
   bool doubts() const { return contact.drift().doubtful; }
   bool yields() const { return on_contact != OnContact::kReport && contact.load().contact; }
-  bool tracks(double now) const;
-  bool maySee(double now) const;
-  LoopState nextState(double now) const;
-  void moveWanted(double dt);
-  void command();
-  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
-  lie::SE3 presentTip(const lie::SE3& unknown);
-  void begin(const Target& next);
-  void learn();
-  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
-  void fade();
-  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
-  bool findPressures(double stamp, double now, estimation::ObservationFault& fault);
-  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
+
+  // Whether the estimate from pictures corrects the command.
+  bool tracks(double now) const {
+    if (!closed || yields() || diverged || doubts()) return false;
+    return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
+  }
+
+  bool maySee(double now) const {
+    return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
+           tip_deviation < kSureTip;
+  }
+
+  LoopState nextState(double now) const {
+    if (!enabled || !target) return LoopState::kIdle;
+    const double unseen = now - accepted_at[0];
+    const bool fresh = unseen <= config.stale_after;
+    if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
+    if (yields() && fresh) return LoopState::kYielding;
+    if (!closed) return LoopState::kOpen;
+    const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
+    if (!yields() && (maySee(now) || (was_closed && fresh))) {
+      return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
+    }
+    const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
+                        turn.state == LoopState::kDiverging ||
+                        (turn.state == LoopState::kYielding && !fresh);
+    return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
+  }
+
+  // The path waits during a contact, or while the arm must not move.
+  void moveWanted(double dt) {
+    velocity.setZero();
+    turn.path_time.reset();
+    if (!path) return;
+    if (!turn.held) path_time += dt;
+    turn.path_time = path_time;
+    const control::TipReference reference =
+        path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
+    if (!turn.held) velocity = reference.velocity;
+    if (reference.rotation) {
+      target = lie::SE3{*reference.rotation, reference.position};
+    } else {
+      target = reference.position;
+    }
+  }
+
+  void command() {
+    const statics::InverseResult& result = solve(*target, false);
+    turn.status = result.status;
+    reaches = result.status == statics::InverseStatus::kReached;
+    turn.residual = result.residual;
+    turn.position_error = result.position_error;
+    turn.limits = result.limits;
+    turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
+  }
+
+  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::Actuator& actuator = arm.actuator(i);
+      lengths[i] = actuator.contraction.lengthInside(
+          std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
+    }
+    const auto shape = estimated.shape(lengths);
+    if (!shape) return std::nullopt;
+    lie::SE3 tip = model::tipPose(*shape);
+    tip.translation += contact.load().tip_beyond_fit;
+    return tip;
+  }
+
+  // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
+  lie::SE3 presentTip(const lie::SE3& unknown) {
+    const auto predicted =
+        observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
+    lie::SE3 out = predicted.value_or(unknown);
+    if (!target || (predicted && !reaches)) return out;
+    if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
+    out.translation = std::get<Eigen::Vector3d>(*target);
+    return out;
+  }
+
+  void begin(const Target& next) {
+    if (!target && observer.started()) aim.startAt(response.effective(observer));
+    reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
+    target = next;
+    divergence.clear();
+    if (observer.started()) aimed_at = observer.time();
+    error.reset();
+  }
+
+  void learn() {
+    aim.learn(tracker.correction());
+    beyond_goal = contact.load().tip_beyond_fit;
+    fades = false;
+  }
+
+  // The corrected model is brought where a load takes its tip to the wanted place.
+  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh) {
+    response.limit(aim);
+    if (!beyond.isZero(0)) {
+      if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+        return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+      }
+      if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+        return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+      }
+    }
+    return aim.solve(wanted_tip, fresh);
+  }
+
+  void fade() {
+    aim.learn(statics::Correction(arm));
+    beyond_goal.setZero();
+    fades = true;
+  }
+
+  // A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set
+  // point.
+  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading) {
+    const double share = -std::expm1(-dt / kUsualTime);
+    settled = true;
+    for (Eigen::Index i = 0; i < reading.size(); ++i) {
+      const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
+      settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
+      usual_distance[i] += share * unusual;
+    }
+  }
+
+  bool findPressures(double stamp, double now, estimation::ObservationFault& fault) {
+    using estimation::ObservationFault;
+    fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
+            : stamp > now                                 ? ObservationFault::kFuture
+                                                          : ObservationFault::kNone;
+    if (fault != ObservationFault::kNone) return false;
+    if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
+      response.apply(stamp, at_picture);
+      return true;
+    }
+    fault = ObservationFault::kTooOld;
+    return false;
+  }
+
+  // The measured tip with the wanted one at the time of the picture.
+  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture) {
+    error.reset();
+    const auto place = wanted.before(stamp);
+    const auto shape = tracker.shape(picture.pressure);
+    if (!place || !shape) return;
+    const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
+    error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
+    if (stamp <= aimed_at) return;  // says nothing of the present target
+    const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
+    diverged |= divergence.add(now, *error, corrected);
+  }
 
   const VisualServoConfig config;
   const model::Arm arm;
@@ -162,161 +301,6 @@ struct VisualServo::Workspace {
   Eigen::VectorXd lengths;
   Turn turn;
 };
-
-// Whether the estimate from pictures corrects the command.
-bool VisualServo::Workspace::tracks(double now) const {
-  if (!closed || yields() || diverged || doubts()) return false;
-  return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
-}
-
-bool VisualServo::Workspace::maySee(double now) const {
-  return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
-         tip_deviation < kSureTip;
-}
-
-LoopState VisualServo::Workspace::nextState(double now) const {
-  if (!enabled || !target) return LoopState::kIdle;
-  const double unseen = now - accepted_at[0];
-  const bool fresh = unseen <= config.stale_after;
-  if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
-  if (yields() && fresh) return LoopState::kYielding;
-  if (!closed) return LoopState::kOpen;
-  const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
-  if (!yields() && (maySee(now) || (was_closed && fresh))) {
-    return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
-  }
-  const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
-                      turn.state == LoopState::kDiverging ||
-                      (turn.state == LoopState::kYielding && !fresh);
-  return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
-}
-
-std::optional<lie::SE3> VisualServo::Workspace::tipAt(const Eigen::VectorXd& pressure) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = arm.actuator(i);
-    lengths[i] = actuator.contraction.lengthInside(
-        std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
-  }
-  const auto shape = estimated.shape(lengths);
-  if (!shape) return std::nullopt;
-  lie::SE3 tip = model::tipPose(*shape);
-  tip.translation += contact.load().tip_beyond_fit;
-  return tip;
-}
-
-void VisualServo::Workspace::learn() {
-  aim.learn(tracker.correction());
-  beyond_goal = contact.load().tip_beyond_fit;
-  fades = false;
-}
-
-// The corrected model is brought where a load takes its tip to the wanted place.
-const statics::InverseResult& VisualServo::Workspace::solve(const Target& wanted_tip, bool fresh) {
-  response.limit(aim);
-  if (!beyond.isZero(0)) {
-    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
-      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
-    }
-    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
-      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
-    }
-  }
-  return aim.solve(wanted_tip, fresh);
-}
-
-// The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
-lie::SE3 VisualServo::Workspace::presentTip(const lie::SE3& unknown) {
-  const auto predicted =
-      observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
-  lie::SE3 out = predicted.value_or(unknown);
-  if (!target || (predicted && !reaches)) return out;
-  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
-  out.translation = std::get<Eigen::Vector3d>(*target);
-  return out;
-}
-
-void VisualServo::Workspace::begin(const Target& next) {
-  if (!target && observer.started()) aim.startAt(response.effective(observer));
-  reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
-  target = next;
-  divergence.clear();
-  if (observer.started()) aimed_at = observer.time();
-  error.reset();
-}
-
-// The path waits during a contact, or while the arm must not move.
-void VisualServo::Workspace::moveWanted(double dt) {
-  velocity.setZero();
-  turn.path_time.reset();
-  if (!path) return;
-  if (!turn.held) path_time += dt;
-  turn.path_time = path_time;
-  const control::TipReference reference =
-      path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
-  if (!turn.held) velocity = reference.velocity;
-  if (reference.rotation) {
-    target = lie::SE3{*reference.rotation, reference.position};
-  } else {
-    target = reference.position;
-  }
-}
-
-void VisualServo::Workspace::command() {
-  const statics::InverseResult& result = solve(*target, false);
-  turn.status = result.status;
-  reaches = result.status == statics::InverseStatus::kReached;
-  turn.residual = result.residual;
-  turn.position_error = result.position_error;
-  turn.limits = result.limits;
-  turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
-}
-
-void VisualServo::Workspace::fade() {
-  aim.learn(statics::Correction(arm));
-  beyond_goal.setZero();
-  fades = true;
-}
-
-// A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set point.
-void VisualServo::Workspace::settle(double dt, const Eigen::VectorXd& set_point,
-                                    const Eigen::VectorXd& reading) {
-  const double share = -std::expm1(-dt / kUsualTime);
-  settled = true;
-  for (Eigen::Index i = 0; i < reading.size(); ++i) {
-    const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
-    settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
-    usual_distance[i] += share * unusual;
-  }
-}
-
-bool VisualServo::Workspace::findPressures(double stamp, double now,
-                                           estimation::ObservationFault& fault) {
-  using estimation::ObservationFault;
-  fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
-          : stamp > now                                 ? ObservationFault::kFuture
-                                                        : ObservationFault::kNone;
-  if (fault != ObservationFault::kNone) return false;
-  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-    response.apply(stamp, at_picture);
-    return true;
-  }
-  fault = ObservationFault::kTooOld;
-  return false;
-}
-
-// The measured tip with the wanted one at the time of the picture.
-void VisualServo::Workspace::compare(double stamp, double now,
-                                     const estimation::ArmFilter::Input& picture) {
-  error.reset();
-  const auto place = wanted.before(stamp);
-  const auto shape = tracker.shape(picture.pressure);
-  if (!place || !shape) return;
-  const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
-  error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
-  if (stamp <= aimed_at) return;  // says nothing of the present target
-  const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
-  diverged |= divergence.add(now, *error, corrected);
-}
 
 VisualServo::VisualServo(const statics::ArmModel& model, const VisualServoConfig& config)
     : work_(std::make_unique<Workspace>(model, config)) {}
