@@ -1,5 +1,6 @@
 #include "helix_arm/follow/visual_servo.hpp"
 
+#include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
@@ -7,15 +8,18 @@
 #include <limits>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "aim.hpp"
-#include "contact_watch.hpp"
+#include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "response_tracker.hpp"
+#include "helix_arm/tracking/arm_filter.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::follow {
-
 namespace {
 
 constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
@@ -34,6 +38,195 @@ const VisualServoConfig& checked(const VisualServoConfig& config) {
   config.validate();
   return config;
 }
+
+/// Values by ascending time; the oldest of too many are forgotten. Does not allocate.
+template <class Value, int kMost>
+class TimeRing {
+ public:
+  void clear() { count_ = 0; }
+  /// @param time  not before the last one, or everything earlier is forgotten.
+  void add(double time, const Value& value) {
+    if (count_ > 0 && time < at(0).time) clear();
+    newest_ = (newest_ + 1) % kMost;
+    Entry& entry = entries_[static_cast<std::size_t>(newest_)];
+    entry.time = time;
+    entry.value = value;
+    if (count_ < kMost) ++count_;
+  }
+  /// The last value at or before a time; null if all are later. Valid until the next change.
+  const Value* find(double time) const {
+    for (int age = 0; age < count_; ++age) {
+      if (at(age).time <= time) return &at(age).value;
+    }
+    return nullptr;
+  }
+  /// The same as a copy.
+  std::optional<Value> before(double time) const {
+    const Value* const found = find(time);
+    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
+  }
+
+ private:
+  struct Entry {
+    double time;
+    Value value;
+  };
+  const Entry& at(int age) const {
+    return entries_[static_cast<std::size_t>((newest_ - age + kMost) % kMost)];
+  }
+
+  std::array<Entry, kMost> entries_ = {};
+  int newest_ = -1;
+  int count_ = 0;
+};
+
+/// Effective pressures of actuators with lag or play while an observer estimates their pressures.
+/// Of an arm without a response it does nothing: effective pressures are the pressures themselves.
+///
+/// All memory is allocated in the constructor.
+class ResponseTracker {
+ public:
+  explicit ResponseTracker(const model::Arm& arm)
+      : arm_(arm),
+        response_(arm_),
+        active_(!response_.instant()),
+        effective_(arm_.inputAt(0.0)),
+        beyond_(Eigen::VectorXd::Zero(effective_.size())),
+        lower_(lowestPressures(arm_)),
+        upper_(highestPressures(arm_)),
+        pressure_(effective_) {
+    // Each entry of the ring gets its memory.
+    for (int i = 0; active_ && i < kMostTurns; ++i) history_.add(i, beyond_);
+    history_.clear();
+  }
+
+  /// Follows the newest estimate, if there is one.
+  void follow(const control::PressureObserver& observer) {
+    if (!active_ || !observer.started()) return;
+    const Eigen::VectorXd& pressure = observer.newest().pressure;
+    if (response_.follow(observer.time(), pressure)) history_.clear();
+    effective_ = response_.effective();
+    beyond_ = effective_ - pressure;
+    history_.add(observer.time(), beyond_);
+    response_.effectiveLimits(arm_, lower_, upper_);
+  }
+
+  /// Effective pressures (n) at the newest estimate, if there is one [Pa].
+  const Eigen::VectorXd& effective(const control::PressureObserver& observer) const {
+    return active_ ? effective_ : observer.newest().pressure;
+  }
+
+  /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
+  /// start adds to their variance.
+  void apply(double time, control::PressureObserver::Estimate& estimate) const {
+    if (!active_) return;
+    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
+    // Evenly distributed between its bounds.
+    estimate.variance += response_.uncertainty().cwiseAbs2() / 3.0;
+  }
+
+  /// Limits an aim to effective pressures that are attainable from here.
+  void limit(Aim& aim) const {
+    if (active_) aim.limit(lower_, upper_);
+  }
+
+  /// Pressures (n) with these effective pressures [Pa].
+  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+    if (!active_) return effective;
+    response_.inputsFor(arm_, effective, pressure_);
+    return pressure_;
+  }
+
+ private:
+  static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
+
+  const model::Arm arm_;
+  model::ArmResponse response_;
+  const bool active_;  // an actuator has a response
+  Eigen::VectorXd effective_, beyond_, lower_, upper_, pressure_;
+  TimeRing<Eigen::VectorXd, kMostTurns> history_;  // of effective pressure beyond the pressure
+};
+
+// Pictures with other tags until these are the usual ones.
+constexpr int kUsual = 15;
+
+estimation::TipCompliance complianceOf(const statics::ArmModel& model,
+                                       const VisualServoConfig& config) {
+  if (!config.placed) return estimation::TipCompliance(model);
+  return {model, config.placed->view, config.placed->fit};
+}
+
+double largestDeviation(const Eigen::Matrix3d& covariance) {
+  return std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
+}
+
+/// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
+class ContactWatch {
+ public:
+  ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config)
+      : arm_(model.arm()),
+        placed_(config.placed),
+        compliance_(complianceOf(model, config)),
+        forks_(config.contact) {}
+
+  /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
+  /// @param settled  as for LoadForks::see().
+  void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
+           bool settled, estimation::ArmFilter& watch) {
+    // A picture that is not used, such as a repeated one, says nothing of the tags either.
+    if (watch.check(picture) != estimation::ObservationFault::kNone) return;
+    if (tags) takeTags(*tags, picture, watch);
+    const estimation::Observation observation = watch.see(picture);
+    if (!observation.accepted() && observation.fault != estimation::ObservationFault::kOutlier)
+      return;
+    compliance_.moveTo(picture.pressure, watch.correction(), tags);
+    const model::Shape measured = model::shapeOf(arm_, picture.twists);
+    const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
+    forks_.see(picture.time, largestDeviation(tip), measured, settled, watch, compliance_);
+  }
+
+  /// Forgets the pictures.
+  void reset() {
+    forks_.reset();
+    usual_tags_.reset();
+    unusual_ = 0;
+  }
+
+  const estimation::ExternalLoad& load() const { return forks_.load(); }
+  const estimation::Drift& drift() const { return forks_.drift(); }
+
+ private:
+  // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at
+  // the edge of sight come and go: until others stay, what they err differently is an error of
+  // single pictures, which persists until then. It must not add to the bias at each change.
+  void takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,
+                estimation::ArmFilter& watch) {
+    if (!usual_tags_) usual_tags_ = tags;
+    unusual_ = tags == *usual_tags_ ? 0 : unusual_ + 1;
+    if (unusual_ == 0 || !placed_) return;
+    const auto shape = watch.shape(picture.pressure);
+    if (!shape) return;
+    const auto difference =
+        estimation::placementDifference(*placed_, arm_, *shape, *usual_tags_, tags);
+    if (!difference) return;
+    if (unusual_ < kUsual) {
+      picture.covariance += kUsual * *difference;
+      return;
+    }
+    forks_.growBias((*difference)(watch.rows(), watch.rows()), watch);
+    usual_tags_ = tags;
+    unusual_ = 0;
+  }
+
+  const model::Arm arm_;
+  const std::optional<estimation::PlacedView> placed_;
+  estimation::TipCompliance compliance_;
+  estimation::LoadForks forks_;
+  // The tags whose error by placements is part of the watch's bias.
+  std::optional<std::vector<int>> usual_tags_;
+  int unusual_ = 0;  // pictures in a row with others
+};
 
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
 /// the model bends in the wrong direction.
@@ -441,8 +634,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   w.accepted_at[0] = now;
   const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
-  w.tip_deviation = std::sqrt(
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
+  w.tip_deviation = largestDeviation(tip_covariance);
   if (w.tracks(now)) w.learn();
   w.compare(stamp, now, input);
   return out;

@@ -13,7 +13,6 @@
 #include "helix_arm/statics/correction.hpp"
 
 namespace helix_arm::estimation {
-
 namespace {
 
 constexpr char kCulprit[] = "arm filter";

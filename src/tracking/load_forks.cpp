@@ -16,7 +16,6 @@
 #include "helix_arm/tracking/error_budget.hpp"
 
 namespace helix_arm::estimation {
-
 namespace {
 
 constexpr char kCulprit[] = "contact";

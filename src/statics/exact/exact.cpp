@@ -21,7 +21,6 @@
 #include "statics/loaded/shape_motion.hpp"
 
 namespace helix_arm::statics {
-
 namespace {
 
 using Eigen::Matrix3d;

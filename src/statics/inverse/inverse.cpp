@@ -19,7 +19,6 @@
 #include "statics/loaded/buckling.hpp"
 
 namespace helix_arm::statics {
-
 namespace {
 
 constexpr double kSmallTurn = 0.02;  // of the whole arm by the force [rad]
