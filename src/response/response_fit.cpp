@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "basics/least_squares.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
 namespace helix_arm::estimation {
@@ -386,8 +387,8 @@ class ResponseReadings {
 
 constexpr double kSignificantResponse = 2.0;  // standard errors
 constexpr double kLongestLag = 60.0;          // [s]
-constexpr int kMostResponseSteps = 60;
-constexpr double kResponseAtRest = 1e-8;  // of the sum of squares: a smaller gain ends a descent
+// A gain below 1e-8 of the sum of squares ends a descent.
+constexpr basics::DescentRules kResponseDescent{1e-3, 100.0, 1e6, 1e-8, 0.0, 60};
 
 // A number of a response that is fitted.
 struct ResponseNumber {
@@ -426,52 +427,36 @@ class ResponseDescent {
  public:
   explicit ResponseDescent(const ResponseReadings& readings) : readings_(readings) {}
 
-  // Least squares from a start (Levenberg and Marquardt, within bounds); with standard errors.
+  // Least squares from a start, with standard errors.
   ResponseCandidate polish(const model::Response& start,
                            std::vector<ResponseNumber> numbers) const {
-    ResponseCandidate now{start, std::move(numbers), 0.0, readings_.residual(start), {}};
-    now.rss = now.residual.squaredNorm();
-    double damping = 1e-3;
-    for (int step = 0; step < kMostResponseSteps && !now.numbers.empty(); ++step) {
-      const Eigen::MatrixXd J = jacobian(now);
-      const Eigen::VectorXd gradient = J.transpose() * now.residual;
-      Eigen::MatrixXd normal = J.transpose() * J;
-      for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-        const double diagonal = normal(k, k);
-        // At a bound that it would leave, or without effect.
-        if (diagonal == 0 ||
-            (responseValueOf(now.response, at(now, k)) <= least(at(now, k)) && gradient[k] > 0)) {
-          normal.row(k).setZero();
-          normal.col(k).setZero();
-        }
-      }
-      const double before = now.rss;
-      for (; damping < 1e6; damping *= 10) {
-        Eigen::MatrixXd damped = normal;
-        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-          damped(k, k) = normal(k, k) > 0 ? normal(k, k) * (1 + damping) : 1.0;
-        }
-        Eigen::VectorXd wanted = gradient;
-        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-          if (normal(k, k) == 0) wanted[k] = 0;
-        }
-        const Eigen::VectorXd move = -damped.ldlt().solve(wanted);
-        model::Response next = now.response;
-        for (Eigen::Index k = 0; k < move.size(); ++k) {
-          set(next, at(now, k), responseValueOf(next, at(now, k)) + move[k]);
-        }
-        Eigen::VectorXd residual = readings_.residual(next);
-        if (!(residual.squaredNorm() < now.rss)) continue;
-        now.response = next;
-        now.residual = std::move(residual);
-        now.rss = now.residual.squaredNorm();
-        damping = std::max(damping / 100, 1e-9);
-        break;
-      }
-      if (before - now.rss <= kResponseAtRest * before) break;
+    ResponseCandidate from = at(start, std::move(numbers));
+    ResponseCandidate out = from.numbers.empty()
+                                ? std::move(from)
+                                : basics::descend(*this, std::move(from), kResponseDescent).at;
+    out.error = errors(out);
+    return out;
+  }
+
+  // Of basics::descend().
+  double cost(const ResponseCandidate& fit) const { return fit.rss; }
+  basics::DenseEquations linearise(const ResponseCandidate& fit) const {
+    const Eigen::MatrixXd J = jacobian(fit);
+    basics::DenseEquations out{J.transpose() * J, J.transpose() * fit.residual};
+    for (Eigen::Index k = 0; k < out.gradient.size(); ++k) {
+      const ResponseNumber& number = numberOf(fit, k);
+      const bool leaves =
+          responseValueOf(fit.response, number) <= least(number) && out.gradient[k] > 0;
+      if (out.hessian(k, k) == 0 || leaves) out.hold(k);
     }
-    now.error = errors(now);
-    return now;
+    return out;
+  }
+  ResponseCandidate moved(const ResponseCandidate& fit, const Eigen::VectorXd& step) const {
+    model::Response next = fit.response;
+    for (Eigen::Index k = 0; k < step.size(); ++k) {
+      set(next, numberOf(fit, k), responseValueOf(next, numberOf(fit, k)) + step[k]);
+    }
+    return at(next, fit.numbers);
   }
 
   // The weakest number that is within two standard errors of 0 is left out until none is.
@@ -544,7 +529,12 @@ class ResponseDescent {
   }
 
  private:
-  static const ResponseNumber& at(const ResponseCandidate& fit, Eigen::Index k) {
+  ResponseCandidate at(const model::Response& response, std::vector<ResponseNumber> numbers) const {
+    ResponseCandidate out{response, std::move(numbers), 0.0, readings_.residual(response), {}};
+    out.rss = out.residual.squaredNorm();
+    return out;
+  }
+  static const ResponseNumber& numberOf(const ResponseCandidate& fit, Eigen::Index k) {
     return fit.numbers[static_cast<std::size_t>(k)];
   }
   double least(const ResponseNumber& number) const {
@@ -554,7 +544,7 @@ class ResponseDescent {
   Eigen::MatrixXd jacobian(const ResponseCandidate& fit) const {
     Eigen::MatrixXd J(fit.residual.size(), static_cast<Eigen::Index>(fit.numbers.size()));
     for (Eigen::Index k = 0; k < J.cols(); ++k) {
-      const ResponseNumber& number = at(fit, k);
+      const ResponseNumber& number = numberOf(fit, k);
       const double value = responseValueOf(fit.response, number);
       const double step = number.kind == ResponseNumber::kReach    ? 1e-4 * readings_.range()
                           : number.kind == ResponseNumber::kWeight ? 1e-4
@@ -718,11 +708,6 @@ bool areLess(const Eigen::VectorXd& errors, const Eigen::VectorXd& others) {
   return mean > kSignificantResponse * std::sqrt(variance / trials);
 }
 
-bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
-                    const ResponseCandidate& other) {
-  return areLess(readings.heldOutErrors(one.response), readings.heldOutErrors(other.response));
-}
-
 // Whether a polynomial of a higher degree explains the readings better, for its number of
 // coefficients and on trials that are left out.
 bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
@@ -740,6 +725,76 @@ bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
          areLess(finer.heldOutErrors(response), coarse.heldOutErrors(response));
 }
 
+bool hasLag(const model::Response& response) {
+  return response.rise_time > 0 || response.fall_time > 0;
+}
+
+const ResponseCandidate& closestOf(const std::vector<ResponseCandidate>& candidates) {
+  return *std::min_element(
+      candidates.begin(), candidates.end(),
+      [](const ResponseCandidate& a, const ResponseCandidate& b) { return a.rss < b.rss; });
+}
+
+// Fits from several lags and plays; the first one has neither.
+// @param lags  numbers of the lags that the readings tell. @param reverses  whether they tell
+// plays.
+std::vector<ResponseCandidate> candidatesOf(const ResponseReadings& readings,
+                                            const ResponseDescent& descent,
+                                            const std::vector<ResponseNumber>& lags,
+                                            bool reverses) {
+  std::vector<ResponseCandidate> out{descent.polish({}, {})};
+  const auto withPlays = [&](const model::Response& plays, bool lagged) {
+    return descent.polish(plays,
+                          withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays));
+  };
+  for (const double lag : startingLags(readings, !lags.empty())) {
+    model::Response start;
+    start.rise_time = start.fall_time = lag;
+    if (lag > 0) out.push_back(descent.polish(start, lags));
+    if (!reverses) continue;
+    const model::Response from = out.back().response;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      out.push_back(withPlays(plays, lag > 0));
+    }
+  }
+  if (!reverses) return out;
+  // A lag found without plays makes up for some of them: again from the lags found with them.
+  model::Response from = closestOf(out).response;
+  from.play_count = 0;
+  for (const model::Response& plays : startingPlays(readings, from)) {
+    out.push_back(descent.prune(withPlays(plays, hasLag(from))));
+  }
+  return out;
+}
+
+// What the readings say of lag and play, with the reasons where that is nothing.
+void conclude(bool in_motion, bool reverses, bool play_is_scatter, ResponseFit& out) {
+  const auto verdict = [](bool told, bool found) {
+    return !told   ? ResponseVerdict::kNotDetermined
+           : found ? ResponseVerdict::kFound
+                   : ResponseVerdict::kNone;
+  };
+  out.lag = verdict(in_motion, hasLag(out.response));
+  out.play = verdict(reverses, out.response.play_count > 0);
+  const std::string none = " within two standard errors of 0 and is left out";
+  if (!in_motion) {
+    out.lag_reason =
+        "nothing was recorded in motion: record a series with times (time_s) through "
+        "steps of the pressure";
+  } else if (out.lag == ResponseVerdict::kNone) {
+    out.lag_reason = "the lag is" + none;
+  }
+  if (!reverses) {
+    out.play_reason =
+        "the pressures do not turn back by a twentieth of their range: record on the "
+        "way down as well, in the order taken";
+  } else if (out.play == ResponseVerdict::kNone) {
+    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
+                                        "two standard errors of the differences between trials"
+                                      : "the weight of every play is" + none;
+  }
+}
+
 ResponseFit fitReadings(const ResponseReadings& readings) {
   ResponseFit out;
   if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
@@ -752,78 +807,28 @@ ResponseFit fitReadings(const ResponseReadings& readings) {
   const std::vector<ResponseNumber> lags = responseLags(readings.motion());
   const bool reverses = readings.largestReversal() >= kLeastReversal;
   const ResponseDescent descent(readings);
-  std::vector<ResponseCandidate> candidates{descent.polish({}, {})};
+  std::vector<ResponseCandidate> candidates = candidatesOf(readings, descent, lags, reverses);
   out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
-  for (const double lag : startingLags(readings, !lags.empty())) {
-    model::Response start;
-    start.rise_time = start.fall_time = lag;
-    if (lag > 0) candidates.push_back(descent.polish(start, lags));
-    if (!reverses) continue;
-    const model::Response from = candidates.back().response;
-    for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(descent.polish(
-          plays, withPlayNumbers(lag > 0 ? lags : std::vector<ResponseNumber>{}, plays)));
-    }
-  }
-  const auto better = [](const ResponseCandidate& a, const ResponseCandidate& b) {
-    return a.rss < b.rss;
-  };
-  // A lag found without plays makes up for some of them: again from the lags found with them.
-  if (reverses) {
-    model::Response from = std::min_element(candidates.begin(), candidates.end(), better)->response;
-    from.play_count = 0;
-    const bool lagged = from.rise_time > 0 || from.fall_time > 0;
-    for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(descent.prune(descent.polish(
-          plays, withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays))));
-    }
-  }
-  const ResponseCandidate& closest =
-      *std::min_element(candidates.begin(), candidates.end(), better);
-  const double effective =
-      static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);
-  ResponseCandidate best =
+  const double effective = static_cast<double>(readings.count()) /
+                           readings.correlationFactor(closestOf(candidates).residual);
+  ResponseCandidate best = descent.prune(
       *std::min_element(candidates.begin(), candidates.end(),
                         [&](const ResponseCandidate& a, const ResponseCandidate& b) {
                           return descent.criterion(a, effective) < descent.criterion(b, effective);
-                        });
-  best = descent.prune(std::move(best));
+                        }));
   bool play_is_scatter = false;
   if (best.response.play_count > 0) {
     candidates.erase(
         std::remove_if(candidates.begin(), candidates.end(),
                        [](const ResponseCandidate& one) { return one.response.play_count > 0; }),
         candidates.end());
-    ResponseCandidate plain =
-        descent.prune(*std::min_element(candidates.begin(), candidates.end(), better));
-    play_is_scatter = !predictsBetter(readings, best, plain);
+    ResponseCandidate plain = descent.prune(closestOf(candidates));
+    play_is_scatter =
+        !areLess(readings.heldOutErrors(best.response), readings.heldOutErrors(plain.response));
     if (play_is_scatter) best = std::move(plain);
   }
   reportResponse(readings, best, out);
-  const bool lagged = best.response.rise_time > 0 || best.response.fall_time > 0;
-  out.lag = lags.empty() ? ResponseVerdict::kNotDetermined
-            : lagged     ? ResponseVerdict::kFound
-                         : ResponseVerdict::kNone;
-  out.play = !reverses                      ? ResponseVerdict::kNotDetermined
-             : best.response.play_count > 0 ? ResponseVerdict::kFound
-                                            : ResponseVerdict::kNone;
-  if (out.lag == ResponseVerdict::kNotDetermined) {
-    out.lag_reason =
-        "nothing was recorded in motion: record a series with times (time_s) through "
-        "steps of the pressure";
-  }
-  if (out.play == ResponseVerdict::kNotDetermined) {
-    out.play_reason =
-        "the pressures do not turn back by a twentieth of their range: record on the "
-        "way down as well, in the order taken";
-  }
-  const std::string none = " within two standard errors of 0 and is left out";
-  if (out.lag == ResponseVerdict::kNone) out.lag_reason = "the lag is" + none;
-  if (out.play == ResponseVerdict::kNone) {
-    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
-                                        "two standard errors of the differences between trials"
-                                      : "the weight of every play is" + none;
-  }
+  conclude(!lags.empty(), reverses, play_is_scatter, out);
   return out;
 }
 
