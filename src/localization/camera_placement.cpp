@@ -26,12 +26,6 @@ constexpr basics::DescentRules kPlacementDescent{1e-6, 10.0, 1e10, 1e-8, 1e-8, 0
 // that converges slowly, along a valley, is good enough.
 constexpr double kNegligible = 0.04;
 
-double deviation(double value, const char* what) {
-  basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                       "a finite value > 0");
-  return value;
-}
-
 // As movedBy(), but along the tangent also within the section: movedBy() has a kink at its ends,
 // which keeps the search from converging. At rest both agree to second order.
 lie::SE3 displaced(const lie::SE3& X_ST, const lie::Vector6& moved) {
@@ -266,13 +260,14 @@ void describe(const Problem& problem, const PlacementEstimate& at, const TagLayo
 }  // namespace
 
 void CameraPlacementOptions::validate() const {
-  deviation(corner_noise, "the corner noise [px]");
-  deviation(tag_prior.translation, "the prior of the tags' positions [m]");
-  deviation(tag_prior.rotation, "the prior of the tags' rotations [rad]");
-  deviation(shape_prior.translation, "the prior of the twists' v");
-  deviation(shape_prior.rotation, "the prior of the twists' w [rad]");
-  deviation(bleed_prior, "the prior of the bleed [m]");
-  deviation(robust_scale, "the robust threshold");
+  basics::requirePositive(kCulprit,
+                          {{"the corner noise [px]", corner_noise},
+                           {"the prior of the tags' positions [m]", tag_prior.translation},
+                           {"the prior of the tags' rotations [rad]", tag_prior.rotation},
+                           {"the prior of the twists' v", shape_prior.translation},
+                           {"the prior of the twists' w [rad]", shape_prior.rotation},
+                           {"the prior of the bleed [m]", bleed_prior},
+                           {"the robust threshold", robust_scale}});
   basics::requireValue(max_iterations > 0, kCulprit, "the number of iterations", max_iterations,
                        "a value > 0");
 }
@@ -288,7 +283,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
                                    const lie::SE3& start, const CameraPlacementOptions& options) {
   options.validate();
   layout.validate(arm.sectionCount());
-  deviation(focal, "the focal length [px]");
+  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   basics::requireValue(shape.sectionCount() == arm.sectionCount(), kCulprit,
                        "the number of sections of the shape", shape.sectionCount(),
                        "that of the arm");

@@ -151,22 +151,16 @@ class ArmParameters {
 }  // namespace
 
 void ArmFilterOptions::validate() const {
-  const auto nonNegative = [](const char* what, double value) {
-    basics::requireNotNegative(kCulprit, what, value);
-  };
-  const auto positive = [](const char* what, double value) {
-    basics::requirePositive(kCulprit, what, value);
-  };
-  nonNegative("the hysteresis", hysteresis);
-  nonNegative("the creep [s^-1/2]", creep);
-  positive("the bias of v [m]", bias_translation);
-  positive("the bias of w [rad]", bias_rotation);
-  positive("the settling time [s]", settling_time);
-  positive("the deviation of K_gamma", stiffness_deviation.gamma);
-  positive("the deviation of K_tau", stiffness_deviation.tau);
-  positive("the deviation of K_kappa", stiffness_deviation.kappa);
-  positive("the deviation of K_eps", K_eps_deviation);
-  positive("the deviation of lengths", length_deviation);
+  basics::requireNotNegative(kCulprit,
+                             {{"the hysteresis", hysteresis}, {"the creep [s^-1/2]", creep}});
+  basics::requirePositive(kCulprit, {{"the bias of v [m]", bias_translation},
+                                     {"the bias of w [rad]", bias_rotation},
+                                     {"the settling time [s]", settling_time},
+                                     {"the deviation of K_gamma", stiffness_deviation.gamma},
+                                     {"the deviation of K_tau", stiffness_deviation.tau},
+                                     {"the deviation of K_kappa", stiffness_deviation.kappa},
+                                     {"the deviation of K_eps", K_eps_deviation},
+                                     {"the deviation of lengths", length_deviation}});
   basics::require(
       (stiffness_correlation.diagonal().array() == 1).all() &&
           isPositiveDefinite(stiffness_correlation),

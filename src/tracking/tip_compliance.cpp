@@ -1,10 +1,8 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <optional>
-#include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -78,17 +76,8 @@ class LinearFit {
 
  private:
   std::optional<Eigen::MatrixXd> evaluate(const model::Shape& shape) {
-    const std::vector<lie::SE3> poses = tagPoses(view_.layout, shape);
-    const Corners plane = view_.layout.corners();
     seen_.clear();
-    for (const int tag : tags_) {
-      const lie::SE3 X_CT = view_.X_CB * poses[static_cast<std::size_t>(tag)];
-      CornerObservation& seen = seen_.emplace_back(CornerObservation{tag, {}});
-      for (int c = 0; c < 4; ++c) {
-        const Eigen::Vector3d corner = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
-        seen.direction.col(c) = corner.head<2>() / corner.z();
-      }
-    }
+    for (const int tag : tags_) seen_.push_back(observe(view_, shape, tag));
     const CornerModel corners{view_.X_CB, view_.camera.focal() / options_.corner_noise, options_};
     equations_->evaluate(corners, seen_, -1, point_, system_);
     if (!std::isfinite(point_.cost)) return std::nullopt;

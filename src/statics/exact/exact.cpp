@@ -368,48 +368,21 @@ class ExactArm::Statics {
     const Reached reached = reach(unloaded);
     Solution solution = solutionOf(reached, unloaded);
     if (!solution.converged()) return withoutDerivative(std::move(solution), columns);
-    const auto& rule = GaussRule<kPanelNodes>::get();
     const std::vector<Panel> parts = panels(unloaded);
-    std::vector<double> stops;
-    for (const Panel& panel : parts) {
-      const int k = rod_.segments()[panel.segment].section;
-      for (const double t : rule.nodes()) {
-        stops.push_back(k + panel.begin + t * (panel.end - panel.begin));
-      }
-      stops.push_back(k + panel.end);
-    }
     std::vector<LinearElement<lie::SE3>> elements(parts.size());
     std::size_t place = 0;
-    const Trace found = trace(
-        reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&, const Vector6& wrench) {
-          const Panel& panel = parts[place / (kPanelNodes + 1)];
-          LinearElement<lie::SE3>& element = elements[place / (kPanelNodes + 1)];
-          const std::size_t node = place++ % (kPanelNodes + 1);
-          const Segment& segment = rod_.segments()[panel.segment];
-          const double h = panel.end - panel.begin;
-          const auto own = static_cast<Eigen::Index>(change.columns(segment.section));
-          if (node < kPanelNodes) {
-            const double s = panel.begin + rule.nodes()[static_cast<Eigen::Index>(node)] * h;
-            const lie::Matrix6 C = rod_.compliance(segment.section, s, unloaded);
-            const lie::Matrix6 Ad = h * X.adjoint();
-            // The rate is the strain, seen from the base.
-            element.nodes.push_back({X, wrench, lie::Matrix6::Identity(), Motions::Zero(6, own),
-                                     Ad * C, lie::Matrix6::Zero(),
-                                     Ad * (change.twist(segment.section, s) +
-                                           change.strain(segment.section, s, C * wrench))});
-            return;
-          }
-          element.before = rule.before();
-          element.after = rule.after();
-          element.weights = rule.weights();
-          element.first_column = change.first(segment.section);
-          element.end_by_z.setIdentity();
-          element.end = Motions::Zero(6, own);
-          element.weight = h * segment.weight;
-          if (!panel.ends_segment) return;
-          for (const Pull& pull : segment.pulls)
-            element.pulls.push_back({X * pull.offset, pull.force});
-        });
+    const Trace found =
+        trace(reached, unloaded, stopsOf(parts),
+              [&](const lie::SE3& X, const Vector3d&, const Vector6& wrench) {
+                const Panel& panel = parts[place / (kPanelNodes + 1)];
+                LinearElement<lie::SE3>& element = elements[place / (kPanelNodes + 1)];
+                const auto node = static_cast<Eigen::Index>(place++ % (kPanelNodes + 1));
+                if (node < kPanelNodes) {
+                  element.nodes.push_back(nodeAt(panel, node, X, wrench, unloaded, change));
+                } else {
+                  finish(panel, X, change, element);
+                }
+              });
     if (!found.finite) {
       solution.status = SolveStatus::kNotConverged;
       return withoutDerivative(std::move(solution), columns);
@@ -575,6 +548,52 @@ class ExactArm::Statics {
     solution.shape = model::Shape(pieces, per_section, rod_.links());
     solution.tip = X_start;
     return solution;
+  }
+
+  // The Gauss points of each panel and its end, as s over the whole arm.
+  std::vector<double> stopsOf(const std::vector<Panel>& parts) const {
+    std::vector<double> out;
+    for (const Panel& panel : parts) {
+      const int k = rod_.segments()[panel.segment].section;
+      for (const double t : GaussRule<kPanelNodes>::get().nodes()) {
+        out.push_back(k + panel.begin + t * (panel.end - panel.begin));
+      }
+      out.push_back(k + panel.end);
+    }
+    return out;
+  }
+
+  // The rate is the strain, seen from the base.
+  LinearNode<lie::SE3> nodeAt(const Panel& panel, Eigen::Index node, const lie::SE3& X,
+                              const Vector6& wrench, const model::Unloaded& unloaded,
+                              const UnloadedChange<lie::SE3>& change) const {
+    const int section = rod_.segments()[panel.segment].section;
+    const double h = panel.end - panel.begin;
+    const double s = panel.begin + GaussRule<kPanelNodes>::get().nodes()[node] * h;
+    const Matrix6 C = rod_.compliance(section, s, unloaded), Ad = h * X.adjoint();
+    return {X,
+            wrench,
+            Matrix6::Identity(),
+            Motions::Zero(6, change.columns(section)),
+            Ad * C,
+            Matrix6::Zero(),
+            Ad * (change.twist(section, s) + change.strain(section, s, C * wrench))};
+  }
+
+  // All of an element but its nodes. @param X  its end.
+  void finish(const Panel& panel, const lie::SE3& X, const UnloadedChange<lie::SE3>& change,
+              LinearElement<lie::SE3>& element) const {
+    const auto& rule = GaussRule<kPanelNodes>::get();
+    const Segment& segment = rod_.segments()[panel.segment];
+    element.before = rule.before();
+    element.after = rule.after();
+    element.weights = rule.weights();
+    element.first_column = change.first(segment.section);
+    element.end_by_z.setIdentity();
+    element.end = Motions::Zero(6, change.columns(segment.section));
+    element.weight = (panel.end - panel.begin) * segment.weight;
+    if (!panel.ends_segment) return;
+    for (const Pull& pull : segment.pulls) element.pulls.push_back({X * pull.offset, pull.force});
   }
 
   // Between the ends of segments and of the shape's pieces, evenly.

@@ -1,7 +1,6 @@
 #include "helix_arm/statics/inverse.hpp"
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "box_levenberg_marquardt.hpp"
@@ -23,6 +23,20 @@ namespace {
 
 constexpr double kSmallTurn = 0.02;  // of the whole arm by the force [rad]
 constexpr int kPushedOrder = 4;
+
+/// What is inverted: an arm alone, or the model of an arm.
+using Inverted = std::variant<const model::Arm*, const ArmModel*>;
+
+const model::Arm& armOf(const Inverted& inverted) {
+  if (const auto* arm = std::get_if<const model::Arm*>(&inverted)) return **arm;
+  return std::get<const ArmModel*>(inverted)->arm();
+}
+
+// The model if its shapes are not linear in the lengths; else null.
+const ArmModel* loadedOf(const Inverted& inverted) {
+  const auto* model = std::get_if<const ArmModel*>(&inverted);
+  return model != nullptr && !(*model)->isLinear() ? *model : nullptr;
+}
 
 /// How far small forces move the tip of an arm.
 class TipStiffness {
@@ -100,7 +114,7 @@ class InverseValley {
   void restart() { left_ = budget_; }
 
   /// @param before  result of the descent to the point. @return result of this descent.
-  Descent follow(InversePoint& point, Descent before) noexcept {
+  Descent follow(InversePoint& point, Descent before) {
     const double near = kNearMiss * rest_length_;
     if (before == Descent::kReached || point.cost > near * near) return before;
     bool gained = true;
@@ -153,10 +167,10 @@ constexpr double kApart = 0.15;            // between starts of descents, of the
 /// constructor, except by kStiff.
 class InversePreference {
  public:
-  InversePreference(const model::Arm& arm, const InverseOptions& options, const LengthBox& box,
+  InversePreference(const Inverted& inverted, const InverseOptions& options, const LengthBox& box,
                     BoxLevenbergMarquardt& minimiser, InverseStarts& starts,
-                    const InverseTask& task, const ArmModel* model)
-      : arm_(arm),
+                    const InverseTask& task)
+      : arm_(armOf(inverted)),
         options_(options),
         box_(box),
         minimiser_(minimiser),
@@ -171,8 +185,9 @@ class InversePreference {
         base_lengths_(n_),
         base_input_(n_) {
     if (options.preference != Preference::kStiff) return;
+    const auto* model = std::get_if<const ArmModel*>(&inverted);
     basics::require(model != nullptr, "preference: the tip's stiffness needs the arm's ArmModel");
-    stiffness_.emplace(*model);
+    stiffness_.emplace(**model);
     by_fraction_.resize(n_);
   }
 
@@ -191,13 +206,13 @@ class InversePreference {
   /// @param point  evaluated point that reaches the target; modified.
   /// @param input  inputs (n) of the point; modified.
   /// @return the number of steps taken, at most max_iterations from each start.
-  int follow(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  int follow(InversePoint& point, Eigen::VectorXd& input) {
     const int steps = settle(point, input);
     return stiffness_ ? steps + searchElsewhere(point, input) : steps;
   }
 
  private:
-  double cost(const Eigen::VectorXd& input) const noexcept {
+  double cost(const Eigen::VectorXd& input) const {
     if (stiffness_) return softness(input);
     double sum = 0.0;
     for (int i = 0; i < n_; ++i) {
@@ -209,7 +224,7 @@ class InversePreference {
 
   // Of kStiff: logarithm of the compliance at inputs, and its gradient by the fractions of their
   // ranges.
-  double softness(const Eigen::VectorXd& input) const noexcept {
+  double softness(const Eigen::VectorXd& input) const {
     Eigen::VectorXd lengths(n_);
     for (int i = 0; i < n_; ++i) {
       const model::Range& limits = arm_.actuator(i).limits;
@@ -220,7 +235,7 @@ class InversePreference {
   }
 
   // Returns the curvature that makes the first step a quarter of a range.
-  double softnessGradient(const Eigen::VectorXd& input) noexcept {
+  double softnessGradient(const Eigen::VectorXd& input) {
     Eigen::VectorXd moved = input;
     for (int i = 0; i < n_; ++i) {
       const model::Range& limits = arm_.actuator(i).limits;
@@ -239,7 +254,7 @@ class InversePreference {
 
   // One step: minimises the preference on the tangent of the solution set, then returns to the set.
   // False, without a move, if no step is left.
-  bool improve(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  bool improve(InversePoint& point, Eigen::VectorXd& input) {
     const double before = cost(input);
     const double curvature = stiffness_ ? softnessGradient(input) : 1.0;
     if (!std::isfinite(before) || !std::isfinite(curvature)) return false;
@@ -282,7 +297,7 @@ class InversePreference {
     return false;
   }
 
-  int settle(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  int settle(InversePoint& point, Eigen::VectorXd& input) {
     int steps = 0;
     while (steps < options_.max_iterations && improve(point, input)) ++steps;
     return steps;
@@ -290,7 +305,7 @@ class InversePreference {
 
   // A muscle is softest inside its range of inputs, so the compliance has a minimum on either side.
   // Settles from the stiffest of other inputs that reach the target, and keeps the best.
-  int searchElsewhere(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  int searchElsewhere(InversePoint& point, Eigen::VectorXd& input) {
     struct Start {
       double cost;
       InversePoint point;
@@ -404,20 +419,18 @@ Preference preferenceOf(const std::string& word) {
 
 class InverseSolver::Workspace {
  public:
-  // @param model  null if only the arm is known. @param loaded  the same if it is not linear.
-  Workspace(const model::Arm& arm, const ArmModel* model, const ArmModel* loaded,
-            const InverseOptions& options)
-      : arm_(arm),
-        options_(checked(options, loaded != nullptr)),
-        n_(arm.actuatorCount()),
-        task_(arm, loaded, options_.rotation_weight),
-        corrected_(arm, loaded),
-        box_(arm),
+  Workspace(const Inverted& inverted, const InverseOptions& options)
+      : arm_(armOf(inverted)),
+        options_(checked(options, loadedOf(inverted) != nullptr)),
+        n_(arm_.actuatorCount()),
+        task_(arm_, loadedOf(inverted), options_.rotation_weight),
+        corrected_(arm_, loadedOf(inverted)),
+        box_(arm_),
         minimiser_(task_, box_, options_.position_tolerance),
-        valley_(minimiser_, n_, arm.restLength(),
-                loaded != nullptr ? kLoadedValleyBudget : kValleyBudget),
-        starts_(arm, loaded, box_),
-        preference_(arm, options_, box_, minimiser_, starts_, task_, model),
+        valley_(minimiser_, n_, arm_.restLength(),
+                loadedOf(inverted) != nullptr ? kLoadedValleyBudget : kValleyBudget),
+        starts_(arm_, loadedOf(inverted), box_),
+        preference_(inverted, options_, box_, minimiser_, starts_, task_),
         input_(n_),
         current_(n_, task_.maxRows()),
         best_(n_, task_.maxRows()) {
@@ -449,7 +462,7 @@ class InverseSolver::Workspace {
     checkStart(start);
     minimiser_.restart();
     // Along a path, each start is the previous answer, whose tip and Jacobian are still valid.
-    const bool at_hand = answered_ && start == input_;
+    const bool at_hand = std::exchange(answered_, false) && start == input_;
     for (int i = 0; i < n_; ++i) {
       if (!at_hand) current_.lengths[i] = arm_.actuator(i).contraction.lengthInside(start[i]);
       input_[i] = start[i];
@@ -522,7 +535,7 @@ class InverseSolver::Workspace {
 
   // Leaves the best of the starts in current_. It counts as converged if any start as good has
   // converged.
-  Descent tryOtherStarts(Descent first) noexcept {
+  Descent tryOtherStarts(Descent first) {
     const double infinity = std::numeric_limits<double>::infinity();
     double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;
     std::swap(best_, current_);
@@ -542,7 +555,7 @@ class InverseSolver::Workspace {
   }
 
   // A length within rounding of a limit is set to it.
-  void snapToLimits() noexcept {
+  void snapToLimits() {
     const double near = kSnapFraction * options_.position_tolerance;
     bool snapped = false;
     for (int i = 0; i < n_; ++i) {
@@ -557,7 +570,7 @@ class InverseSolver::Workspace {
     minimiser_.evaluate(current_);
   }
 
-  void report(Descent outcome) noexcept {
+  void report(Descent outcome) {
     result_.status = outcome == Descent::kReached  ? InverseStatus::kReached
                      : outcome == Descent::kAtRest ? InverseStatus::kUnreachable
                                                    : InverseStatus::kNotConverged;
@@ -597,12 +610,11 @@ class InverseSolver::Workspace {
 };
 
 InverseSolver::InverseSolver(const model::Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(arm, nullptr, nullptr, options)) {
+    : workspace_(std::make_unique<Workspace>(&arm, options)) {
   basics::require(!arm.tapered(), "inverse: the arm is tapered; expected its ArmModel");
 }
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(model.arm(), &model,
-                                             model.isLinear() ? nullptr : &model, options)) {}
+    : workspace_(std::make_unique<Workspace>(&model, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
