@@ -1,6 +1,7 @@
 #include "helix_arm/calibration/calibration.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -23,6 +24,11 @@ namespace {
 constexpr double kNoisy = 3.0;
 // With fewer pressures, leaving one out tells nothing about the certainty of the others.
 constexpr std::size_t kFewestPressures = 3;
+
+// K_kappa is searched within this factor (as a log) of the scene's, to this precision.
+constexpr double kScanWidth = 4.6;
+constexpr int kScanSteps = 400;
+constexpr double kScanPrecision = 1e-7;
 
 Calibration refused(Calibration so_far, const Verdict& verdict) {
   so_far.status = verdict.status;
@@ -165,8 +171,8 @@ bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& va
   return true;
 }
 
-void addHeldOut(const CalibrationFit& fit, const Groups& groups, CrossValidation left_out,
-                Calibration& out) {
+void addHeldOut(const CalibrationFit& fit, const Groups& groups, Calibration& out) {
+  const CrossValidation& left_out = *fit.left_out;
   if (groups.pressure.size() >= kFewestPressures) {
     raiseErrors(fit.problem->parameters(), left_out.variance, out.parameters);
   }
@@ -175,9 +181,9 @@ void addHeldOut(const CalibrationFit& fit, const Groups& groups, CrossValidation
         "some fits without one pressure did not converge: held-out errors are those of their last "
         "iteration");
   }
-  out.by_pressure = std::move(left_out.by_pressure);
-  out.by_arm = std::move(left_out.by_arm);
-  out.held_out_shapes = std::move(left_out.shapes);
+  out.by_pressure = left_out.by_pressure;
+  out.by_arm = left_out.by_arm;
+  out.held_out_shapes = left_out.shapes;
 }
 
 std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const Groups& groups,
@@ -244,26 +250,17 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
   return std::nullopt;
 }
 
-// Whether the stiffness of a fit predicts what is left out, and what came of leaving it out.
-struct HeldOutCheck {
-  const std::vector<ArmCaptures>& read;
-  const Groups& groups;
-  ReadingKind kind;
-  double robust_scale;
-  bool leave_out;
-
-  CrossValidation left_out = {};
-  std::optional<Jackknife> of_asked = {};  // if its stiffness seemed to be identified
-
-  bool holdsUp(const CalibrationFit& fit) {
-    const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
-    if (!leave_out || unexplained(comparisons, robust_scale)) return true;
-    left_out = crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons);
-    if (fit.problem == fit.asked) of_asked = left_out.jackknife;
-    return groups.pressure.size() < kFewestPressures ||
-           stiffnessHolds(*fit.problem, left_out.variance);
-  }
-};
+// Leaves out each pressure, and each arm, in turn, unless the fit explains too little.
+HeldOutVerdict leaveOut(const std::vector<ArmCaptures>& read, const Groups& groups,
+                        ReadingKind kind, double robust_scale, const CalibrationFit& fit) {
+  const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
+  if (unexplained(comparisons, robust_scale)) return {};
+  CrossValidation left_out =
+      crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons);
+  const bool holds_up =
+      groups.pressure.size() < kFewestPressures || stiffnessHolds(*fit.problem, left_out.variance);
+  return {holds_up, std::move(left_out)};
+}
 
 std::optional<Verdict> unfinished(const CalibrationFit& fit) {
   if (!fit.determined) {
@@ -287,51 +284,31 @@ bool ArmCaptures::isLoaded() const {
 }
 
 void CalibrationOptions::validate() const {
-  const auto positive = [](const char* what, double value) {
-    basics::requirePositive("calibration", what, value);
-  };
-  positive("the curvature noise", curvature_noise);
-  positive("the corner noise", corner_noise);
-  positive("the position noise", position_noise);
-  const auto not_negative = [](const char* what, double value) {
-    basics::requireNotNegative("calibration", what, value);
-  };
-  not_negative("the rotation noise", rotation_noise);
-  not_negative("the floor of the corners' noise", corner_floor);
-  positive("the robust scale", robust_scale);
+  constexpr char kCulprit[] = "calibration";
+  basics::requirePositive(kCulprit, {{"the curvature noise", curvature_noise},
+                                     {"the corner noise", corner_noise},
+                                     {"the position noise", position_noise}});
+  basics::requireNotNegative(kCulprit, {{"the rotation noise", rotation_noise},
+                                        {"the floor of the corners' noise", corner_floor}});
+  basics::requirePositive(kCulprit, "the robust scale", robust_scale);
   for (const FitParameterInfo& info : fitParameters()) {
     for (const FitNumber& number : info.numbers) {
-      positive(number.prior.what, number.prior.deviation(*this));
+      basics::requirePositive(kCulprit, number.prior.what, number.prior.deviation(*this));
     }
   }
-  positive("the model's prior of translation", model_prior.translation);
-  positive("the model's prior of rotation", model_prior.rotation);
-  basics::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
+  basics::requirePositive(kCulprit, {{"the model's prior of translation", model_prior.translation},
+                                     {"the model's prior of rotation", model_prior.rotation}});
+  basics::requireValue(next_pressures >= 0 && next_pressures <= 100, kCulprit,
                        "the number of next pressures", next_pressures, "0 to 100");
-  basics::requireValue(max_iterations >= 1, "calibration", "the number of iterations",
-                       max_iterations, "at least 1");
+  basics::requireValue(max_iterations >= 1, kCulprit, "the number of iterations", max_iterations,
+                       "at least 1");
 }
 
 const char* nameOf(CalibrationStatus status) {
-  switch (status) {
-    case CalibrationStatus::kCalibrated:
-      return "calibrated";
-    case CalibrationStatus::kNoCaptures:
-      return "no_captures";
-    case CalibrationStatus::kOnePressure:
-      return "one_pressure";
-    case CalibrationStatus::kBadData:
-      return "bad_data";
-    case CalibrationStatus::kNothingToFit:
-      return "nothing_to_fit";
-    case CalibrationStatus::kNotIdentifiable:
-      return "not_identifiable";
-    case CalibrationStatus::kUnexplained:
-      return "unexplained";
-    case CalibrationStatus::kNotConverged:
-      break;
-  }
-  return "not_converged";
+  static constexpr std::array<const char*, 8> kNames = {
+      "calibrated",     "no_captures",      "one_pressure", "bad_data",
+      "nothing_to_fit", "not_identifiable", "unexplained",  "not_converged"};
+  return kNames[static_cast<std::size_t>(status)];
 }
 
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options) {
@@ -347,10 +324,11 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
-  HeldOutCheck check{read, groups, kind, options.robust_scale, leave_out};
-  const auto holdsUp = [&check](const CalibrationFit& one) { return check.holdsUp(one); };
+  const auto check = [&](const CalibrationFit& one) {
+    return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : HeldOutVerdict();
+  };
   const Selection wanted = wantedOf(options);
-  const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, holdsUp)
+  const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, check)
                                             : fitRequested(read, options, wanted, kind);
   if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
   addFit(fit, out);
@@ -363,14 +341,12 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const auto nothing = options.errors ? unidentified(out.parameters) : std::nullopt;
   if (nothing) return refused(std::move(out), *nothing);
   std::vector<Jackknife> jackknives;
-  if (leave_out && groups.pressure.size() >= kFewestPressures) {
-    if (check.of_asked && fit.problem != fit.asked) {
-      jackknives.push_back(std::move(*check.of_asked));
+  if (fit.left_out) {
+    if (groups.pressure.size() >= kFewestPressures) {
+      if (fit.asked_left_out && fit.problem != fit.asked) jackknives = {*fit.asked_left_out};
+      jackknives.push_back(fit.left_out->jackknife);
     }
-    jackknives.push_back(check.left_out.jackknife);
-  }
-  if (leave_out) {
-    addHeldOut(fit, groups, std::move(check.left_out), out);
+    addHeldOut(fit, groups, out);
     if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
   }
   Gains gains;
@@ -391,15 +367,6 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   out.status = CalibrationStatus::kCalibrated;
   return out;
 }
-
-namespace {
-
-// K_kappa is searched within this factor (as a log) of the scene's, to this precision.
-constexpr double kScanWidth = 4.6;
-constexpr int kScanSteps = 400;
-constexpr double kScanPrecision = 1e-7;
-
-}  // namespace
 
 std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& arms) {
   const std::vector<ArmCaptures> read = withReadings(arms);

@@ -59,6 +59,47 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
   return std::nullopt;
 }
 
+// @param first  capture whose kind of reading all others share.
+std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& arm,
+                                   const Capture& first) {
+  const std::string who = text(arm.name, ", capture ", capture.number, ": ");
+  if (capture.pressure.size() != arm.arm.actuatorCount()) {
+    return text(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
+                arm.arm.actuatorCount(), " actuators; is it of another arm?");
+  }
+  for (int i = 0; i < capture.pressure.size(); ++i) {
+    const model::Actuator& actuator = arm.arm.actuator(i);
+    if (!model::isPressure(actuator.drive)) {
+      return text(arm.name, ": ", actuator.name, " is a tendon; expected pressures alone");
+    }
+    if (actuator.limits.contains(capture.pressure[i])) continue;
+    return text(who, "the pressure of ", actuator.name, " is ", capture.pressure[i] / 1e3,
+                " kPa; expected its limits, ", actuator.limits.lower / 1e3, " to ",
+                actuator.limits.upper / 1e3);
+  }
+  if (const auto fault = faultOf(capture.reading, arm)) return who + *fault;
+  if (kindOf(first.reading) == kindOf(capture.reading)) return std::nullopt;
+  return who +
+         "has another kind of reading than the captures before it; calibrate with one kind at a "
+         "time";
+}
+
+std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
+  ShapeModel model(arms, {});
+  for (std::size_t a = 0; a < arms.size(); ++a) {
+    if (!arms[a].isLoaded()) continue;
+    for (const Capture& capture : arms[a].captures) {
+      const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
+      if (model.at(static_cast<int>(a), lengths, nullptr).found) continue;
+      return text(arms[a].name, ", capture ", capture.number, ": at ",
+                  pressureText(capture.pressure),
+                  " the model finds no shape that balances the load; check the scene's load and "
+                  "K_eps");
+    }
+  }
+  return std::nullopt;
+}
+
 bool isEmpty(const Reading& reading) {
   const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading);
   const auto* corners = std::get_if<std::vector<CornerObservation>>(&reading);
@@ -171,32 +212,24 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
 ReadingKind kindOf(const Reading& reading) { return static_cast<ReadingKind>(reading.index()); }
 
 bool isMet(FitNeed need, ReadingKind kind) {
+  const bool corners = kind == ReadingKind::kCorners;
   switch (need) {
     case FitNeed::kArm:
     case FitNeed::kLoad:
       return true;
+    case FitNeed::kTags:
+      return kind == ReadingKind::kPoses || corners;
+    case FitNeed::kCorners:
+      return corners;
     case FitNeed::kFreeLengths:
     case FitNeed::kSeries:
-      return false;
-    case FitNeed::kTags:
-      return kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
-    case FitNeed::kCorners:
       break;
   }
-  return kind == ReadingKind::kCorners;
+  return false;
 }
 
 const char* unitOf(ReadingKind kind) {
-  switch (kind) {
-    case ReadingKind::kCurvature:
-      return "rad";
-    case ReadingKind::kCorners:
-      return "px";
-    case ReadingKind::kTwists:
-    case ReadingKind::kPoses:
-      break;
-  }
-  return "m";
+  return kind == ReadingKind::kCurvature ? "rad" : kind == ReadingKind::kCorners ? "px" : "m";
 }
 
 std::string pressureText(const Eigen::VectorXd& pressure) {
@@ -224,56 +257,18 @@ std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms) {
 }
 
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
-  using Status = CalibrationStatus;
   const Capture* first = nullptr;
   for (const ArmCaptures& arm : arms) {
     for (const Capture& capture : arm.captures) {
-      const std::string who = text(arm.name, ", capture ", capture.number, ": ");
-      if (capture.pressure.size() != arm.arm.actuatorCount()) {
-        return Verdict{Status::kBadData,
-                       text(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
-                            arm.arm.actuatorCount(), " actuators; is it of another arm?")};
-      }
-      for (int i = 0; i < capture.pressure.size(); ++i) {
-        const model::Actuator& actuator = arm.arm.actuator(i);
-        if (!model::isPressure(actuator.drive)) {
-          return Verdict{Status::kBadData, text(arm.name, ": ", actuator.name,
-                                                " is a tendon; expected pressures alone")};
-        }
-        if (actuator.limits.contains(capture.pressure[i])) continue;
-        return Verdict{Status::kBadData,
-                       text(who, "the pressure of ", actuator.name, " is ",
-                            capture.pressure[i] / 1e3, " kPa; expected its limits, ",
-                            actuator.limits.lower / 1e3, " to ", actuator.limits.upper / 1e3)};
-      }
-      if (const auto fault = faultOf(capture.reading, arm)) {
-        return Verdict{Status::kBadData, who + *fault};
-      }
-      if (first != nullptr && kindOf(first->reading) != kindOf(capture.reading)) {
-        return Verdict{Status::kBadData,
-                       who +
-                           "has another kind of reading than the captures before it; calibrate "
-                           "with one kind at a time"};
-      }
       if (first == nullptr) first = &capture;
+      const auto fault = faultOf(capture, arm, *first);
+      if (fault) return Verdict{CalibrationStatus::kBadData, *fault};
     }
   }
   if (first == nullptr) {
-    return Verdict{Status::kNoCaptures, "no capture has a reading; record some first"};
+    return Verdict{CalibrationStatus::kNoCaptures, "no capture has a reading; record some first"};
   }
-  ShapeModel model(arms, {});
-  for (std::size_t a = 0; a < arms.size(); ++a) {
-    if (!arms[a].isLoaded()) continue;
-    for (const Capture& capture : arms[a].captures) {
-      const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
-      if (model.at(static_cast<int>(a), lengths, nullptr).found) continue;
-      return Verdict{
-          Status::kBadData,
-          text(arms[a].name, ", capture ", capture.number, ": at ", pressureText(capture.pressure),
-               " the model finds no shape that balances the load; check the scene's load "
-               "and K_eps")};
-    }
-  }
+  if (const auto fault = unbalanced(arms)) return Verdict{CalibrationStatus::kBadData, *fault};
   const auto differs = [first](const Capture& capture) {
     return !same(capture.pressure, first->pressure);
   };
@@ -281,7 +276,7 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
     if (std::any_of(arm.captures.begin(), arm.captures.end(), differs)) return std::nullopt;
   }
   return Verdict{
-      Status::kOnePressure,
+      CalibrationStatus::kOnePressure,
       text("all captures were taken at ", pressureText(first->pressure),
            ", where the parameters cannot be distinguished; capture at other pressures, too")};
 }

@@ -95,17 +95,6 @@ HeldOut heldOut(ReadingKind kind, const Refits& refits, const std::vector<std::s
   return out;
 }
 
-Eigen::VectorXd jackknifeVariance(const std::vector<Eigen::VectorXd>& vectors) {
-  const int groups = static_cast<int>(vectors.size());
-  Eigen::VectorXd mean = Eigen::VectorXd::Zero(vectors.front().size());
-  for (const Eigen::VectorXd& vector : vectors) mean += vector / groups;
-  Eigen::VectorXd variance = Eigen::VectorXd::Zero(mean.size());
-  for (const Eigen::VectorXd& vector : vectors) {
-    variance += (vector - mean).array().square().matrix() * (groups - 1) / groups;
-  }
-  return variance;
-}
-
 Jackknife jackknifeOf(const std::vector<ParameterInfo>& infos,
                       const std::vector<Eigen::VectorXd>& vectors) {
   Jackknife out;
@@ -132,8 +121,8 @@ CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups
   out.by_pressure = heldOut(kind, refits, pressures.labels, in_sample);
   out.shapes = std::move(refits.shapes);
   out.complete = refits.complete;
-  out.variance = jackknifeVariance(refits.vectors);
   out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
+  out.variance = out.jackknife.deviations.colwise().squaredNorm().transpose();
   if (arms.size() < 2) return out;
   const Folds by_arm = foldsOf(arms);
   out.by_arm = heldOut(kind, refit(problem, noise_scale, by_arm), by_arm.labels, in_sample);

@@ -12,23 +12,6 @@
 /// Prediction of captures that were held out of a calibration.
 namespace helix_arm::estimation {
 
-/// Variation of the parameters when one pressure at a time is omitted.
-struct Jackknife {
-  std::vector<std::string> names;  ///< of the parameters
-  /// (pressures x parameters) in the parameters' units: the sum of squares of a column is the
-  /// variance of its parameter.
-  Eigen::MatrixXd deviations;
-};
-
-struct CrossValidation {
-  HeldOut by_pressure;
-  std::optional<HeldOut> by_arm;      ///< if there are several arms
-  std::vector<model::Twists> shapes;  ///< (captures) from the fit without their pressure
-  bool complete = true;               ///< whether all fits without a pressure converged
-  Eigen::VectorXd variance;  ///< (parameters) jackknife over pressures, in the parameters' units
-  Jackknife jackknife;       ///< the same with its correlations
-};
-
 /// Repeats the fit without each pressure, and without each arm, in turn.
 ///
 /// @param problem    uses shapes of the model; its values are the full solution, and are restored.

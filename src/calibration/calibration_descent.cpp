@@ -117,27 +117,37 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
   gradient_.resize(rows);
   int most = 0;
   for (const ReadingTerm& term : terms) {
-    TermParts parts;
-    parts.residuals = term.cost->residuals();
-    for (const int b : term.blocks) {
-      const int size = blocks.all()[b].size();
-      if (eliminated_[b] >= 0) parts.eliminated = eliminated_[b];
-      Part* const last = parts.parts.empty() ? nullptr : &parts.parts.back();
-      if (last != nullptr && last->at >= 0 && at_[b] == last->at + last->size) {
-        last->size += size;
-      } else {
-        parts.parts.push_back({parts.size, size, at_[b], -1});
-      }
-      parts.size += size;
+    terms_.push_back(partsOf(term));
+    most = std::max(most, terms_.back().size);
+  }
+  placeCrossColumns();
+  largest_ = static_cast<std::size_t>(most * padded(most + 1));
+}
+
+ArrowEquations::TermParts ArrowEquations::partsOf(const ReadingTerm& term) const {
+  TermParts out;
+  out.residuals = term.cost->residuals();
+  for (const int b : term.blocks) {
+    const int size = blocks_.all()[b].size();
+    if (eliminated_[b] >= 0) out.eliminated = eliminated_[b];
+    Part* const last = out.parts.empty() ? nullptr : &out.parts.back();
+    if (last != nullptr && last->at >= 0 && at_[b] == last->at + last->size) {
+      last->size += size;
+    } else {
+      out.parts.push_back({out.size, size, at_[b], -1});
     }
-    most = std::max(most, parts.size);
-    if (parts.eliminated >= 0) {
-      std::vector<int>& at = shapes_or_tags_[parts.eliminated].at;
-      for (const Part& part : parts.parts) {
-        for (int i = 0; part.at >= 0 && i < part.size; ++i) at.push_back(part.at + i);
-      }
+    out.size += size;
+  }
+  return out;
+}
+
+void ArrowEquations::placeCrossColumns() {
+  for (const TermParts& term : terms_) {
+    if (term.eliminated < 0) continue;
+    std::vector<int>& at = shapes_or_tags_[term.eliminated].at;
+    for (const Part& part : term.parts) {
+      for (int i = 0; part.at >= 0 && i < part.size; ++i) at.push_back(part.at + i);
     }
-    terms_.push_back(std::move(parts));
   }
   for (Eliminated& one : shapes_or_tags_) {
     std::sort(one.at.begin(), one.at.end());
@@ -153,7 +163,6 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
       part.local = static_cast<int>(std::lower_bound(at.begin(), at.end(), part.at) - at.begin());
     }
   }
-  largest_ = static_cast<std::size_t>(most * padded(most + 1));
 }
 
 void ArrowEquations::clear(const std::function<bool(const ParameterBlocks::Block&)>& active) {
@@ -350,6 +359,22 @@ class Radius {
   double radius_ = kFirstRadius, shrink_ = 2;
 };
 
+bool isFlat(const ArrowEquations& equations) {
+  const Eigen::VectorXd gradient = equations.gradient();
+  return gradient.size() == 0 || gradient.cwiseAbs().maxCoeff() <= kGradientTolerance;
+}
+
+struct DampedStep {
+  Eigen::VectorXd step;
+  double expected;  // decrease of the cost; 0 without a step
+};
+
+DampedStep dampedStep(ArrowEquations& equations, const Eigen::VectorXd& damping) {
+  if (!equations.factor(damping)) return {{}, 0};
+  const Eigen::VectorXd step = equations.step();
+  return {step, 0.5 * (step.dot(damping.cwiseProduct(step)) - step.dot(equations.gradient()))};
+}
+
 }  // namespace
 
 CalibrationDescent::CalibrationDescent(Shared& shared, ReadingKind kind,
@@ -417,11 +442,7 @@ Solved CalibrationDescent::solve(const DescentTask& task) {
   Solved out{false, cost(task, *here_, now)};
   if (std::isnan(out.cost)) return out;
   assemble(task, *here_, now);
-  const auto isFlat = [this] {
-    const Eigen::VectorXd gradient = equations_.gradient();
-    return gradient.size() == 0 || gradient.cwiseAbs().maxCoeff() <= kGradientTolerance;
-  };
-  out.converged = isFlat();
+  out.converged = isFlat(equations_);
   const Eigen::ArrayXd unit2 = (1 + equations_.diagonal().array().sqrt()).square();
   Radius radius;
   int invalid = 0;
@@ -435,12 +456,7 @@ Solved CalibrationDescent::solve(const DescentTask& task) {
     const Eigen::ArrayXd diagonal = equations_.diagonal().array();
     const Eigen::VectorXd damping =
         (diagonal / unit2).max(kLeastDiagonal).min(kMostDiagonal) * unit2 / radius.value();
-    Eigen::VectorXd step;
-    double expected = 0;  // decrease of the cost
-    if (equations_.factor(damping)) {
-      step = equations_.step();
-      expected = 0.5 * (step.dot(damping.cwiseProduct(step)) - step.dot(equations_.gradient()));
-    }
+    const auto [step, expected] = dampedStep(equations_, damping);
     if (!(expected > 0) || !step.allFinite()) {
       if (++invalid >= kMostInvalidSteps) break;
       radius.reject();
@@ -474,7 +490,7 @@ Solved CalibrationDescent::solve(const DescentTask& task) {
     std::swap(here_, there_);
     settled = decrease < kSettledStep;
     if (!at_end) assemble(task, *here_, now);
-    out.converged = at_end || isFlat();
+    out.converged = at_end || isFlat(equations_);
   }
   return out;
 }

@@ -125,6 +125,10 @@ class ArrowEquations {
     auto scaledCross() const { return scaled_cross.leftCols(static_cast<Eigen::Index>(at.size())); }
   };
 
+  TermParts partsOf(const ReadingTerm& term) const;
+  // Sizes the eliminated blocks by the terms that have them.
+  void placeCrossColumns();
+
   std::vector<int> at_;          // (blocks) first row among those not eliminated, or -1
   std::vector<int> eliminated_;  // (blocks) index, or -1
   std::vector<int> columns_;     // (rows of rest_) columns of ParameterBlocks

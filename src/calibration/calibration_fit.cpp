@@ -66,12 +66,23 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
   return wanted;
 }
 
-bool hasSameName(const ParameterInfo& a, const ParameterInfo& b) { return a.name == b.name; }
+// Where each parameter is among others, by its name; -1 if it is not.
+std::vector<int> placesAmong(const std::vector<ParameterInfo>& others,
+                             const std::vector<ParameterInfo>& infos) {
+  std::vector<int> out;
+  for (const ParameterInfo& info : infos) {
+    const auto found =
+        std::find_if(others.begin(), others.end(),
+                     [&info](const ParameterInfo& other) { return other.name == info.name; });
+    out.push_back(found == others.end() ? -1 : static_cast<int>(found - others.begin()));
+  }
+  return out;
+}
 
 // The values of `fitted` as those of a problem with more parameters, which are held at their
 // initial values.
 Values valuesAmong(const CalibrationProblem& all, const CalibrationProblem& fitted) {
-  const std::vector<ParameterInfo>&infos = all.parameters(), &known = fitted.parameters();
+  const std::vector<int> places = placesAmong(fitted.parameters(), all.parameters());
   const Eigen::VectorXd at = fitted.vector();
   const Eigen::Index entries = all.values().stiffness.size();
   Values values = fitted.values();
@@ -80,10 +91,8 @@ Values valuesAmong(const CalibrationProblem& all, const CalibrationProblem& fitt
       Eigen::VectorXd::Zero(all.values().length_scale.size()));
   values.curve.conservativeResizeLike(Eigen::VectorXd::Zero(all.values().curve.size()));
   for (Eigen::Index i = 0; i < entries; ++i) {
-    const auto found = std::find_if(known.begin(), known.end(), [&](const ParameterInfo& one) {
-      return hasSameName(one, infos[static_cast<std::size_t>(i)]);
-    });
-    if (found != known.end()) values.stiffness[i] = at[found - known.begin()];
+    const int place = places[static_cast<std::size_t>(i)];
+    if (place >= 0) values.stiffness[i] = at[place];
   }
   return values;
 }
@@ -100,14 +109,11 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
     return covariance;
   }
   CalibrationProblem everything(arms, options, all);
-  const std::vector<ParameterInfo>& known = fitted.parameters();
   const std::vector<ParameterInfo>& infos = everything.parameters();
+  const std::vector<int> places = placesAmong(fitted.parameters(), infos);
   std::vector<int> fitted_columns, held_columns;
   for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
-    const bool is_fitted = std::any_of(known.begin(), known.end(), [&](const ParameterInfo& one) {
-      return hasSameName(one, infos[i]);
-    });
-    (is_fitted ? fitted_columns : held_columns).push_back(i);
+    (places[i] >= 0 ? fitted_columns : held_columns).push_back(i);
   }
   if (held_columns.empty()) return covariance;
   everything.values() = valuesAmong(everything, fitted);
@@ -302,18 +308,12 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
   if (info.aboutRig()) all.rig.insert(*info.block);
   CalibrationProblem everything(arms, options, all);
   everything.values() = valuesAmong(everything, *fit.problem);
-  const std::vector<ParameterInfo>&infos = everything.parameters(),
-        &known = fit.problem->parameters();
-  std::vector<int> own, others, fitted;
+  const std::vector<ParameterInfo>& infos = everything.parameters();
+  const std::vector<int> fitted = placesAmong(infos, fit.problem->parameters());
+  std::vector<int> own, others;
   for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
     const bool is_own = infos[i].name.rfind(info.name, 0) == 0;
     (is_own ? own : others).push_back(i);
-  }
-  for (const ParameterInfo& one : known) {
-    const auto found = std::find_if(infos.begin(), infos.end(), [&one](const ParameterInfo& other) {
-      return hasSameName(one, other);
-    });
-    fitted.push_back(static_cast<int>(found - infos.begin()));
   }
   const ArrowEquations& equations = everything.equations(fit.noise_scale);
   const Eigen::MatrixXd H = equations.dense(), cross = H(others, own);
@@ -398,21 +398,22 @@ bool isIdentified(const ParameterInfo& info, double variance) {
 
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind,
-                             const std::function<bool(const CalibrationFit&)>& holds_up) {
+                             ReadingKind kind, const HeldOutCheck& check) {
   const double bias = noiseBias(options, kind);
   const Selection all = allOf(wanted, arms, kind);
-  const auto isGood = [&](const CalibrationFit& fit) {
-    return fit.converged && stiffnessIsIdentified(fit) && holds_up(fit);
+  // Keeps what the check left out with the fit.
+  const auto isGood = [&](CalibrationFit& fit) {
+    if (!fit.converged || !stiffnessIsIdentified(fit)) return false;
+    HeldOutVerdict verdict = check(fit);
+    fit.left_out = std::move(verdict.left_out);
+    return verdict.holds_up;
   };
   Candidate first = candidateOf(arms, options, wanted, all, bias);
   if (first.fit.converged) first.fit.asked = first.fit.problem;
   first.fit.asked_noise_scale = first.fit.noise_scale;
-  const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
-  const double asked_noise_scale = first.fit.asked_noise_scale;
-  if (isGood(first.fit) || wanted.stiffness.empty() || !first.fit.determined) {
-    return std::move(first.fit);
-  }
+  const bool good = isGood(first.fit);
+  if (first.fit.left_out) first.fit.asked_left_out = first.fit.left_out->jackknife;
+  if (good || wanted.stiffness.empty() || !first.fit.determined) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
   const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
     for (int e = 0; e < static_cast<int>(wanted.stiffness.size()); ++e) {
@@ -420,6 +421,9 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
       if (stays) fit.held.push_back(heldParameter(infos[e]));
     }
   };
+  const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
+  const double asked_noise_scale = first.fit.asked_noise_scale;
+  const std::optional<Jackknife> asked_left_out = first.fit.asked_left_out;
   CalibrationFit last = std::move(first.fit);
   for (const Split& split :
        splitsOf(first.marginal.inverse(), options.stiffness_prior * options.stiffness_prior)) {
@@ -430,9 +434,10 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
     fit.asked = asked;
     fit.asked_noise_scale = asked_noise_scale;
+    fit.asked_left_out = asked_left_out;
     if (split.fitted.empty() || isGood(fit)) {
       hold(fit, split.fitted);
-      if (split.fitted.empty() && fit.converged) holds_up(fit);
+      if (split.fitted.empty() && fit.converged) fit.left_out = check(fit).left_out;
       return fit;
     }
     if (fit.converged || !last.converged) last = std::move(fit);

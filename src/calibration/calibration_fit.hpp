@@ -3,6 +3,8 @@
 #include <Eigen/Core>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "calibration_checks.hpp"
@@ -10,6 +12,23 @@
 
 /// Fit of those parameters that the captures determine.
 namespace helix_arm::estimation {
+
+/// Variation of the parameters when one pressure at a time is omitted.
+struct Jackknife {
+  std::vector<std::string> names;  ///< of the parameters
+  /// (pressures x parameters) in the parameters' units: the sum of squares of a column is the
+  /// variance of its parameter.
+  Eigen::MatrixXd deviations;
+};
+
+struct CrossValidation {
+  HeldOut by_pressure;
+  std::optional<HeldOut> by_arm;      ///< if there are several arms
+  std::vector<model::Twists> shapes;  ///< (captures) from the fit without their pressure
+  bool complete = true;               ///< whether all fits without a pressure converged
+  Eigen::VectorXd variance;  ///< (parameters) jackknife over pressures, in the parameters' units
+  Jackknife jackknife;       ///< the same with its correlations
+};
 
 struct CalibrationFit {
   std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
@@ -30,7 +49,17 @@ struct CalibrationFit {
   /// did not converge. It is `problem` if nothing is held.
   std::shared_ptr<CalibrationProblem> asked;
   double asked_noise_scale = 1;  ///< at that optimum
+  // By the HeldOutCheck, if it left anything out.
+  std::optional<CrossValidation> left_out;
+  std::optional<Jackknife> asked_left_out;  ///< of `asked`
 };
+
+/// Whether the stiffness of a fit predicts what is left out, and what came of leaving it out.
+struct HeldOutVerdict {
+  bool holds_up = true;
+  std::optional<CrossValidation> left_out;
+};
+using HeldOutCheck = std::function<HeldOutVerdict(const CalibrationFit&)>;
 
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
@@ -45,11 +74,10 @@ CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const Calibrat
 /// best-determined entries are fitted. The others keep their values.
 ///
 /// The fit keeps references to arms and options.
-/// @param holds_up  additional check that a fit with identified stiffness must pass.
+/// @param check  that a fit with identified stiffness must pass as well.
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind,
-                             const std::function<bool(const CalibrationFit&)>& holds_up);
+                             ReadingKind kind, const HeldOutCheck& check);
 
 /// Second moment of the errors of all requested stiffness logs about the fitted values, held ones
 /// included: the posterior at the optimum of all requested parameters, the distance between the

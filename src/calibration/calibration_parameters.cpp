@@ -150,15 +150,9 @@ const FitParameterInfo& infoOf(FitParameter parameter) {
 }
 
 const char* wordOf(FitGroup group) {
-  switch (group) {
-    case FitGroup::kStiffness:
-      return "stiffness";
-    case FitGroup::kPlacement:
-      return "placement";
-    case FitGroup::kNone:
-      break;
-  }
-  return "";
+  return group == FitGroup::kStiffness   ? "stiffness"
+         : group == FitGroup::kPlacement ? "placement"
+                                         : "";
 }
 
 std::vector<std::string> fitWords() {

@@ -8,88 +8,57 @@
 #include "readings.hpp"
 
 namespace helix_arm::estimation {
-struct CalibrationProblem::Workspace {
-  Shared shared;
-  ParameterBlocks blocks;
-  ReadingKind kind;
-  std::vector<Place> places;  // (captures)
-  std::vector<ReadingTerm> terms;
-  std::optional<CalibrationDescent> descent;
-
-  Workspace(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-            const Selection& selection)
-      : shared(arms, options, selection),
-        blocks(arms, options, selection, shared.model),
-        kind(kindOf(firstReading(arms))) {
-    for (std::size_t a = 0; a < arms.size(); ++a) {
-      for (const Capture& capture : arms[a].captures) {
-        places.push_back(placeAt(shared, static_cast<int>(a), static_cast<int>(places.size()),
-                                 capture.pressure));
-      }
-    }
-    if (selection.free_shapes) addShapes();
-    std::size_t place = 0;
-    for (const ArmCaptures& arm : arms) {
-      for (const Capture& capture : arm.captures) {
-        for (ReadingTerm& term : termsOf(shared, places[place], capture.reading, blocks)) {
-          terms.push_back(std::move(term));
-        }
-        ++place;
-      }
-    }
-    descent.emplace(shared, kind, places, terms, blocks);
-  }
-
-  void addShapes() {
-    const ModelPrior& prior = shared.options.model_prior;
-    for (const Place& place : places) {
-      // Before there are shapes to fit, the model's.
-      shared.expected_shapes.push_back(
-          shared.model.at(place.arm, place.lengths, blocks.values().stiffness.data()).shape);
-      const model::Twists model = shared.expected_shapes.back().twists();
-      Eigen::VectorXd mean(place.entries.size()), deviation(place.entries.size());
-      for (std::size_t i = 0; i < place.entries.size(); ++i) {
-        mean[i] = model.data()[place.entries[i]];
-        deviation[i] = place.entries[i] % 6 < 3 ? prior.translation : prior.rotation;
-      }
-      blocks.addShape(mean, deviation);
-    }
-  }
-
-  Elasticity elasticity() const {
-    return shared.model.elasticityAt(blocks.values().stiffness.data(), shared.model.initial());
-  }
-};
-
 CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
                                        const CalibrationOptions& options,
                                        const Selection& selection)
-    : work_(std::make_unique<Workspace>(arms, options, selection)) {}
-CalibrationProblem::~CalibrationProblem() = default;
-
-const Selection& CalibrationProblem::selection() const { return work().shared.selection; }
-int CalibrationProblem::captures() const { return static_cast<int>(work().places.size()); }
-int CalibrationProblem::armOf(int capture) const { return work().places[capture].arm; }
-const std::vector<ParameterInfo>& CalibrationProblem::parameters() const {
-  return work().blocks.infos();
+    : shared_(arms, options, selection),
+      blocks_(arms, options, selection, shared_.model),
+      kind_(kindOf(firstReading(arms))) {
+  for (std::size_t a = 0; a < arms.size(); ++a) {
+    for (const Capture& capture : arms[a].captures) {
+      places_.push_back(placeAt(shared_, static_cast<int>(a), captures(), capture.pressure));
+    }
+  }
+  if (selection.free_shapes) addShapes();
+  std::size_t place = 0;
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      for (ReadingTerm& term : termsOf(shared_, places_[place], capture.reading, blocks_)) {
+        terms_.push_back(std::move(term));
+      }
+      ++place;
+    }
+  }
+  descent_.emplace(shared_, kind_, places_, terms_, blocks_);
 }
-const Values& CalibrationProblem::values() const { return work().blocks.values(); }
-Values& CalibrationProblem::values() { return work().blocks.values(); }
-Eigen::VectorXd CalibrationProblem::vector() const { return work().blocks.vector(); }
+
+void CalibrationProblem::addShapes() {
+  const ModelPrior& prior = shared_.options.model_prior;
+  for (const Place& place : places_) {
+    // Before there are shapes to fit, the model's.
+    shared_.expected_shapes.push_back(
+        shared_.model.at(place.arm, place.lengths, values().stiffness.data()).shape);
+    const model::Twists model = shared_.expected_shapes.back().twists();
+    Eigen::VectorXd mean(place.entries.size()), deviation(place.entries.size());
+    for (std::size_t i = 0; i < place.entries.size(); ++i) {
+      mean[i] = model.data()[place.entries[i]];
+      deviation[i] = place.entries[i] % 6 < 3 ? prior.translation : prior.rotation;
+    }
+    blocks_.addShape(mean, deviation);
+  }
+}
 
 Solved CalibrationProblem::solve(double noise_scale, const Included& included,
                                  const Eigen::VectorXd* held, double tolerance) {
-  return work().descent->solve(
-      {noise_scale, included, held, work().shared.options.max_iterations, tolerance});
+  return descent_->solve({noise_scale, included, held, shared_.options.max_iterations, tolerance});
 }
 
 std::vector<Comparison> CalibrationProblem::compareSquares(double noise_scale) {
-  Workspace& work = this->work();
-  const LinearisedReadings& readings = work.descent->readings(everyCapture, false);
+  const LinearisedReadings& readings = descent_->readings(everyCapture, false);
   std::vector<Comparison> out;
-  out.reserve(work.terms.size());
-  for (std::size_t t = 0; t < work.terms.size(); ++t) {
-    const ReadingTerm& term = work.terms[t];
+  out.reserve(terms_.size());
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    const ReadingTerm& term = terms_[t];
     out.push_back({term.cost->place().capture, term.cost->tag(), term.cost->residuals(),
                    readings.square(t) / (noise_scale * noise_scale), term.limit, 0});
   }
@@ -97,77 +66,68 @@ std::vector<Comparison> CalibrationProblem::compareSquares(double noise_scale) {
 }
 
 std::vector<Comparison> CalibrationProblem::compare(double noise_scale) {
-  Workspace& work = this->work();
   std::vector<Comparison> out = compareSquares(noise_scale);
-  const LinearisedReadings& readings = work.descent->readings(everyCapture, false);
-  for (std::size_t t = 0; t < work.terms.size(); ++t) {
-    const ReadingCost& cost = *work.terms[t].cost;
+  const LinearisedReadings& readings = descent_->readings(everyCapture, false);
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    const ReadingCost& cost = *terms_[t].cost;
     out[t].error =
-        cost.shown(readings.state(cost.place().capture), work.blocks.values(), readings.square(t));
+        cost.shown(readings.state(cost.place().capture), blocks_.values(), readings.square(t));
   }
   return out;
 }
 
-ArrowEquations& CalibrationProblem::equations(double noise_scale) {
-  return work().descent->equations(noise_scale, everyCapture);
-}
-
 Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Included& included) {
-  Workspace& work = this->work();
   const double inverse2 = 1 / (noise_scale * noise_scale);
-  const LinearisedReadings& readings = work.descent->readings(included, true);
-  const int columns = work.blocks.columns();
+  const LinearisedReadings& readings = descent_->readings(included, true);
+  const int columns = blocks_.columns();
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(columns, columns);
-  for (std::size_t t = 0; t < work.terms.size(); ++t) {
-    const ReadingTerm& term = work.terms[t];
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    const ReadingTerm& term = terms_[t];
     const double square = inverse2 * readings.square(t);
     if (!included(term.cost->place().capture) || !std::isfinite(square)) continue;
-    addInformation(term, work.blocks, readings.jacobian(t), inverse2 * term.weight(square), H);
+    addInformation(term, blocks_, readings.jacobian(t), inverse2 * term.weight(square), H);
   }
   return H;
 }
 
 Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& pressure,
                                                         double noise_scale) {
-  Workspace& work = this->work();
-  const Values& values = work.blocks.values();
-  const int columns = work.blocks.columns();
+  const Values& values = blocks_.values();
+  const int columns = blocks_.columns();
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(columns, columns);
-  const Place place = placeAt(work.shared, 0, 0, pressure);
-  const CaptureState state = stateAt(work.shared, place, work.kind, values, true);
+  const Place place = placeAt(shared_, 0, 0, pressure);
+  const CaptureState state = stateAt(shared_, place, kind_, values, true);
   if (!state.shape.found) return H;
   Eigen::MatrixXd by_pieces;
   std::vector<double> residual, J;
-  for (const ReadingTerm& term : expectedTerms(work.shared, place, state, work.blocks)) {
+  for (const ReadingTerm& term : expectedTerms(shared_, place, state, blocks_)) {
     const ReadingCost& cost = *term.cost;
     residual.resize(static_cast<std::size_t>(cost.residuals()));
     J.resize(static_cast<std::size_t>(cost.residuals() * cost.stride()));
     if (!cost.evaluate(state, values, residual.data(), J.data(), by_pieces)) continue;
-    addInformation(term, work.blocks, J.data(), 1 / (noise_scale * noise_scale), H);
+    addInformation(term, blocks_, J.data(), 1 / (noise_scale * noise_scale), H);
   }
   return H;
 }
 
 Eigen::VectorXd CalibrationProblem::priorInformation() const {
-  Eigen::VectorXd out(work().blocks.columns());
-  for (const ParameterBlocks::Block& block : work().blocks.all()) {
+  Eigen::VectorXd out(blocks_.columns());
+  for (const ParameterBlocks::Block& block : blocks_.all()) {
     out.segment(block.column, block.size()) = block.deviation.array().square().inverse();
   }
   return out;
 }
-
-model::Stiffness CalibrationProblem::stiffness() const { return work().elasticity().ratios; }
 
 std::optional<double> CalibrationProblem::K_eps() const {
   const std::vector<StiffnessEntry>& fitted = selection().stiffness;
   if (std::find(fitted.begin(), fitted.end(), StiffnessEntry::kEps) == fitted.end()) {
     return std::nullopt;
   }
-  return work().elasticity().K_eps;
+  return elasticity().K_eps;
 }
 
 Eigen::VectorXd CalibrationProblem::lengthScale() const {
-  const Shared& shared = work().shared;
+  const Shared& shared = shared_;
   Eigen::VectorXd out(shared.arms.front().arm.actuatorCount());
   for (int i = 0; i < out.size(); ++i) {
     out[i] = shared.scaleOf(values().length_scale, i);
@@ -177,19 +137,17 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
 
 std::optional<ContractionSpline> CalibrationProblem::spline() const {
   if (!selection().has(ParameterBlock::kCurve)) return std::nullopt;
-  ContractionSpline spline = work().shared.arms.front().free_curve->spline;
+  ContractionSpline spline = shared_.arms.front().free_curve->spline;
   spline.lengths += spline.root * values().curve;
   return spline;
 }
-
-void CalibrationProblem::loosenCurve(double factor) { work().blocks.loosenCurve(factor); }
 
 lie::SE3 CalibrationProblem::base() const {
   return lie::SE3::exp(lie::Vector6(values().rig.at(ParameterBlock::kBase)));
 }
 
 TagLayout CalibrationProblem::layout() const {
-  const ArmCaptures& first = work().shared.arms.front();
+  const ArmCaptures& first = shared_.arms.front();
   TagLayout layout = first.layout;
   for (std::size_t i = 0; i < layout.tags.size(); ++i) {
     const double length = first.arm.restLength(layout.tags[i].section);
@@ -199,7 +157,7 @@ TagLayout CalibrationProblem::layout() const {
 }
 
 model::Shape CalibrationProblem::shape(int capture) {
-  return shapeAt(work().shared, work().places[capture], values(), false).shape;
+  return shapeAt(shared_, places_[capture], values(), false).shape;
 }
 
 }  // namespace helix_arm::estimation

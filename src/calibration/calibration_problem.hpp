@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <memory>
 #include <optional>
 #include <vector>
 
@@ -30,22 +29,24 @@ class CalibrationProblem {
   /// Requires sound data. Keeps references to arms and options.
   CalibrationProblem(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                      const Selection& selection);
-  ~CalibrationProblem();
+  // Not copyable, since its parts refer to each other.
+  CalibrationProblem(const CalibrationProblem&) = delete;
+  CalibrationProblem& operator=(const CalibrationProblem&) = delete;
 
-  const Selection& selection() const;
-  int captures() const;          ///< of all arms
-  int armOf(int capture) const;  ///< index of its arm
+  const Selection& selection() const { return shared_.selection; }
+  int captures() const { return static_cast<int>(places_.size()); }  ///< of all arms
+  int armOf(int capture) const { return places_[capture].arm; }      ///< index of its arm
   /// Free parameters except those of shapes.
-  const std::vector<ParameterInfo>& parameters() const;
+  const std::vector<ParameterInfo>& parameters() const { return blocks_.infos(); }
 
-  const Values& values() const;
+  const Values& values() const { return blocks_.values(); }
   /// The sizes must not change.
-  Values& values();
+  Values& values() { return blocks_.values(); }
   /// Values of the free parameters in the order of parameters().
-  Eigen::VectorXd vector() const;
+  Eigen::VectorXd vector() const { return blocks_.vector(); }
 
   /// Multiplies the standard errors of the free lengths.
-  void loosenCurve(double factor);
+  void loosenCurve(double factor) { blocks_.loosenCurve(factor); }
 
   /// Least squares over the included captures, starting from the current values.
   ///
@@ -63,7 +64,9 @@ class CalibrationProblem {
 
   /// Equations of all readings and priors at the current values, until the next call of any
   /// function that is not const.
-  ArrowEquations& equations(double noise_scale);
+  ArrowEquations& equations(double noise_scale) {
+    return descent_->equations(noise_scale, everyCapture);
+  }
   /// Weighted J'J of the included readings, without priors: all free parameters, then shapes.
   Eigen::MatrixXd information(double noise_scale, const Included& included);
   /// Likewise for the readings that the arm is expected to give at these pressures.
@@ -72,7 +75,7 @@ class CalibrationProblem {
   Eigen::VectorXd priorInformation() const;
 
   // The physical quantities of the current values.
-  model::Stiffness stiffness() const;
+  model::Stiffness stiffness() const { return elasticity().ratios; }
   std::optional<double> K_eps() const;              ///< [N], if fitted
   Eigen::VectorXd lengthScale() const;              ///< (actuators of the first arm)
   std::optional<ContractionSpline> spline() const;  ///< the FreeCurve, with its initial covariance
@@ -81,12 +84,17 @@ class CalibrationProblem {
   model::Shape shape(int capture);
 
  private:
-  struct Workspace;
-  // Accessors, since a pointer member alone would let const methods write.
-  Workspace& work() { return *work_; }
-  const Workspace& work() const { return *work_; }
+  void addShapes();
+  Elasticity elasticity() const {
+    return shared_.model.elasticityAt(values().stiffness.data(), shared_.model.initial());
+  }
 
-  std::unique_ptr<Workspace> work_;
+  Shared shared_;
+  ParameterBlocks blocks_;
+  ReadingKind kind_;
+  std::vector<Place> places_;  // (captures)
+  std::vector<ReadingTerm> terms_;
+  std::optional<CalibrationDescent> descent_;
 };
 
 }  // namespace helix_arm::estimation

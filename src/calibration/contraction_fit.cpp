@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <sstream>
 #include <utility>
 #include <variant>
 #include <vector>
 
+#include "calibration_checks.hpp"
 #include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
@@ -79,13 +79,6 @@ ContractionSpline fitSpline(const std::vector<double>& pressures,
   return spline;
 }
 
-/// The branches that a sample is on, see Branch.
-struct Branches {
-  bool rising, falling;
-};
-
-std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples);
-
 namespace {
 
 // A smaller change of the pressure, relative to the largest one, is noise of the regulator and
@@ -105,7 +98,10 @@ std::vector<int> arrivals(const std::vector<double>& pressure, double least_move
   return out;
 }
 
-}  // namespace
+/// The branches that a sample is on, see Branch.
+struct Branches {
+  bool rising, falling;
+};
 
 std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
   std::vector<double> pressure;
@@ -123,8 +119,6 @@ std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
   return out;
 }
 
-namespace {
-
 constexpr int kCoefficients = 6;
 // Largest first pressure of a quintic, relative to the largest pressure.
 constexpr double kNearZero = 0.05;
@@ -134,7 +128,7 @@ constexpr double kLeastSlope = 1e-3;
 constexpr double kLeastTrend = 2.0;
 // Pressures closer than this, relative to the largest one, are the same value written with other
 // digits.
-constexpr double kSamePressure = 1e-6;
+constexpr double kSameKnot = 1e-6;
 constexpr int kSlopeChecks = 1001;
 // A piecewise cubic through so many points between two knots is the spline to 0.01 mm.
 constexpr int kPointsPerKnot = 4;
@@ -149,16 +143,9 @@ struct Failure {
   std::string reason;
 };
 
-template <class... Parts>
-std::string textOf(const Parts&... parts) {
-  std::ostringstream text;
-  (text << ... << parts);
-  return text.str();
-}
-
 std::string shortestReason(double length) {
-  return textOf("the best curve has a length of ", length,
-                " m; expected lengths > 0: correct the samples");
+  return text("the best curve has a length of ", length,
+              " m; expected lengths > 0: correct the samples");
 }
 
 std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
@@ -166,19 +153,19 @@ std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
     const auto [pressure, length] = samples[i];
     if (!std::isfinite(pressure)) {
       return Failure{ContractionFitStatus::kNotFinite,
-                     textOf("sample ", i + 1, ": the pressure is ", pressure,
-                            "; expected a finite value; correct it or leave it out")};
+                     text("sample ", i + 1, ": the pressure is ", pressure,
+                          "; expected a finite value; correct it or leave it out")};
     }
     if (!(std::isfinite(length) && length > 0)) {
       return Failure{ContractionFitStatus::kNotFinite,
-                     textOf("sample ", i + 1, ": the length is ", length,
-                            " m; expected a finite value > 0; correct it or leave it out")};
+                     text("sample ", i + 1, ": the length is ", length,
+                          " m; expected a finite value > 0; correct it or leave it out")};
     }
     if (pressure < 0) {
       return Failure{ContractionFitStatus::kOutOfRange,
-                     textOf("sample ", i + 1, ": the pressure is ", pressure,
-                            " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
-                            "to 0")};
+                     text("sample ", i + 1, ": the pressure is ", pressure,
+                          " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
+                          "to 0")};
     }
   }
   return std::nullopt;
@@ -201,7 +188,7 @@ Knots knotsOf(const std::vector<LengthSample>& samples, const std::vector<bool>&
   Knots knots;
   for (const auto& [pressure, length] : sorted) {
     if (knots.size() == 0 ||
-        pressure - knots.pressure.back() > kSamePressure * sorted.back().pressure) {
+        pressure - knots.pressure.back() > kSameKnot * sorted.back().pressure) {
       knots.pressure.push_back(pressure);
       knots.length.push_back(0);
       knots.weight.push_back(0);
@@ -299,16 +286,16 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const double first = knots.pressure.front(), last = knots.pressure.back();
   if (first > kNearZero * last) {
     return Failure{ContractionFitStatus::kOutOfRange,
-                   textOf("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
-                          " of the largest, ", last,
-                          " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
-                          "a table")};
+                   text("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
+                        " of the largest, ", last,
+                        " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
+                        "a table")};
   }
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
     return Failure{ContractionFitStatus::kTooFewPressures,
-                   textOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
-                          " for a quintic: measure at more, or fit a table")};
+                   text("distinct pressures: ", n, "; expected at least ", kCoefficients,
+                        " for a quintic: measure at more, or fit a table")};
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
   Eigen::VectorXd y(n);
@@ -323,8 +310,8 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
     return Failure{ContractionFitStatus::kTooFewPressures,
-                   textOf(n, " pressures, too close together to determine the ", kCoefficients,
-                          " coefficients of a quintic: spread them, or fit a table")};
+                   text(n, " pressures, too close together to determine the ", kCoefficients,
+                        " coefficients of a quintic: spread them, or fit a table")};
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
 
@@ -438,17 +425,17 @@ ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
                                                                   : " on the falling branch";
     return failed(options.kind,
                   {ContractionFitStatus::kTooFewPressures,
-                   textOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
-                          quintic ? kCoefficients : 2, ": measure at more")});
+                   text("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+                        quintic ? kCoefficients : 2, ": measure at more")});
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
         options.kind,
         {ContractionFitStatus::kNoTrend,
-         textOf("the lengths neither rise nor fall with pressure; expected a linear trend of "
-                "at least ",
-                kLeastTrend, " of its standard errors: check which column is which")});
+         text("the lengths neither rise nor fall with pressure; expected a linear trend of "
+              "at least ",
+              kLeastTrend, " of its standard errors: check which column is which")});
   }
   Solution solution = quintic                             ? fitQuintic(knots, trend)
                       : options.kind == CurveKind::kTable ? fitTable(knots, trend)

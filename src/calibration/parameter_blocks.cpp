@@ -179,14 +179,9 @@ int ParameterBlocks::columns() const {
   return blocks_.empty() ? 0 : blocks_.back().column + blocks_.back().size();
 }
 
+// Those of shapes come last.
 Eigen::VectorXd ParameterBlocks::vector() const {
-  Eigen::VectorXd out(static_cast<Eigen::Index>(infos_.size()));
-  for (const Block& block : blocks_) {
-    if (block.kind == ParameterBlock::kShape) continue;
-    out.segment(block.column, block.size()) =
-        Eigen::Map<const Eigen::VectorXd>(data(block), block.size());
-  }
-  return out;
+  return numbers().head(static_cast<Eigen::Index>(infos_.size()));
 }
 
 Eigen::VectorXd ParameterBlocks::numbers() const {

@@ -1,5 +1,6 @@
 #include "helix_arm/follow/visual_servo.hpp"
 
+#include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
@@ -7,14 +8,225 @@
 #include <limits>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "aim.hpp"
-#include "contact_watch.hpp"
+#include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "response_tracker.hpp"
+#include "helix_arm/tracking/arm_filter.hpp"
+#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::follow {
+namespace {
+
+constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;     // [s]
+constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
+constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
+constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
+
+constexpr int kMostTurns = 2048;  // history of the wanted tip
+
+const VisualServoConfig& checked(const VisualServoConfig& config) {
+  config.validate();
+  return config;
+}
+
+/// Values by ascending time; the oldest of too many are forgotten. Does not allocate.
+template <class Value, int kMost>
+class TimeRing {
+ public:
+  void clear() { count_ = 0; }
+  /// @param time  not before the last one, or everything earlier is forgotten.
+  void add(double time, const Value& value) {
+    if (count_ > 0 && time < at(0).time) clear();
+    newest_ = (newest_ + 1) % kMost;
+    Entry& entry = entries_[static_cast<std::size_t>(newest_)];
+    entry.time = time;
+    entry.value = value;
+    if (count_ < kMost) ++count_;
+  }
+  /// The last value at or before a time; null if all are later. Valid until the next change.
+  const Value* find(double time) const {
+    for (int age = 0; age < count_; ++age) {
+      if (at(age).time <= time) return &at(age).value;
+    }
+    return nullptr;
+  }
+  /// The same as a copy.
+  std::optional<Value> before(double time) const {
+    const Value* const found = find(time);
+    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
+  }
+
+ private:
+  struct Entry {
+    double time;
+    Value value;
+  };
+  const Entry& at(int age) const {
+    return entries_[static_cast<std::size_t>((newest_ - age + kMost) % kMost)];
+  }
+
+  std::array<Entry, kMost> entries_ = {};
+  int newest_ = -1;
+  int count_ = 0;
+};
+
+/// Effective pressures of actuators with lag or play while an observer estimates their pressures.
+/// Of an arm without a response it does nothing: effective pressures are the pressures themselves.
+///
+/// All memory is allocated in the constructor.
+class ResponseTracker {
+ public:
+  explicit ResponseTracker(const model::Arm& arm)
+      : arm_(arm),
+        response_(arm_),
+        active_(!response_.instant()),
+        effective_(arm_.inputAt(0.0)),
+        beyond_(Eigen::VectorXd::Zero(effective_.size())),
+        lower_(lowestPressures(arm_)),
+        upper_(highestPressures(arm_)),
+        pressure_(effective_) {
+    // Each entry of the ring gets its memory.
+    for (int i = 0; active_ && i < kMostTurns; ++i) history_.add(i, beyond_);
+    history_.clear();
+  }
+
+  /// Follows the newest estimate, if there is one.
+  void follow(const control::PressureObserver& observer) {
+    if (!active_ || !observer.started()) return;
+    const Eigen::VectorXd& pressure = observer.newest().pressure;
+    if (response_.follow(observer.time(), pressure)) history_.clear();
+    effective_ = response_.effective();
+    beyond_ = effective_ - pressure;
+    history_.add(observer.time(), beyond_);
+    response_.effectiveLimits(arm_, lower_, upper_);
+  }
+
+  /// Effective pressures (n) at the newest estimate, if there is one [Pa].
+  const Eigen::VectorXd& effective(const control::PressureObserver& observer) const {
+    return active_ ? effective_ : observer.newest().pressure;
+  }
+
+  /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
+  /// start adds to their variance.
+  void apply(double time, control::PressureObserver::Estimate& estimate) const {
+    if (!active_) return;
+    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
+    // Evenly distributed between its bounds.
+    estimate.variance += response_.uncertainty().cwiseAbs2() / 3.0;
+  }
+
+  /// Limits an aim to effective pressures that are attainable from here.
+  void limit(Aim& aim) const {
+    if (active_) aim.limit(lower_, upper_);
+  }
+
+  /// Pressures (n) with these effective pressures [Pa].
+  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+    if (!active_) return effective;
+    response_.inputsFor(arm_, effective, pressure_);
+    return pressure_;
+  }
+
+ private:
+  static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
+
+  const model::Arm arm_;
+  model::ArmResponse response_;
+  const bool active_;  // an actuator has a response
+  Eigen::VectorXd effective_, beyond_, lower_, upper_, pressure_;
+  TimeRing<Eigen::VectorXd, kMostTurns> history_;  // of effective pressure beyond the pressure
+};
+
+// Pictures with other tags until these are the usual ones.
+constexpr int kUsual = 15;
+
+estimation::TipCompliance complianceOf(const statics::ArmModel& model,
+                                       const VisualServoConfig& config) {
+  if (!config.placed) return estimation::TipCompliance(model);
+  return {model, config.placed->view, config.placed->fit};
+}
+
+double largestDeviation(const Eigen::Matrix3d& covariance) {
+  return std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
+}
+
+/// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
+class ContactWatch {
+ public:
+  ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config)
+      : arm_(model.arm()),
+        placed_(config.placed),
+        compliance_(complianceOf(model, config)),
+        forks_(config.contact) {}
+
+  /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
+  /// @param settled  as for LoadForks::see().
+  void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
+           bool settled, estimation::ArmFilter& watch) {
+    // A picture that is not used, such as a repeated one, says nothing of the tags either.
+    if (watch.check(picture) != estimation::ObservationFault::kNone) return;
+    if (tags) takeTags(*tags, picture, watch);
+    const estimation::Observation observation = watch.see(picture);
+    if (!observation.accepted() && observation.fault != estimation::ObservationFault::kOutlier)
+      return;
+    compliance_.moveTo(picture.pressure, watch.correction(), tags);
+    const model::Shape measured = model::shapeOf(arm_, picture.twists);
+    const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
+    forks_.see(picture.time, largestDeviation(tip), measured, settled, watch, compliance_);
+  }
+
+  /// Forgets the pictures.
+  void reset() {
+    forks_.reset();
+    usual_tags_.reset();
+    unusual_ = 0;
+  }
+
+  const estimation::ExternalLoad& load() const { return forks_.load(); }
+  const estimation::Drift& drift() const { return forks_.drift(); }
+
+ private:
+  // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at
+  // the edge of sight come and go: until others stay, what they err differently is an error of
+  // single pictures, which persists until then. It must not add to the bias at each change.
+  void takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,
+                estimation::ArmFilter& watch) {
+    if (!usual_tags_) usual_tags_ = tags;
+    unusual_ = tags == *usual_tags_ ? 0 : unusual_ + 1;
+    if (unusual_ == 0 || !placed_) return;
+    const auto shape = watch.shape(picture.pressure);
+    if (!shape) return;
+    const auto difference =
+        estimation::placementDifference(*placed_, arm_, *shape, *usual_tags_, tags);
+    if (!difference) return;
+    if (unusual_ < kUsual) {
+      picture.covariance += kUsual * *difference;
+      return;
+    }
+    forks_.growBias((*difference)(watch.rows(), watch.rows()), watch);
+    usual_tags_ = tags;
+    unusual_ = 0;
+  }
+
+  const model::Arm arm_;
+  const std::optional<estimation::PlacedView> placed_;
+  estimation::TipCompliance compliance_;
+  estimation::LoadForks forks_;
+  // The tags whose error by placements is part of the watch's bias.
+  std::optional<std::vector<int>> usual_tags_;
+  int unusual_ = 0;  // pictures in a row with others
+};
 
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
 /// the model bends in the wrong direction.
@@ -64,25 +276,6 @@ class DivergenceWatch {
   std::optional<Suspicion> suspicion_;
 };
 
-namespace {
-
-constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
-constexpr double kClosingTime = 0.5;     // [s]
-constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
-constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
-constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
-constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
-constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
-constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
-constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
-
-constexpr int kMostTurns = 2048;  // history of the wanted tip
-
-const VisualServoConfig& checked(const VisualServoConfig& config) {
-  config.validate();
-  return config;
-}
-
 }  // namespace
 
 struct VisualServo::Workspace {
@@ -109,20 +302,159 @@ struct VisualServo::Workspace {
 
   bool doubts() const { return contact.drift().doubtful; }
   bool yields() const { return on_contact != OnContact::kReport && contact.load().contact; }
-  bool tracks(double now) const;
-  bool maySee(double now) const;
-  LoopState nextState(double now) const;
-  void moveWanted(double dt);
-  void command();
-  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
-  lie::SE3 presentTip(const lie::SE3& unknown);
-  void begin(const Target& next);
-  void learn();
-  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
-  void fade();
-  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
-  bool findPressures(double stamp, double now, estimation::ObservationFault& fault);
-  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
+
+  // Whether the estimate from pictures corrects the command.
+  bool tracks(double now) const {
+    if (!closed || yields() || diverged || doubts()) return false;
+    return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
+  }
+
+  bool maySee(double now) const {
+    return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
+           tip_deviation < kSureTip;
+  }
+
+  LoopState nextState(double now) const {
+    if (!enabled || !target) return LoopState::kIdle;
+    const double unseen = now - accepted_at[0];
+    const bool fresh = unseen <= config.stale_after;
+    if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
+    if (yields() && fresh) return LoopState::kYielding;
+    if (!closed) return LoopState::kOpen;
+    const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
+    if (!yields() && (maySee(now) || (was_closed && fresh))) {
+      return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
+    }
+    const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
+                        turn.state == LoopState::kDiverging ||
+                        (turn.state == LoopState::kYielding && !fresh);
+    return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
+  }
+
+  // The path waits during a contact, or while the arm must not move.
+  void moveWanted(double dt) {
+    velocity.setZero();
+    turn.path_time.reset();
+    if (!path) return;
+    if (!turn.held) path_time += dt;
+    turn.path_time = path_time;
+    const control::TipReference reference =
+        path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
+    if (!turn.held) velocity = reference.velocity;
+    if (reference.rotation) {
+      target = lie::SE3{*reference.rotation, reference.position};
+    } else {
+      target = reference.position;
+    }
+  }
+
+  void command() {
+    const statics::InverseResult& result = solve(*target, false);
+    turn.status = result.status;
+    reaches = result.status == statics::InverseStatus::kReached;
+    turn.residual = result.residual;
+    turn.position_error = result.position_error;
+    turn.limits = result.limits;
+    turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
+  }
+
+  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::Actuator& actuator = arm.actuator(i);
+      lengths[i] = actuator.contraction.lengthInside(
+          std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
+    }
+    const auto shape = estimated.shape(lengths);
+    if (!shape) return std::nullopt;
+    lie::SE3 tip = model::tipPose(*shape);
+    tip.translation += contact.load().tip_beyond_fit;
+    return tip;
+  }
+
+  // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
+  lie::SE3 presentTip(const lie::SE3& unknown) {
+    const auto predicted =
+        observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
+    lie::SE3 out = predicted.value_or(unknown);
+    if (!target || (predicted && !reaches)) return out;
+    if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
+    out.translation = std::get<Eigen::Vector3d>(*target);
+    return out;
+  }
+
+  void begin(const Target& next) {
+    if (!target && observer.started()) aim.startAt(response.effective(observer));
+    reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
+    target = next;
+    divergence.clear();
+    if (observer.started()) aimed_at = observer.time();
+    error.reset();
+  }
+
+  void learn() {
+    aim.learn(tracker.correction());
+    beyond_goal = contact.load().tip_beyond_fit;
+    fades = false;
+  }
+
+  // The corrected model is brought where a load takes its tip to the wanted place.
+  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh) {
+    response.limit(aim);
+    if (!beyond.isZero(0)) {
+      if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+        return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+      }
+      if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+        return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+      }
+    }
+    return aim.solve(wanted_tip, fresh);
+  }
+
+  void fade() {
+    aim.learn(statics::Correction(arm));
+    beyond_goal.setZero();
+    fades = true;
+  }
+
+  // A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set
+  // point.
+  void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading) {
+    const double share = -std::expm1(-dt / kUsualTime);
+    settled = true;
+    for (Eigen::Index i = 0; i < reading.size(); ++i) {
+      const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
+      settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
+      usual_distance[i] += share * unusual;
+    }
+  }
+
+  bool findPressures(double stamp, double now, estimation::ObservationFault& fault) {
+    using estimation::ObservationFault;
+    fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
+            : stamp > now                                 ? ObservationFault::kFuture
+                                                          : ObservationFault::kNone;
+    if (fault != ObservationFault::kNone) return false;
+    if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
+      response.apply(stamp, at_picture);
+      return true;
+    }
+    fault = ObservationFault::kTooOld;
+    return false;
+  }
+
+  // The measured tip with the wanted one at the time of the picture.
+  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture) {
+    error.reset();
+    const auto place = wanted.before(stamp);
+    const auto shape = tracker.shape(picture.pressure);
+    if (!place || !shape) return;
+    const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
+    error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
+    if (stamp <= aimed_at) return;  // says nothing of the present target
+    const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
+    diverged |= divergence.add(now, *error, corrected);
+  }
 
   const VisualServoConfig config;
   const model::Arm arm;
@@ -162,161 +494,6 @@ struct VisualServo::Workspace {
   Eigen::VectorXd lengths;
   Turn turn;
 };
-
-// Whether the estimate from pictures corrects the command.
-bool VisualServo::Workspace::tracks(double now) const {
-  if (!closed || yields() || diverged || doubts()) return false;
-  return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
-}
-
-bool VisualServo::Workspace::maySee(double now) const {
-  return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
-         tip_deviation < kSureTip;
-}
-
-LoopState VisualServo::Workspace::nextState(double now) const {
-  if (!enabled || !target) return LoopState::kIdle;
-  const double unseen = now - accepted_at[0];
-  const bool fresh = unseen <= config.stale_after;
-  if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
-  if (yields() && fresh) return LoopState::kYielding;
-  if (!closed) return LoopState::kOpen;
-  const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
-  if (!yields() && (maySee(now) || (was_closed && fresh))) {
-    return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
-  }
-  const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
-                      turn.state == LoopState::kDiverging ||
-                      (turn.state == LoopState::kYielding && !fresh);
-  return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
-}
-
-std::optional<lie::SE3> VisualServo::Workspace::tipAt(const Eigen::VectorXd& pressure) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = arm.actuator(i);
-    lengths[i] = actuator.contraction.lengthInside(
-        std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
-  }
-  const auto shape = estimated.shape(lengths);
-  if (!shape) return std::nullopt;
-  lie::SE3 tip = model::tipPose(*shape);
-  tip.translation += contact.load().tip_beyond_fit;
-  return tip;
-}
-
-void VisualServo::Workspace::learn() {
-  aim.learn(tracker.correction());
-  beyond_goal = contact.load().tip_beyond_fit;
-  fades = false;
-}
-
-// The corrected model is brought where a load takes its tip to the wanted place.
-const statics::InverseResult& VisualServo::Workspace::solve(const Target& wanted_tip, bool fresh) {
-  response.limit(aim);
-  if (!beyond.isZero(0)) {
-    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
-      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
-    }
-    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
-      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
-    }
-  }
-  return aim.solve(wanted_tip, fresh);
-}
-
-// The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
-lie::SE3 VisualServo::Workspace::presentTip(const lie::SE3& unknown) {
-  const auto predicted =
-      observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
-  lie::SE3 out = predicted.value_or(unknown);
-  if (!target || (predicted && !reaches)) return out;
-  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
-  out.translation = std::get<Eigen::Vector3d>(*target);
-  return out;
-}
-
-void VisualServo::Workspace::begin(const Target& next) {
-  if (!target && observer.started()) aim.startAt(response.effective(observer));
-  reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
-  target = next;
-  divergence.clear();
-  if (observer.started()) aimed_at = observer.time();
-  error.reset();
-}
-
-// The path waits during a contact, or while the arm must not move.
-void VisualServo::Workspace::moveWanted(double dt) {
-  velocity.setZero();
-  turn.path_time.reset();
-  if (!path) return;
-  if (!turn.held) path_time += dt;
-  turn.path_time = path_time;
-  const control::TipReference reference =
-      path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
-  if (!turn.held) velocity = reference.velocity;
-  if (reference.rotation) {
-    target = lie::SE3{*reference.rotation, reference.position};
-  } else {
-    target = reference.position;
-  }
-}
-
-void VisualServo::Workspace::command() {
-  const statics::InverseResult& result = solve(*target, false);
-  turn.status = result.status;
-  reaches = result.status == statics::InverseStatus::kReached;
-  turn.residual = result.residual;
-  turn.position_error = result.position_error;
-  turn.limits = result.limits;
-  turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
-}
-
-void VisualServo::Workspace::fade() {
-  aim.learn(statics::Correction(arm));
-  beyond_goal.setZero();
-  fades = true;
-}
-
-// A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set point.
-void VisualServo::Workspace::settle(double dt, const Eigen::VectorXd& set_point,
-                                    const Eigen::VectorXd& reading) {
-  const double share = -std::expm1(-dt / kUsualTime);
-  settled = true;
-  for (Eigen::Index i = 0; i < reading.size(); ++i) {
-    const double distance = reading[i] - set_point[i], unusual = distance - usual_distance[i];
-    settled &= std::min(std::abs(distance), std::abs(unusual)) < kSettledWithin;
-    usual_distance[i] += share * unusual;
-  }
-}
-
-bool VisualServo::Workspace::findPressures(double stamp, double now,
-                                           estimation::ObservationFault& fault) {
-  using estimation::ObservationFault;
-  fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
-          : stamp > now                                 ? ObservationFault::kFuture
-                                                        : ObservationFault::kNone;
-  if (fault != ObservationFault::kNone) return false;
-  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-    response.apply(stamp, at_picture);
-    return true;
-  }
-  fault = ObservationFault::kTooOld;
-  return false;
-}
-
-// The measured tip with the wanted one at the time of the picture.
-void VisualServo::Workspace::compare(double stamp, double now,
-                                     const estimation::ArmFilter::Input& picture) {
-  error.reset();
-  const auto place = wanted.before(stamp);
-  const auto shape = tracker.shape(picture.pressure);
-  if (!place || !shape) return;
-  const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
-  error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
-  if (stamp <= aimed_at) return;  // says nothing of the present target
-  const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
-  diverged |= divergence.add(now, *error, corrected);
-}
 
 VisualServo::VisualServo(const statics::ArmModel& model, const VisualServoConfig& config)
     : work_(std::make_unique<Workspace>(model, config)) {}
@@ -457,8 +634,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   w.accepted_at[0] = now;
   const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
-  w.tip_deviation = std::sqrt(
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
+  w.tip_deviation = largestDeviation(tip_covariance);
   if (w.tracks(now)) w.learn();
   w.compare(stamp, now, input);
   return out;

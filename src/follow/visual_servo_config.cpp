@@ -31,14 +31,11 @@ void VisualServoConfig::validate() const {
   filter.validate();
   contact.validate();
   if (placed) placed->validate();
-  const auto positive = [](const char* what, double value) {
-    basics::requirePositive(kCulprit, what, value);
-  };
-  positive("the smoothing time [s]", smoothing);
-  positive("the time after which it coasts [s]", stale_after);
-  positive("the time for which it coasts [s]", coast_time);
-  positive("the regulator's time constant [s]", time_constant);
-  positive("the noise of a reading [Pa]", reading_noise);
+  basics::requirePositive(kCulprit, {{"the smoothing time [s]", smoothing},
+                                     {"the time after which it coasts [s]", stale_after},
+                                     {"the time for which it coasts [s]", coast_time},
+                                     {"the regulator's time constant [s]", time_constant},
+                                     {"the noise of a reading [Pa]", reading_noise}});
   basics::requireNotNegative(kCulprit, "the creep of the watch [s^-1/2]", watch_creep);
 }
 

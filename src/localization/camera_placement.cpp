@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 
+#include "basics/least_squares.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -19,18 +20,11 @@ constexpr int kRows = 8;
 constexpr std::size_t kLeastTags = 2;
 // Half the step of differences: large against rounding, small against everything that bends.
 constexpr double kPlacementStep = 1e-6;  // [m, rad]
-// Of the cost, where the search ends.
-constexpr double kPlacedDecrease = 1e-8;
-constexpr double kMostDamping = 1e10;
+// The search ends where a step lowers the cost c by at most 1e-8 (1 + c).
+constexpr basics::DescentRules kPlacementDescent{1e-6, 10.0, 1e10, 1e-8, 1e-8, 0};
 // Decrease of the cost that a step promises: a fifth of a standard deviation. Below it an estimate
 // that converges slowly, along a valley, is good enough.
 constexpr double kNegligible = 0.04;
-
-double deviation(double value, const char* what) {
-  basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                       "a finite value > 0");
-  return value;
-}
 
 // As movedBy(), but along the tangent also within the section: movedBy() has a kink at its ends,
 // which keeps the search from converging. At rest both agree to second order.
@@ -132,15 +126,10 @@ class Problem {
   double weight(double square) const { return 1 / (1 + square / limit2()); }
   bool isOutlier(double square) const { return square > limit2(); }
 
-  struct Normal {
-    Eigen::MatrixXd hessian;
-    Eigen::VectorXd gradient;
-  };
-
   // Of half the cost, with the weights of this estimate. Every corner must be in front.
-  Normal linearise(const PlacementEstimate& at) const {
+  basics::DenseEquations linearise(const PlacementEstimate& at) const {
     const int n = size(), twists = 6 * static_cast<int>(at.twists.cols());
-    Normal out{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)};
+    basics::DenseEquations out{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)};
     addPrior(kBleed, at.bleed / options_.bleed_prior, options_.bleed_prior, out);
     for (int k = 0; k < at.twists.cols(); ++k) {
       const lie::Vector6 off = twistDeviations(at, k), prior = twistPrior(k);
@@ -181,7 +170,7 @@ class Problem {
     return prior;
   }
 
-  static void addPrior(int entry, double off, double prior, Normal& out) {
+  static void addPrior(int entry, double off, double prior, basics::DenseEquations& out) {
     out.hessian(entry, entry) += 1 / (prior * prior);
     out.gradient[entry] += off / prior;
   }
@@ -260,7 +249,7 @@ void describe(const Problem& problem, const PlacementEstimate& at, const TagLayo
   // Every other parameter has a prior, so that it counts on both sides.
   const double freedom = static_cast<double>(kRows * tags) - lie::SE3::kDof;
   const double grown = freedom > 0 ? std::max(1.0, square / freedom) : 1.0;
-  const Problem::Normal normal = problem.linearise(at);
+  const basics::DenseEquations normal = problem.linearise(at);
   const Eigen::MatrixXd six = Eigen::MatrixXd::Identity(normal.hessian.rows(), lie::SE3::kDof);
   out.covariance = grown * normal.hessian.ldlt().solve(six).topRows<6>();
   out.covariance = 0.5 * (out.covariance + out.covariance.transpose()).eval();
@@ -271,13 +260,14 @@ void describe(const Problem& problem, const PlacementEstimate& at, const TagLayo
 }  // namespace
 
 void CameraPlacementOptions::validate() const {
-  deviation(corner_noise, "the corner noise [px]");
-  deviation(tag_prior.translation, "the prior of the tags' positions [m]");
-  deviation(tag_prior.rotation, "the prior of the tags' rotations [rad]");
-  deviation(shape_prior.translation, "the prior of the twists' v");
-  deviation(shape_prior.rotation, "the prior of the twists' w [rad]");
-  deviation(bleed_prior, "the prior of the bleed [m]");
-  deviation(robust_scale, "the robust threshold");
+  basics::requirePositive(kCulprit,
+                          {{"the corner noise [px]", corner_noise},
+                           {"the prior of the tags' positions [m]", tag_prior.translation},
+                           {"the prior of the tags' rotations [rad]", tag_prior.rotation},
+                           {"the prior of the twists' v", shape_prior.translation},
+                           {"the prior of the twists' w [rad]", shape_prior.rotation},
+                           {"the prior of the bleed [m]", bleed_prior},
+                           {"the robust threshold", robust_scale}});
   basics::requireValue(max_iterations > 0, kCulprit, "the number of iterations", max_iterations,
                        "a value > 0");
 }
@@ -293,7 +283,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
                                    const lie::SE3& start, const CameraPlacementOptions& options) {
   options.validate();
   layout.validate(arm.sectionCount());
-  deviation(focal, "the focal length [px]");
+  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   basics::requireValue(shape.sectionCount() == arm.sectionCount(), kCulprit,
                        "the number of sections of the shape", shape.sectionCount(),
                        "that of the arm");
@@ -309,30 +299,16 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
   out.twists = shape.twists();
   if (seen.size() < kLeastTags) return out;
   const Problem problem(arm, layout, shape, seen, focal, options);
-  PlacementEstimate at = problem.start(start);
-  double cost = problem.cost(at);
+  basics::DescentRules rules = kPlacementDescent;
+  rules.max_iterations = options.max_iterations;
+  const auto found = basics::descend(problem, problem.start(start), rules);
   out.status = PlacementStatus::kNotConverged;
-  if (!std::isfinite(cost)) return out;
-  double damping = 1e-6;
-  while (out.iterations < options.max_iterations && out.status != PlacementStatus::kPlaced) {
-    ++out.iterations;
-    const Problem::Normal normal = problem.linearise(at);
-    for (; damping < kMostDamping; damping *= 10) {
-      Eigen::MatrixXd damped = normal.hessian;
-      damped.diagonal() *= 1 + damping;
-      const PlacementEstimate next = problem.moved(at, -damped.ldlt().solve(normal.gradient));
-      const double lower = problem.cost(next);
-      if (!(lower <= cost)) continue;
-      if (cost - lower <= kPlacedDecrease * (1 + cost)) out.status = PlacementStatus::kPlaced;
-      at = next;
-      cost = lower;
-      damping = std::max(1e-9, damping / 10);
-      break;
-    }
-    if (damping >= kMostDamping) break;
-  }
+  if (!std::isfinite(found.cost)) return out;
+  out.iterations = found.iterations;
+  const PlacementEstimate& at = found.at;
+  if (found.at_rest) out.status = PlacementStatus::kPlaced;
   if (out.status != PlacementStatus::kPlaced) {
-    const Problem::Normal normal = problem.linearise(at);
+    const basics::DenseEquations normal = problem.linearise(at);
     const double promised = normal.gradient.dot(normal.hessian.ldlt().solve(normal.gradient));
     if (promised < kNegligible) out.status = PlacementStatus::kPlaced;
   }

@@ -1,6 +1,5 @@
 #include "helix_arm/localization/capture_check.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <utility>

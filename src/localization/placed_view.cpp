@@ -21,19 +21,6 @@ lie::Vector6 bothParts(double translation, double rotation) {
   return out;
 }
 
-// Corners that an ideal camera sees.
-CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
-  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
-  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
-  const Corners plane = view.layout.corners();
-  CornerObservation out{tag, {}};
-  for (int c = 0; c < 4; ++c) {
-    const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
-    out.direction.col(c) = p_C.head<2>() / p_C.z();
-  }
-  return out;
-}
-
 // Rigid motion [v; w] of a tag per displacement, in the base frame, about the tag's origin.
 lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::Shape& shape) {
   lie::Matrix6 out;

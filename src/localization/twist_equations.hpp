@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -442,5 +443,18 @@ class TwistEquations {
   std::vector<Mover> movers_;     // of what lies beyond each section except the last
   Mover base_mover_{lie::SE3()};  // of the whole arm
 };
+
+/// Corners that an ideal camera sees.
+inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
+  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
+  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+  const Corners plane = view.layout.corners();
+  CornerObservation out{tag, {}};
+  for (int c = 0; c < 4; ++c) {
+    const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
+    out.direction.col(c) = p_C.head<2>() / p_C.z();
+  }
+  return out;
+}
 
 }  // namespace helix_arm::estimation

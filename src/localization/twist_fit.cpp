@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -16,34 +17,11 @@
 #include "helix_arm/model/curve.hpp"
 #include "twist_equations.hpp"
 
-/// Outliers and noise from the residuals of a twist fit. `squares` are the squared residuals of the
-/// fit's tags, in expected variances.
 namespace helix_arm::estimation {
-
-/// Marks tags whose squares exceed a limit as outliers, and sets the RMS of the others.
-/// @return the number of the others.
-int markOutliers(const std::vector<double>& squares, double limit, TwistFit& fit);
-
-/// Factor by which the expected errors of tags must grow; empty if the errors are about as large as
-/// expected. The factor is limited: tags with much larger errors are wrong, however many they are.
-/// @param residuals  number per tag. @param errors  workspace.
-std::optional<double> noiseScaleOf(const std::vector<double>& squares, double residuals,
-                                   std::vector<double>& errors);
-
-/// Noise estimated from the residuals.
-struct ResidualNoise {
-  double variance;  ///< in expected variances
-  double freedom;   ///< number of residuals in excess of the fitted parameters
-};
-
-/// Noise of normally distributed errors under a robust loss (Huber, Robust Statistics, 7.6): the
-/// weighted squares divided by the slopes of the equations, since larger errors have less weight.
-/// @param residuals  number per tag. @param data_parameters  number of parameters that the tags
-///     determine.
-ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, double residuals,
-                      double data_parameters);
-
 namespace {
+
+// Outliers and noise from the residuals of a twist fit. `squares` are the squared residuals of the
+// fit's tags, in expected variances.
 
 // If the median error exceeds the expected error by more than this factor, the expected error is
 // raised in proportion, up to a limit: larger errors are outliers, however many there are.
@@ -54,8 +32,8 @@ constexpr double kLeastFreedom = 4.0;
 // Lower bound of the estimated variance, relative to the expected one.
 constexpr double kLeastVariance = 0.01;
 
-}  // namespace
-
+// Marks tags whose squares exceed a limit as outliers, and sets the RMS of the others.
+// @return the number of the others.
 int markOutliers(const std::vector<double>& squares, double limit, TwistFit& fit) {
   double square = 0;
   int fitting = 0;
@@ -70,6 +48,9 @@ int markOutliers(const std::vector<double>& squares, double limit, TwistFit& fit
   return fitting;
 }
 
+// Factor by which the expected errors of tags must grow; empty if the errors are about as large as
+// expected. The factor is limited: tags with much larger errors are wrong, however many they are.
+// @param residuals  number per tag. @param errors  workspace.
 std::optional<double> noiseScaleOf(const std::vector<double>& squares, double residuals,
                                    std::vector<double>& errors) {
   errors.clear();
@@ -80,6 +61,16 @@ std::optional<double> noiseScaleOf(const std::vector<double>& squares, double re
   return std::min(*middle / kNoisy, kMostNoise);
 }
 
+// Noise estimated from the residuals.
+struct ResidualNoise {
+  double variance;  // in expected variances
+  double freedom;   // number of residuals in excess of the fitted parameters
+};
+
+// Noise of normally distributed errors under a robust loss (Huber, Robust Statistics, 7.6): the
+// weighted squares divided by the slopes of the equations, since larger errors have less weight.
+// @param residuals  number per tag. @param data_parameters  number of parameters that the tags
+//     determine.
 ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, double residuals,
                       double data_parameters) {
   double weights = 0, weights2 = 0, weighted = 0, slopes = 0, slopes2 = 0;
@@ -109,7 +100,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, d
 
 /// Fraction by which the tags must reduce the model's prior variance of each entry of the twists.
 /// Otherwise the estimate would mostly reflect the model.
-inline constexpr double kLeastGain = 0.75;
+constexpr double kLeastGain = 0.75;
 
 /// Fraction of a covariance due to one part of it, summed over its directions.
 template <class Matrix>
@@ -122,7 +113,18 @@ double sumOfShares(const Matrix& part, const Matrix& whole) {
 /// Factor for a covariance whose scale is estimated from only `freedom` residuals, so that the 95 %
 /// ellipsoid of a chi-square with `directions` degrees of freedom contains 95 %: Hotelling's factor
 /// from the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
-double ellipsoidScale(double directions, double freedom);
+double ellipsoidScale(double directions, double freedom) {
+  constexpr double kNormal95 = 1.6449;
+  constexpr double kLambda = (kNormal95 * kNormal95 - 3) / 6;
+  constexpr double kFewest = 2;  // with fewer, the formula is not accurate
+  const double per_direction = 1 / (std::max(directions, kFewest) - 1);
+  const auto logOfQuantile = [per_direction](double per_freedom) {
+    const double h = 2 / (per_direction + per_freedom);
+    return 2 * (kNormal95 * std::sqrt(h + kLambda) / h -
+                (per_direction - per_freedom) * (kLambda + 5.0 / 6 - 2 / (3 * h)));
+  };
+  return std::exp(logOfQuantile(1 / (freedom - 1)) - logOfQuantile(0));
+}
 
 /// Covariance of the tip's position seen from B0, due to that of the twists followed by the base.
 template <class Matrix>
@@ -292,21 +294,6 @@ void reportStatistics(const Model& model, const TwistEquations& equations, const
   result.tip_covariance += tipCurvatureOf(at.X_B0B, at.shape, equations.options().free_base, all);
 }
 
-double ellipsoidScale(double directions, double freedom) {
-  constexpr double kNormal95 = 1.6449;
-  constexpr double kLambda = (kNormal95 * kNormal95 - 3) / 6;
-  constexpr double kFewest = 2;  // with fewer, the formula is not accurate
-  const double per_direction = 1 / (std::max(directions, kFewest) - 1);
-  const auto logOfQuantile = [per_direction](double per_freedom) {
-    const double h = 2 / (per_direction + per_freedom);
-    return 2 * (kNormal95 * std::sqrt(h + kLambda) / h -
-                (per_direction - per_freedom) * (kLambda + 5.0 / 6 - 2 / (3 * h)));
-  };
-  return std::exp(logOfQuantile(1 / (freedom - 1)) - logOfQuantile(0));
-}
-
-namespace {
-
 // Marquardt's damping, relative to the Hessian's diagonal.
 constexpr double kFirstDamping = 1e-6;
 constexpr double kLeastDamping = 1e-12;
@@ -321,8 +308,10 @@ constexpr double kConverged = 1e-5;
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
 
+constexpr char kCulprit[] = "twist fit";
+
 void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, "twist fit", what, value, rule);
+  basics::requireValue(holds, kCulprit, what, value, rule);
 }
 
 }  // namespace
@@ -553,7 +542,7 @@ void TwistFitter::know(const RigEstimate& rig) {
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
                                  const model::Shape& model) {
-  require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fit(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                     seen, start, model);
 }
@@ -566,7 +555,7 @@ const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
                                      const model::Shape& model) {
-  require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fitCold(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                         seen, model);
 }
@@ -577,19 +566,16 @@ const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
 }
 
 void TwistFitOptions::validate() const {
-  const auto positive = [](const char* what, double value) {
-    require(std::isfinite(value) && value > 0, what, value, "a finite value > 0");
-  };
-  positive("the noise of corners [px]", corner_noise);
-  positive("the noise of tag positions [m]", position_noise);
-  require(std::isfinite(rotation_noise) && rotation_noise >= 0, "the noise of tag rotations [rad]",
-          rotation_noise, "a finite value >= 0");
-  positive("the robust scale", robust_scale);
-  positive("the model's prior of v [m]", model_prior.translation);
-  positive("the model's prior of w [rad]", model_prior.rotation);
-  positive("the prior of the base's position [m]", base_prior.translation);
-  positive("the prior of the base's rotation [rad]", base_prior.rotation);
-  positive("the prior of the bleed [m]", bleed_prior);
+  basics::requirePositive(kCulprit, {{"the noise of corners [px]", corner_noise},
+                                     {"the noise of tag positions [m]", position_noise}});
+  basics::requireNotNegative(kCulprit, "the noise of tag rotations [rad]", rotation_noise);
+  basics::requirePositive(kCulprit,
+                          {{"the robust scale", robust_scale},
+                           {"the model's prior of v [m]", model_prior.translation},
+                           {"the model's prior of w [rad]", model_prior.rotation},
+                           {"the prior of the base's position [m]", base_prior.translation},
+                           {"the prior of the base's rotation [rad]", base_prior.rotation},
+                           {"the prior of the bleed [m]", bleed_prior}});
   require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
 }
 
@@ -601,17 +587,9 @@ RigEstimate::RigEstimate(const TwistFitOptions& options) {
 }
 
 const char* nameOf(FitStatus status) {
-  switch (status) {
-    case FitStatus::kConverged:
-      return "converged";
-    case FitStatus::kNotConverged:
-      return "not_converged";
-    case FitStatus::kUnderdetermined:
-      return "underdetermined";
-    case FitStatus::kUnexplained:
-      return "unexplained";
-  }
-  return "";
+  static constexpr std::array<const char*, 4> kNames = {"converged", "not_converged",
+                                                        "underdetermined", "unexplained"};
+  return kNames[static_cast<std::size_t>(status)];
 }
 
 int TwistFit::outliers() const {

@@ -349,9 +349,6 @@ Group ArmOf<Group>::tipOf(const Twists& twists) const {
   return X;
 }
 
-template class ArmOf<lie::SE2>;
-template class ArmOf<lie::SE3>;
-
 Arm embed(const PlanarArm& arm) {
   std::vector<Section> sections(arm.sectionCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
@@ -507,24 +504,7 @@ typename Equilibrium<Group>::Map ArmOf<Group>::pieceByLengths(
       unloaded.lengths.segment(first_[k], first_[k + 1] - first_[k]));
 }
 
-template void PlanarArm::setSteps(int);
-template void PlanarArm::chooseSteps();
-template TaperOf<lie::SE2>::Lengths PlanarArm::lengthsOf(const InputRef&, int) const noexcept;
-template lie::SE2::Tangent PlanarArm::taperedTwist(const TaperOf<lie::SE2>::Lengths&,
-                                                   int) const noexcept;
-template UnloadedOf<lie::SE2> PlanarArm::unloaded(const InputRef&) const;
-template UnloadedOf<lie::SE2> PlanarArm::unloadedOfLengths(const InputRef&) const;
-template PiecesOf<lie::SE2> PlanarArm::pieces(const UnloadedOf<lie::SE2>&) const;
-template Equilibrium<lie::SE2>::Map PlanarArm::pieceByLengths(int, int,
-                                                              const UnloadedOf<lie::SE2>&) const;
-template void Arm::setSteps(int);
-template void Arm::chooseSteps();
-template TaperOf<lie::SE3>::Lengths Arm::lengthsOf(const InputRef&, int) const noexcept;
-template lie::SE3::Tangent Arm::taperedTwist(const TaperOf<lie::SE3>::Lengths&, int) const noexcept;
-template UnloadedOf<lie::SE3> Arm::unloaded(const InputRef&) const;
-template UnloadedOf<lie::SE3> Arm::unloadedOfLengths(const InputRef&) const;
-template PiecesOf<lie::SE3> Arm::pieces(const UnloadedOf<lie::SE3>&) const;
-template Equilibrium<lie::SE3>::Map Arm::pieceByLengths(int, int,
-                                                        const UnloadedOf<lie::SE3>&) const;
+template class ArmOf<lie::SE2>;
+template class ArmOf<lie::SE3>;
 
 }  // namespace helix_arm::model

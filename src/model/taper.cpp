@@ -46,38 +46,51 @@ double characteristicLength(const std::vector<Strand<Group>>& strands) {
   return length > 0 ? length : 1.0;
 }
 
-}  // namespace
+// Rows K_i^1/2 Ad_oi^-1 S^-1 of all strands, and K_i^1/2 e1 by their free lengths.
+struct StrandRows {
+  Eigen::MatrixXd by_twist, by_length;
+};
 
+// Largest rows first: with column pivoting, this keeps the digits of small rows if K_gamma is much
+// larger than K_kappa.
 template <class Group>
-Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
+StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
+                      const typename Group::Tangent& S_inverse) {
   constexpr int dof = Group::kDof;
-  using Vector = Eigen::Matrix<double, dof, 1>;
-  checkStrands(strands);
   const int n = static_cast<int>(strands.size());
-
-  // Unknowns S g: with angles scaled to arc lengths, all columns are lengths, and bending is not
-  // mistaken for noise.
-  Vector S_inverse = Vector::Ones();
-  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
-
   Eigen::MatrixXd stack(n * dof, dof);
   for (int i = 0; i < n; ++i) {
     const auto& [X_O, K] = strands[i];
     stack.middleRows<dof>(i * dof) =
         K.cwiseSqrt().asDiagonal() * X_O.inverse().adjoint() * S_inverse.asDiagonal();
   }
-  // Largest rows first: with column pivoting, this keeps the digits of small rows if K_gamma is
-  // much larger than K_kappa.
   std::vector<int> order(n * dof);
   std::iota(order.begin(), order.end(), 0);
   const Eigen::VectorXd size = stack.rowwise().template lpNorm<Eigen::Infinity>();
   std::stable_sort(order.begin(), order.end(), [&size](int a, int b) { return size[a] > size[b]; });
-  Eigen::MatrixXd sorted(n * dof, dof), rest_length = Eigen::MatrixXd::Zero(n * dof, n);
+  StrandRows out{Eigen::MatrixXd(n * dof, dof), Eigen::MatrixXd::Zero(n * dof, n)};
   for (int row = 0; row < n * dof; ++row) {
-    sorted.row(row) = stack.row(order[row]);
+    out.by_twist.row(row) = stack.row(order[row]);
     const int i = order[row] / dof;
-    if (order[row] % dof == 0) rest_length(row, i) = std::sqrt(strands[i].K[0]);  // K_i^1/2 e1
+    if (order[row] % dof == 0) out.by_length(row, i) = std::sqrt(strands[i].K[0]);
   }
+  return out;
+}
+
+}  // namespace
+
+template <class Group>
+Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
+  constexpr int dof = Group::kDof;
+  checkStrands(strands);
+  const int n = static_cast<int>(strands.size());
+
+  // Unknowns S g: with angles scaled to arc lengths, all columns are lengths, and bending is not
+  // mistaken for noise.
+  typename Group::Tangent S_inverse = Group::Tangent::Ones();
+  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
+
+  const auto [sorted, rest_length] = sortedRows(strands, S_inverse);
 
   const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(sorted);
   const int rank = static_cast<int>(qr.rank());
@@ -190,6 +203,27 @@ CellPlace placeOf(double s, int cells) {
   return {cell, s * cells - cell};
 }
 
+// Number of cells between the poses that all tapered actuators give.
+template <class Group>
+int cellsOf(const std::vector<ActuatorOf<Group>>& actuators) {
+  int out = 0;
+  for (const ActuatorOf<Group>& actuator : actuators) {
+    const int cells = static_cast<int>(actuator.taper.size()) - 1;
+    if (cells < 1) continue;
+    if (out > 0 && cells != out) {
+      throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
+                                  " poses along the section; expected " + std::to_string(out + 1) +
+                                  ", as another actuator has");
+    }
+    out = cells;
+  }
+  if (out > kMostCells) {
+    throw std::invalid_argument("a taper of " + std::to_string(out + 1) +
+                                " poses; expected at most " + std::to_string(kMostCells + 1));
+  }
+  return std::max(out, 1);
+}
+
 }  // namespace
 
 template <class Group>
@@ -204,53 +238,41 @@ Group poseAlong(const ActuatorOf<Group>& actuator, double s) {
 }
 
 template <class Group>
-TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators) {
-  bool first = true;
-  for (const ActuatorOf<Group>& actuator : actuators) {
-    const int cells = static_cast<int>(actuator.taper.size()) - 1;
-    if (cells < 1) continue;
-    if (!std::exchange(first, false) && cells != cells_) {
-      throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
-                                  " poses along the section; expected " +
-                                  std::to_string(cells_ + 1) + ", as another actuator has");
+double TaperOf<Group>::fit(const std::vector<ActuatorOf<Group>>& actuators, int modes) {
+  modes_ = modes;
+  map_modes_.clear();
+  compliance_modes_.clear();
+  for (int cell = 0; cell < cells_; ++cell) {
+    std::vector<Map> maps;
+    std::vector<Matrix> compliances;
+    for (int j = 0; j < modes; ++j) {
+      const double t = 0.5 * (1.0 + std::cos(basics::kPi * (j + 0.5) / modes));
+      const Equilibrium<Group> at = balanceAt(actuators, (cell + t) / cells_);
+      mean_.rank = std::min(mean_.rank, at.rank);
+      mean_.condition = std::max(mean_.condition, at.condition);
+      maps.push_back(at.map);
+      compliances.push_back(at.compliance);
     }
-    cells_ = cells;
+    for (const Map& mode : modesOf(maps)) map_modes_.push_back(mode);
+    for (const Matrix& mode : modesOf(compliances)) compliance_modes_.push_back(mode);
   }
-  if (cells_ > kMostCells) {
-    throw std::invalid_argument("a taper of " + std::to_string(cells_ + 1) +
-                                " poses; expected at most " + std::to_string(kMostCells + 1));
+  double worst = 0.0;
+  // Between the points of the fit, and at the ends, where its error is largest.
+  for (int i = 0; i <= 8 * cells_; ++i) {
+    const double s = std::clamp(i / (8.0 * cells_), 0.0, 1.0);
+    const Equilibrium<Group> at = balanceAt(actuators, s);
+    worst = std::max({worst, mapsApart<Group>(mapAt(s), at.map),
+                      compliancesApart<Group>(complianceAt(s), at.compliance)});
   }
+  return worst;
+}
+
+template <class Group>
+TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators)
+    : cells_(cellsOf(actuators)) {
   mean_ = balanceAt(actuators, 0.5);
-  const auto fitted = [&](int modes) {
-    modes_ = modes;
-    map_modes_.clear();
-    compliance_modes_.clear();
-    for (int cell = 0; cell < cells_; ++cell) {
-      std::vector<Map> maps;
-      std::vector<Matrix> compliances;
-      for (int j = 0; j < modes; ++j) {
-        const double t = 0.5 * (1.0 + std::cos(basics::kPi * (j + 0.5) / modes));
-        const Equilibrium<Group> at = balanceAt(actuators, (cell + t) / cells_);
-        mean_.rank = std::min(mean_.rank, at.rank);
-        mean_.condition = std::max(mean_.condition, at.condition);
-        maps.push_back(at.map);
-        compliances.push_back(at.compliance);
-      }
-      for (const Map& mode : modesOf(maps)) map_modes_.push_back(mode);
-      for (const Matrix& mode : modesOf(compliances)) compliance_modes_.push_back(mode);
-    }
-    double worst = 0.0;
-    // Between the points of the fit, and at the ends, where its error is largest.
-    for (int i = 0; i <= 8 * cells_; ++i) {
-      const double s = std::clamp(i / (8.0 * cells_), 0.0, 1.0);
-      const Equilibrium<Group> at = balanceAt(actuators, s);
-      worst = std::max({worst, mapsApart<Group>(mapAt(s), at.map),
-                        compliancesApart<Group>(complianceAt(s), at.compliance)});
-    }
-    return worst;
-  };
-  double error = fitted(kLeastModes);
-  while (error > kFitError && modes_ < kMostModes) error = fitted(2 * modes_);
+  double error = fit(actuators, kLeastModes);
+  while (error > kFitError && modes_ < kMostModes) error = fit(actuators, 2 * modes_);
   if (mean_.rank < Group::kDof) {
     throw std::invalid_argument(
         "a tapered section has a motion that no actuator resists; give K_tau and K_kappa values "

@@ -5,19 +5,390 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <sstream>
 #include <utility>
 #include <vector>
 
-#include "response_readings.hpp"
+#include "basics/least_squares.hpp"
+#include "helix_arm/model/arm_response.hpp"
 
 namespace helix_arm::estimation {
+namespace {
 
-inline constexpr double kSignificantResponse = 2.0;  // standard errors
-inline constexpr double kLongestLag = 60.0;          // [s]
-inline constexpr int kMostResponseSteps = 60;
-inline constexpr double kResponseAtRest =
-    1e-8;  // of the sum of squares: a smaller gain ends a descent
+constexpr int kCurveDegree = 5;     // of a contraction curve and of its inverse
+constexpr double kTakesPart = 0.1;  // of the largest range: an actuator that takes part
+constexpr double kSameEffectivePressure = 0.02;  // of the range: counts as the same
+constexpr double kRestLag = 0.5;                 // [s]
+constexpr double kInMotion = 0.02;               // of the range, behind a lag of kRestLag
+constexpr double kMostCorrelation = 0.9999;
+constexpr double kSignificantWeight = 2.0;  // standard errors
+
+// Number of monomials in n variables up to a degree.
+int monomials(int n, int degree) {
+  int out = 1;
+  for (int k = 1; k <= degree; ++k) out = out * (n + k) / k;
+  return out;
+}
+
+// Those monomials, multiplied by a product of earlier ones.
+template <class Row>
+void setMonomials(const Eigen::VectorXd& x, Eigen::Index from, int degree, double product, Row& row,
+                  Eigen::Index& column) {
+  row[column++] = product;
+  if (degree == 0) return;
+  for (Eigen::Index i = from; i < x.size(); ++i) {
+    setMonomials(x, i, degree - 1, product * x[i], row, column);
+  }
+}
+
+// The value of x in [-1, 1] to powers 0 .. degree.
+template <class Row>
+void setPowers(double x, int degree, Row&& row) {
+  double power = 1.0;
+  for (int k = 0; k <= degree; ++k, power *= x) row[k] = power;
+}
+
+// Least squares min |columns c - target| in which the first `free` coefficients have any sign and
+// the few others none below zero: of all sets of the others, the best whose coefficients are >= 0.
+class NonNegativeLeastSquares {
+ public:
+  struct Solution {
+    double rss = std::numeric_limits<double>::infinity();
+    std::vector<int> columns;       // of those beyond the free ones, which have a weight
+    Eigen::VectorXd weight, error;  // theirs, with standard errors
+  };
+
+  NonNegativeLeastSquares(const Eigen::MatrixXd& columns, const Eigen::VectorXd& target,
+                          Eigen::Index free)
+      : gram_(columns.transpose() * columns),
+        projected_(columns.transpose() * target),
+        target2_(target.squaredNorm()),
+        rows_(columns.rows()),
+        free_(free) {}
+
+  // @param allowed  bits of the columns beyond the free ones that may have a weight.
+  Solution solve(unsigned allowed) const {
+    Solution best;
+    for (unsigned set = 0; set <= allowed; ++set) {
+      if ((set & ~allowed) != 0) continue;
+      Solution next = solveSet(set);
+      if (next.rss < best.rss) best = std::move(next);
+    }
+    return best;
+  }
+
+ private:
+  Solution solveSet(unsigned set) const {
+    Solution out;
+    std::vector<Eigen::Index> index;
+    for (Eigen::Index k = 0; k < free_; ++k) index.push_back(k);
+    for (Eigen::Index j = 0; free_ + j < gram_.cols(); ++j) {
+      if ((set >> j & 1U) == 0) continue;
+      out.columns.push_back(static_cast<int>(j));
+      index.push_back(free_ + j);
+    }
+    const auto n = static_cast<Eigen::Index>(index.size());
+    const Eigen::MatrixXd G = gram_(index, index);
+    const Eigen::VectorXd z = projected_(index);
+    const Eigen::LDLT<Eigen::MatrixXd> normal(G);
+    const Eigen::VectorXd solution = normal.solve(z);
+    const Eigen::Index weights = n - free_;
+    out.weight = solution.tail(weights);
+    if (weights > 0 && out.weight.minCoeff() < 0) return out;
+    out.rss = std::max(target2_ - z.dot(solution), 0.0);
+    const double variance = out.rss / static_cast<double>(std::max<Eigen::Index>(rows_ - n, 1));
+    out.error = (variance * normal.solve(Eigen::MatrixXd::Identity(n, n)).diagonal().tail(weights))
+                    .cwiseMax(0)
+                    .cwiseSqrt();
+    return out;
+  }
+
+  const Eigen::MatrixXd gram_;
+  const Eigen::VectorXd projected_;
+  const double target2_;
+  const Eigen::Index rows_, free_;
+};
+
+/// Readings of what pressures did, as a polynomial of the effective pressures whose coefficients
+/// are unknown and eliminated. Keeps a reference to the history.
+class ResponseReadings {
+ public:
+  enum class Kind {
+    kPerActuator,  ///< one reading per actuator and row, all of one curve
+    kOfTheArm,     ///< up to three readings per row, of all pressures that move
+  };
+
+  /// @param degree  of the polynomial, of kOfTheArm; that of a curve follows from its readings.
+  ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, Kind kind,
+                   int degree = 2)
+      : history_(history), kind_(kind), degree_(degree) {
+    const Eigen::RowVectorXd low = history.input.colwise().minCoeff();
+    const Eigen::RowVectorXd high = history.input.colwise().maxCoeff();
+    const double widest = (high - low).maxCoeff();
+    double least = std::numeric_limits<double>::infinity(), most = -least;
+    for (Eigen::Index i = 0; i < low.size(); ++i) {
+      if (high[i] - low[i] < kTakesPart * widest || widest == 0) continue;
+      moving_.push_back(i);
+      least = std::min(least, low[i]);
+      most = std::max(most, high[i]);
+    }
+    range_ = moving_.empty() ? 0.0 : most - least;
+    middle_ = moving_.empty() ? 0.0 : 0.5 * (most + least);
+    std::set<long> distinct;
+    for (Eigen::Index row = 0; row < history.rows(); ++row) {
+      if (history.starts_anew[static_cast<std::size_t>(row)]) ++trials_;
+      if (!perActuator()) {
+        if (reading.row(row).allFinite()) usable_.push_back({row, -1, trials_ - 1});
+        continue;
+      }
+      for (const Eigen::Index i : moving_) {
+        if (!std::isfinite(reading(row, i))) continue;
+        usable_.push_back({row, i, trials_ - 1});
+        distinct.insert(std::lround(history.input(row, i) / (kSameEffectivePressure * range_)));
+      }
+    }
+    outputs_ = perActuator() ? 1 : reading.cols();
+    reading_.resize(static_cast<Eigen::Index>(usable_.size()), outputs_);
+    for (std::size_t k = 0; k < usable_.size(); ++k) {
+      const auto& [row, i, trial] = usable_[k];
+      if (perActuator()) {
+        reading_(static_cast<Eigen::Index>(k), 0) = reading(row, i);
+      } else {
+        reading_.row(static_cast<Eigen::Index>(k)) = reading.row(row);
+      }
+    }
+    if (perActuator()) degree_ = std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
+    coefficients_ =
+        perActuator() ? degree_ + 1 : monomials(static_cast<int>(moving_.size()), degree_);
+  }
+
+  /// Effective pressures (rows x actuators) [Pa].
+  Eigen::MatrixXd effective(const model::Response& response) const {
+    Eigen::MatrixXd effective = history_.input;
+    for (const Eigen::Index i : moving_) {
+      model::ResponseState state(response);
+      for (Eigen::Index row = 0; row < effective.rows(); ++row) {
+        const auto k = static_cast<std::size_t>(row);
+        if (history_.starts_anew[k]) state.restart();
+        const bool first = history_.starts_anew[k];
+        const double dt = history_.time.empty() ? std::numeric_limits<double>::infinity()
+                          : first               ? 0.0
+                                                : history_.time[k] - history_.time[k - 1];
+        state.step(history_.input(row, i), dt);
+        effective(row, i) = state.effective();
+      }
+    }
+    return effective;
+  }
+
+  /// Deviation of the readings from the best polynomial.
+  Eigen::VectorXd residual(const model::Response& response) const {
+    const Eigen::MatrixXd columns = basis(effective(response));
+    const Eigen::LDLT<Eigen::MatrixXd> normal(columns.transpose() * columns);
+    Eigen::MatrixXd deviation = reading_ - columns * normal.solve(columns.transpose() * reading_);
+    return Eigen::Map<const Eigen::VectorXd>(deviation.data(), deviation.size());
+  }
+
+  /// RMS error of the readings of each trial, predicted with the polynomial of the others.
+  Eigen::VectorXd heldOutErrors(const model::Response& response) const {
+    const Eigen::MatrixXd columns = basis(effective(response));
+    const Eigen::MatrixXd normal = columns.transpose() * columns;
+    const Eigen::MatrixXd projected = columns.transpose() * reading_;
+    std::vector<double> errors;
+    Eigen::Index begin = 0;
+    for (Eigen::Index end = 1; end <= rows(); ++end) {
+      const auto trialOf = [&](Eigen::Index k) {
+        return usable_[static_cast<std::size_t>(k)].trial;
+      };
+      if (end < rows() && trialOf(end) == trialOf(begin)) continue;
+      const auto own = columns.middleRows(begin, end - begin);
+      const auto seen = reading_.middleRows(begin, end - begin);
+      const Eigen::LDLT<Eigen::MatrixXd> others(normal - own.transpose() * own);
+      const Eigen::MatrixXd error = seen - own * others.solve(projected - own.transpose() * seen);
+      errors.push_back(error.norm() / std::sqrt(static_cast<double>(end - begin)));
+      begin = end;
+    }
+    return Eigen::Map<const Eigen::VectorXd>(errors.data(),
+                                             static_cast<Eigen::Index>(errors.size()));
+  }
+
+  /// Number of rows, or rows of actuators, with readings.
+  Eigen::Index rows() const { return reading_.rows(); }
+  Eigen::Index count() const { return reading_.size(); }
+  int coefficients() const { return coefficients_; }  ///< of the polynomial, per output
+  Eigen::Index outputs() const { return outputs_; }   ///< 1, or those of the arm
+  double range() const { return range_; }             ///< of the pressures [Pa]
+  bool perActuator() const { return kind_ == Kind::kPerActuator; }
+
+  /// Factor by which residuals that are correlated in time raise a variance, >= 1.
+  double correlationFactor(const Eigen::VectorXd& residual) const {
+    const auto rows = static_cast<Eigen::Index>(usable_.size());
+    double product = 0.0, square = 0.0;
+    for (Eigen::Index output = 0; output < outputs_; ++output) {
+      // Readings of one actuator follow one another at the distance of the number of actuators.
+      const Eigen::Index stride =
+          perActuator() && !moving_.empty() ? static_cast<Eigen::Index>(moving_.size()) : 1;
+      for (Eigen::Index k = stride; k < rows; ++k) {
+        const Entry& now = usable_[static_cast<std::size_t>(k)];
+        const Entry& before = usable_[static_cast<std::size_t>(k - stride)];
+        if (now.actuator != before.actuator ||
+            history_.starts_anew[static_cast<std::size_t>(now.row)]) {
+          continue;
+        }
+        product += residual[output * rows + k] * residual[output * rows + k - stride];
+        square += residual[output * rows + k] * residual[output * rows + k];
+      }
+    }
+    const double correlation =
+        square > 0 ? std::clamp(product / square, 0.0, kMostCorrelation) : 0.0;
+    return (1 + correlation) / (1 - correlation);
+  }
+
+  /// Largest stroke back within one memory, relative to the range: the least of down and up.
+  double largestReversal() const {
+    double largest = 0.0;
+    for (const Eigen::Index i : moving_) {
+      double low = 0, high = 0, down = 0, up = 0;
+      for (Eigen::Index row = 0; row < history_.rows(); ++row) {
+        const double p = history_.input(row, i);
+        if (history_.starts_anew[static_cast<std::size_t>(row)]) {
+          low = high = p;
+          down = up = 0;
+        }
+        low = std::min(low, p);
+        high = std::max(high, p);
+        down = std::max(down, high - p);
+        up = std::max(up, p - low);
+        largest = std::max(largest, std::min(down, up));
+      }
+    }
+    return range_ > 0 ? largest / range_ : 0.0;
+  }
+
+  /// Numbers of rows at which a pressure rises, or falls, too fast to be at rest.
+  struct Motion {
+    int rising = 0, falling = 0;
+  };
+
+  Motion motion() const {
+    Motion motion;
+    if (history_.time.empty() || moving_.empty()) return motion;
+    model::Response rest;
+    rest.rise_time = rest.fall_time = kRestLag;
+    const Eigen::MatrixXd behind = history_.input - effective(rest);
+    motion.rising = static_cast<int>((behind.array() > kInMotion * range_).count());
+    motion.falling = static_cast<int>((behind.array() < -kInMotion * range_).count());
+    return motion;
+  }
+
+  /// Weights of plays of these reaches by non-negative least squares, in which also the inverse
+  /// curve is linear; those within two standard errors of 0 are left out. kPerActuator only.
+  model::Response withWeights(const model::Response& lags,
+                              const std::vector<double>& reaches) const {
+    model::Response out = lags;
+    out.play_count = 0;
+    const WeightProblem problem = weightProblem(out, reaches);
+    const NonNegativeLeastSquares fit(problem.columns, problem.target, degree_ + 1);
+    // The least significant play is left out until all are significant.
+    unsigned allowed = (1U << reaches.size()) - 1;
+    NonNegativeLeastSquares::Solution best;
+    for (;;) {
+      best = fit.solve(allowed);
+      Eigen::Index weakest = 0;
+      if (best.columns.empty() ||
+          (best.weight - kSignificantWeight * best.error).minCoeff(&weakest) > 0)
+        break;
+      allowed = 0;
+      for (std::size_t j = 0; j < best.columns.size(); ++j) {
+        if (static_cast<Eigen::Index>(j) != weakest) allowed |= 1U << best.columns[j];
+      }
+    }
+    const double sum = best.columns.empty() ? 0.0 : best.weight.sum();
+    const double most = 0.99 * model::Response::kMostWeight;
+    for (std::size_t j = 0; j < best.columns.size(); ++j) {
+      const double weight = best.weight[static_cast<Eigen::Index>(j)];
+      out.plays[static_cast<std::size_t>(out.play_count++)] = {
+          reaches[static_cast<std::size_t>(best.columns[j])],
+          sum > most ? weight * most / sum : weight};
+    }
+    return out;
+  }
+
+ private:
+  struct Entry {
+    Eigen::Index row, actuator;  // -1: all
+    int trial;
+  };
+  struct WeightProblem {
+    Eigen::MatrixXd columns;  // (usable x (degree + 1 + plays))
+    Eigen::VectorXd target;
+  };
+
+  Eigen::MatrixXd basis(const Eigen::MatrixXd& effective) const {
+    Eigen::MatrixXd out(static_cast<Eigen::Index>(usable_.size()), coefficients_);
+    const auto scaled = [&](double pressure) { return (pressure - middle_) / (0.5 * range_); };
+    Eigen::VectorXd x(static_cast<Eigen::Index>(moving_.size()));
+    for (std::size_t k = 0; k < usable_.size(); ++k) {
+      auto row = out.row(static_cast<Eigen::Index>(k));
+      if (perActuator()) {
+        setPowers(scaled(effective(usable_[k].row, usable_[k].actuator)), degree_, row);
+        continue;
+      }
+      for (std::size_t a = 0; a < moving_.size(); ++a) {
+        x[static_cast<Eigen::Index>(a)] = scaled(effective(usable_[k].row, moving_[a]));
+      }
+      Eigen::Index column = 0;
+      setMonomials(x, 0, degree_, 1.0, row, column);
+    }
+    return out;
+  }
+
+  // The reading as a polynomial of itself and the plays' share of the effective pressure: columns
+  // whose combination is the pressure behind the lags.
+  WeightProblem weightProblem(const model::Response& lags,
+                              const std::vector<double>& reaches) const {
+    const Eigen::MatrixXd x = effective(lags);
+    const int curve = degree_ + 1;
+    const auto rows = static_cast<Eigen::Index>(usable_.size());
+    WeightProblem out{Eigen::MatrixXd(rows, curve + static_cast<Eigen::Index>(reaches.size())),
+                      Eigen::VectorXd(rows)};
+    const double low = reading_.minCoeff(), high = reading_.maxCoeff();
+    for (Eigen::Index k = 0; k < rows; ++k) {
+      const Entry& entry = usable_[static_cast<std::size_t>(k)];
+      setPowers((2 * reading_(k, 0) - low - high) / (high - low), degree_, out.columns.row(k));
+      out.target[k] = x(entry.row, entry.actuator) / range_;
+    }
+    for (std::size_t j = 0; j < reaches.size(); ++j) {
+      model::Response play = lags;
+      play.play_count = 1;
+      play.plays[0] = {reaches[j], 0.5};
+      const Eigen::MatrixXd behind = effective(play);  // x + (y - x) / 2
+      for (Eigen::Index k = 0; k < rows; ++k) {
+        const Entry& entry = usable_[static_cast<std::size_t>(k)];
+        out.columns(k, curve + static_cast<Eigen::Index>(j)) =
+            -2 * (behind(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
+      }
+    }
+    return out;
+  }
+
+  const model::InputHistory& history_;
+  Kind kind_;
+  std::vector<Eigen::Index> moving_;  // actuators
+  std::vector<Entry> usable_;
+  Eigen::MatrixXd reading_;  // (usable x outputs)
+  Eigen::Index outputs_ = 1;
+  int degree_;
+  int trials_ = 0;
+  int coefficients_ = 0;
+  double range_ = 0.0, middle_ = 0.0;
+};
+
+constexpr double kSignificantResponse = 2.0;  // standard errors
+constexpr double kLongestLag = 60.0;          // [s]
+// A gain below 1e-8 of the sum of squares ends a descent.
+constexpr basics::DescentRules kResponseDescent{1e-3, 100.0, 1e6, 1e-8, 0.0, 60};
 
 // A number of a response that is fitted.
 struct ResponseNumber {
@@ -25,7 +396,7 @@ struct ResponseNumber {
   int play = 0;
 };
 
-inline double responseValueOf(const model::Response& response, const ResponseNumber& number) {
+double responseValueOf(const model::Response& response, const ResponseNumber& number) {
   const auto play = static_cast<std::size_t>(number.play);
   switch (number.kind) {
     case ResponseNumber::kLag:
@@ -56,52 +427,36 @@ class ResponseDescent {
  public:
   explicit ResponseDescent(const ResponseReadings& readings) : readings_(readings) {}
 
-  // Least squares from a start (Levenberg and Marquardt, within bounds); with standard errors.
+  // Least squares from a start, with standard errors.
   ResponseCandidate polish(const model::Response& start,
                            std::vector<ResponseNumber> numbers) const {
-    ResponseCandidate now{start, std::move(numbers), 0.0, readings_.residual(start), {}};
-    now.rss = now.residual.squaredNorm();
-    double damping = 1e-3;
-    for (int step = 0; step < kMostResponseSteps && !now.numbers.empty(); ++step) {
-      const Eigen::MatrixXd J = jacobian(now);
-      const Eigen::VectorXd gradient = J.transpose() * now.residual;
-      Eigen::MatrixXd normal = J.transpose() * J;
-      for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-        const double diagonal = normal(k, k);
-        // At a bound that it would leave, or without effect.
-        if (diagonal == 0 ||
-            (responseValueOf(now.response, at(now, k)) <= least(at(now, k)) && gradient[k] > 0)) {
-          normal.row(k).setZero();
-          normal.col(k).setZero();
-        }
-      }
-      const double before = now.rss;
-      for (; damping < 1e6; damping *= 10) {
-        Eigen::MatrixXd damped = normal;
-        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-          damped(k, k) = normal(k, k) > 0 ? normal(k, k) * (1 + damping) : 1.0;
-        }
-        Eigen::VectorXd wanted = gradient;
-        for (Eigen::Index k = 0; k < gradient.size(); ++k) {
-          if (normal(k, k) == 0) wanted[k] = 0;
-        }
-        const Eigen::VectorXd move = -damped.ldlt().solve(wanted);
-        model::Response next = now.response;
-        for (Eigen::Index k = 0; k < move.size(); ++k) {
-          set(next, at(now, k), responseValueOf(next, at(now, k)) + move[k]);
-        }
-        Eigen::VectorXd residual = readings_.residual(next);
-        if (!(residual.squaredNorm() < now.rss)) continue;
-        now.response = next;
-        now.residual = std::move(residual);
-        now.rss = now.residual.squaredNorm();
-        damping = std::max(damping / 100, 1e-9);
-        break;
-      }
-      if (before - now.rss <= kResponseAtRest * before) break;
+    ResponseCandidate from = at(start, std::move(numbers));
+    ResponseCandidate out = from.numbers.empty()
+                                ? std::move(from)
+                                : basics::descend(*this, std::move(from), kResponseDescent).at;
+    out.error = errors(out);
+    return out;
+  }
+
+  // Of basics::descend().
+  double cost(const ResponseCandidate& fit) const { return fit.rss; }
+  basics::DenseEquations linearise(const ResponseCandidate& fit) const {
+    const Eigen::MatrixXd J = jacobian(fit);
+    basics::DenseEquations out{J.transpose() * J, J.transpose() * fit.residual};
+    for (Eigen::Index k = 0; k < out.gradient.size(); ++k) {
+      const ResponseNumber& number = numberOf(fit, k);
+      const bool leaves =
+          responseValueOf(fit.response, number) <= least(number) && out.gradient[k] > 0;
+      if (out.hessian(k, k) == 0 || leaves) out.hold(k);
     }
-    now.error = errors(now);
-    return now;
+    return out;
+  }
+  ResponseCandidate moved(const ResponseCandidate& fit, const Eigen::VectorXd& step) const {
+    model::Response next = fit.response;
+    for (Eigen::Index k = 0; k < step.size(); ++k) {
+      set(next, numberOf(fit, k), responseValueOf(next, numberOf(fit, k)) + step[k]);
+    }
+    return at(next, fit.numbers);
   }
 
   // The weakest number that is within two standard errors of 0 is left out until none is.
@@ -174,7 +529,12 @@ class ResponseDescent {
   }
 
  private:
-  static const ResponseNumber& at(const ResponseCandidate& fit, Eigen::Index k) {
+  ResponseCandidate at(const model::Response& response, std::vector<ResponseNumber> numbers) const {
+    ResponseCandidate out{response, std::move(numbers), 0.0, readings_.residual(response), {}};
+    out.rss = out.residual.squaredNorm();
+    return out;
+  }
+  static const ResponseNumber& numberOf(const ResponseCandidate& fit, Eigen::Index k) {
     return fit.numbers[static_cast<std::size_t>(k)];
   }
   double least(const ResponseNumber& number) const {
@@ -184,7 +544,7 @@ class ResponseDescent {
   Eigen::MatrixXd jacobian(const ResponseCandidate& fit) const {
     Eigen::MatrixXd J(fit.residual.size(), static_cast<Eigen::Index>(fit.numbers.size()));
     for (Eigen::Index k = 0; k < J.cols(); ++k) {
-      const ResponseNumber& number = at(fit, k);
+      const ResponseNumber& number = numberOf(fit, k);
       const double value = responseValueOf(fit.response, number);
       const double step = number.kind == ResponseNumber::kReach    ? 1e-4 * readings_.range()
                           : number.kind == ResponseNumber::kWeight ? 1e-4
@@ -228,8 +588,6 @@ class ResponseDescent {
 
   const ResponseReadings& readings_;
 };
-
-namespace {
 
 constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10,
                                                 1.0 / 5};  // of the range
@@ -350,11 +708,6 @@ bool areLess(const Eigen::VectorXd& errors, const Eigen::VectorXd& others) {
   return mean > kSignificantResponse * std::sqrt(variance / trials);
 }
 
-bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
-                    const ResponseCandidate& other) {
-  return areLess(readings.heldOutErrors(one.response), readings.heldOutErrors(other.response));
-}
-
 // Whether a polynomial of a higher degree explains the readings better, for its number of
 // coefficients and on trials that are left out.
 bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
@@ -372,6 +725,76 @@ bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
          areLess(finer.heldOutErrors(response), coarse.heldOutErrors(response));
 }
 
+bool hasLag(const model::Response& response) {
+  return response.rise_time > 0 || response.fall_time > 0;
+}
+
+const ResponseCandidate& closestOf(const std::vector<ResponseCandidate>& candidates) {
+  return *std::min_element(
+      candidates.begin(), candidates.end(),
+      [](const ResponseCandidate& a, const ResponseCandidate& b) { return a.rss < b.rss; });
+}
+
+// Fits from several lags and plays; the first one has neither.
+// @param lags  numbers of the lags that the readings tell. @param reverses  whether they tell
+// plays.
+std::vector<ResponseCandidate> candidatesOf(const ResponseReadings& readings,
+                                            const ResponseDescent& descent,
+                                            const std::vector<ResponseNumber>& lags,
+                                            bool reverses) {
+  std::vector<ResponseCandidate> out{descent.polish({}, {})};
+  const auto withPlays = [&](const model::Response& plays, bool lagged) {
+    return descent.polish(plays,
+                          withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays));
+  };
+  for (const double lag : startingLags(readings, !lags.empty())) {
+    model::Response start;
+    start.rise_time = start.fall_time = lag;
+    if (lag > 0) out.push_back(descent.polish(start, lags));
+    if (!reverses) continue;
+    const model::Response from = out.back().response;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      out.push_back(withPlays(plays, lag > 0));
+    }
+  }
+  if (!reverses) return out;
+  // A lag found without plays makes up for some of them: again from the lags found with them.
+  model::Response from = closestOf(out).response;
+  from.play_count = 0;
+  for (const model::Response& plays : startingPlays(readings, from)) {
+    out.push_back(descent.prune(withPlays(plays, hasLag(from))));
+  }
+  return out;
+}
+
+// What the readings say of lag and play, with the reasons where that is nothing.
+void conclude(bool in_motion, bool reverses, bool play_is_scatter, ResponseFit& out) {
+  const auto verdict = [](bool told, bool found) {
+    return !told   ? ResponseVerdict::kNotDetermined
+           : found ? ResponseVerdict::kFound
+                   : ResponseVerdict::kNone;
+  };
+  out.lag = verdict(in_motion, hasLag(out.response));
+  out.play = verdict(reverses, out.response.play_count > 0);
+  const std::string none = " within two standard errors of 0 and is left out";
+  if (!in_motion) {
+    out.lag_reason =
+        "nothing was recorded in motion: record a series with times (time_s) through "
+        "steps of the pressure";
+  } else if (out.lag == ResponseVerdict::kNone) {
+    out.lag_reason = "the lag is" + none;
+  }
+  if (!reverses) {
+    out.play_reason =
+        "the pressures do not turn back by a twentieth of their range: record on the "
+        "way down as well, in the order taken";
+  } else if (out.play == ResponseVerdict::kNone) {
+    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
+                                        "two standard errors of the differences between trials"
+                                      : "the weight of every play is" + none;
+  }
+}
+
 ResponseFit fitReadings(const ResponseReadings& readings) {
   ResponseFit out;
   if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
@@ -384,78 +807,28 @@ ResponseFit fitReadings(const ResponseReadings& readings) {
   const std::vector<ResponseNumber> lags = responseLags(readings.motion());
   const bool reverses = readings.largestReversal() >= kLeastReversal;
   const ResponseDescent descent(readings);
-  std::vector<ResponseCandidate> candidates{descent.polish({}, {})};
+  std::vector<ResponseCandidate> candidates = candidatesOf(readings, descent, lags, reverses);
   out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
-  for (const double lag : startingLags(readings, !lags.empty())) {
-    model::Response start;
-    start.rise_time = start.fall_time = lag;
-    if (lag > 0) candidates.push_back(descent.polish(start, lags));
-    if (!reverses) continue;
-    const model::Response from = candidates.back().response;
-    for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(descent.polish(
-          plays, withPlayNumbers(lag > 0 ? lags : std::vector<ResponseNumber>{}, plays)));
-    }
-  }
-  const auto better = [](const ResponseCandidate& a, const ResponseCandidate& b) {
-    return a.rss < b.rss;
-  };
-  // A lag found without plays makes up for some of them: again from the lags found with them.
-  if (reverses) {
-    model::Response from = std::min_element(candidates.begin(), candidates.end(), better)->response;
-    from.play_count = 0;
-    const bool lagged = from.rise_time > 0 || from.fall_time > 0;
-    for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(descent.prune(descent.polish(
-          plays, withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays))));
-    }
-  }
-  const ResponseCandidate& closest =
-      *std::min_element(candidates.begin(), candidates.end(), better);
-  const double effective =
-      static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);
-  ResponseCandidate best =
+  const double effective = static_cast<double>(readings.count()) /
+                           readings.correlationFactor(closestOf(candidates).residual);
+  ResponseCandidate best = descent.prune(
       *std::min_element(candidates.begin(), candidates.end(),
                         [&](const ResponseCandidate& a, const ResponseCandidate& b) {
                           return descent.criterion(a, effective) < descent.criterion(b, effective);
-                        });
-  best = descent.prune(std::move(best));
+                        }));
   bool play_is_scatter = false;
   if (best.response.play_count > 0) {
     candidates.erase(
         std::remove_if(candidates.begin(), candidates.end(),
                        [](const ResponseCandidate& one) { return one.response.play_count > 0; }),
         candidates.end());
-    ResponseCandidate plain =
-        descent.prune(*std::min_element(candidates.begin(), candidates.end(), better));
-    play_is_scatter = !predictsBetter(readings, best, plain);
+    ResponseCandidate plain = descent.prune(closestOf(candidates));
+    play_is_scatter =
+        !areLess(readings.heldOutErrors(best.response), readings.heldOutErrors(plain.response));
     if (play_is_scatter) best = std::move(plain);
   }
   reportResponse(readings, best, out);
-  const bool lagged = best.response.rise_time > 0 || best.response.fall_time > 0;
-  out.lag = lags.empty() ? ResponseVerdict::kNotDetermined
-            : lagged     ? ResponseVerdict::kFound
-                         : ResponseVerdict::kNone;
-  out.play = !reverses                      ? ResponseVerdict::kNotDetermined
-             : best.response.play_count > 0 ? ResponseVerdict::kFound
-                                            : ResponseVerdict::kNone;
-  if (out.lag == ResponseVerdict::kNotDetermined) {
-    out.lag_reason =
-        "nothing was recorded in motion: record a series with times (time_s) through "
-        "steps of the pressure";
-  }
-  if (out.play == ResponseVerdict::kNotDetermined) {
-    out.play_reason =
-        "the pressures do not turn back by a twentieth of their range: record on the "
-        "way down as well, in the order taken";
-  }
-  const std::string none = " within two standard errors of 0 and is left out";
-  if (out.lag == ResponseVerdict::kNone) out.lag_reason = "the lag is" + none;
-  if (out.play == ResponseVerdict::kNone) {
-    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
-                                        "two standard errors of the differences between trials"
-                                      : "the weight of every play is" + none;
-  }
+  conclude(!lags.empty(), reverses, play_is_scatter, out);
   return out;
 }
 

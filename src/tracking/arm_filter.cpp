@@ -13,121 +13,6 @@
 #include "helix_arm/statics/correction.hpp"
 
 namespace helix_arm::estimation {
-
-/// The parameters theta of an ArmFilter: logarithms of factors on the stiffness ratios that an arm
-/// has, on K_eps under load, and on its lengths; one length scale per actuator, or one per section
-/// of an arm with many.
-class ArmParameters {
- public:
-  ArmParameters(const statics::ArmModel& model, const ArmFilterOptions& options);
-
-  int count() const { return static_cast<int>(names_.size()); }
-  /// The first ones are on the stiffness; the others are length scales.
-  int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
-  const std::vector<std::string>& names() const { return names_; }
-  const Eigen::VectorXd& deviations() const { return deviations_; }
-  /// (stiffnessCount())^2; length scales are not correlated with anything.
-  const Eigen::MatrixXd& stiffnessCorrelation() const { return correlation_; }
-  /// First actuator of a length scale, and the first one after it.
-  struct Span {
-    int begin, end;
-  };
-  Span actuatorsOf(int parameter) const {
-    return spans_[static_cast<std::size_t>(parameter - stiffnessCount())];
-  }
-
-  /// Sets the factors of a correction; its offset stays.
-  void apply(const Eigen::VectorXd& theta, statics::Correction& correction) const;
-
- private:
-  enum class Entry { kGamma, kKappa, kTau, kEps };  // in the order of the options' correlation
-  void add(Entry entry, const char* name, double deviation);
-  void addLengths(Span span, const std::string& name, double deviation);
-
-  std::vector<Entry> stiffness_;
-  std::vector<Span> spans_;
-  std::vector<std::string> names_;
-  Eigen::VectorXd deviations_;
-  Eigen::MatrixXd correlation_;
-};
-
-namespace {
-
-constexpr int kMostLengthScales = 12;  // with more actuators, one per section
-
-bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    if (arm.actuator(i).stiffness.*entry > 0) return true;
-  }
-  return false;
-}
-
-}  // namespace
-
-ArmParameters::ArmParameters(const statics::ArmModel& model, const ArmFilterOptions& options) {
-  const model::Arm& arm = model.arm();
-  const model::Stiffness& deviation = options.stiffness_deviation;
-  if (hasEntry(arm, &model::Stiffness::gamma)) add(Entry::kGamma, "K_gamma", deviation.gamma);
-  if (hasEntry(arm, &model::Stiffness::kappa)) add(Entry::kKappa, "K_kappa", deviation.kappa);
-  if (hasEntry(arm, &model::Stiffness::tau)) add(Entry::kTau, "K_tau", deviation.tau);
-  if (statics::takesLoad(model.choice().setting.tier)) {
-    add(Entry::kEps, "K_eps", options.K_eps_deviation);
-  }
-  std::vector<int> rows;
-  for (const Entry entry : stiffness_) rows.push_back(static_cast<int>(entry));
-  correlation_ = options.stiffness_correlation(rows, rows);
-  const int n = arm.actuatorCount();
-  if (n <= kMostLengthScales) {
-    for (int i = 0; i < n; ++i) {
-      addLengths({i, i + 1}, "length of " + arm.actuator(i).name, options.length_deviation);
-    }
-    return;
-  }
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    addLengths({arm.firstActuator(k), arm.firstActuator(k + 1)},
-               "lengths of section " + std::to_string(k + 1), options.length_deviation);
-  }
-}
-
-void ArmParameters::add(Entry entry, const char* name, double deviation) {
-  stiffness_.push_back(entry);
-  names_.emplace_back(name);
-  deviations_.conservativeResize(count());
-  deviations_[count() - 1] = deviation;
-}
-
-void ArmParameters::addLengths(Span span, const std::string& name, double deviation) {
-  spans_.push_back(span);
-  names_.push_back(name);
-  deviations_.conservativeResize(count());
-  deviations_[count() - 1] = deviation;
-}
-
-void ArmParameters::apply(const Eigen::VectorXd& theta, statics::Correction& correction) const {
-  for (int j = 0; j < count(); ++j) {
-    const double factor = std::exp(theta[j]);
-    if (j >= stiffnessCount()) {
-      const Span span = actuatorsOf(j);
-      correction.length_scale.segment(span.begin, span.end - span.begin).setConstant(factor);
-      continue;
-    }
-    switch (stiffness_[static_cast<std::size_t>(j)]) {
-      case Entry::kGamma:
-        correction.stiffness_factors.gamma = factor;
-        break;
-      case Entry::kKappa:
-        correction.stiffness_factors.kappa = factor;
-        break;
-      case Entry::kTau:
-        correction.stiffness_factors.tau = factor;
-        break;
-      case Entry::kEps:
-        correction.K_eps_factor = factor;
-        break;
-    }
-  }
-}
-
 namespace {
 
 constexpr char kCulprit[] = "arm filter";
@@ -159,25 +44,123 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
          factors.vectorD().minCoeff() > kLeastPivot * matrix.diagonal().maxCoeff();
 }
 
+constexpr int kMostLengthScales = 12;  // with more actuators, one per section
+
+bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).stiffness.*entry > 0) return true;
+  }
+  return false;
+}
+
+/// The parameters theta of an ArmFilter: logarithms of factors on the stiffness ratios that an arm
+/// has, on K_eps under load, and on its lengths; one length scale per actuator, or one per section
+/// of an arm with many.
+class ArmParameters {
+ public:
+  ArmParameters(const statics::ArmModel& model, const ArmFilterOptions& options) {
+    const model::Arm& arm = model.arm();
+    const model::Stiffness& deviation = options.stiffness_deviation;
+    if (hasEntry(arm, &model::Stiffness::gamma)) add(Entry::kGamma, "K_gamma", deviation.gamma);
+    if (hasEntry(arm, &model::Stiffness::kappa)) add(Entry::kKappa, "K_kappa", deviation.kappa);
+    if (hasEntry(arm, &model::Stiffness::tau)) add(Entry::kTau, "K_tau", deviation.tau);
+    if (statics::takesLoad(model.choice().setting.tier)) {
+      add(Entry::kEps, "K_eps", options.K_eps_deviation);
+    }
+    std::vector<int> rows;
+    for (const Entry entry : stiffness_) rows.push_back(static_cast<int>(entry));
+    correlation_ = options.stiffness_correlation(rows, rows);
+    const int n = arm.actuatorCount();
+    if (n <= kMostLengthScales) {
+      for (int i = 0; i < n; ++i) {
+        addLengths({i, i + 1}, "length of " + arm.actuator(i).name, options.length_deviation);
+      }
+      return;
+    }
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      addLengths({arm.firstActuator(k), arm.firstActuator(k + 1)},
+                 "lengths of section " + std::to_string(k + 1), options.length_deviation);
+    }
+  }
+
+  int count() const { return static_cast<int>(names_.size()); }
+  /// The first ones are on the stiffness; the others are length scales.
+  int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
+  const std::vector<std::string>& names() const { return names_; }
+  const Eigen::VectorXd& deviations() const { return deviations_; }
+  /// (stiffnessCount())^2; length scales are not correlated with anything.
+  const Eigen::MatrixXd& stiffnessCorrelation() const { return correlation_; }
+  /// First actuator of a length scale, and the first one after it.
+  struct Span {
+    int begin, end;
+  };
+  Span actuatorsOf(int parameter) const {
+    return spans_[static_cast<std::size_t>(parameter - stiffnessCount())];
+  }
+
+  /// Sets the factors of a correction; its offset stays.
+  void apply(const Eigen::VectorXd& theta, statics::Correction& correction) const {
+    for (int j = 0; j < count(); ++j) {
+      const double factor = std::exp(theta[j]);
+      if (j >= stiffnessCount()) {
+        const Span span = actuatorsOf(j);
+        correction.length_scale.segment(span.begin, span.end - span.begin).setConstant(factor);
+        continue;
+      }
+      switch (stiffness_[static_cast<std::size_t>(j)]) {
+        case Entry::kGamma:
+          correction.stiffness_factors.gamma = factor;
+          break;
+        case Entry::kKappa:
+          correction.stiffness_factors.kappa = factor;
+          break;
+        case Entry::kTau:
+          correction.stiffness_factors.tau = factor;
+          break;
+        case Entry::kEps:
+          correction.K_eps_factor = factor;
+          break;
+      }
+    }
+  }
+
+ private:
+  enum class Entry { kGamma, kKappa, kTau, kEps };  // in the order of the options' correlation
+
+  void add(Entry entry, const char* name, double deviation) {
+    stiffness_.push_back(entry);
+    names_.emplace_back(name);
+    deviations_.conservativeResize(count());
+    deviations_[count() - 1] = deviation;
+  }
+
+  void addLengths(Span span, const std::string& name, double deviation) {
+    spans_.push_back(span);
+    names_.push_back(name);
+    deviations_.conservativeResize(count());
+    deviations_[count() - 1] = deviation;
+  }
+
+  std::vector<Entry> stiffness_;
+  std::vector<Span> spans_;
+  std::vector<std::string> names_;
+  Eigen::VectorXd deviations_;
+  Eigen::MatrixXd correlation_;
+};
+
 }  // namespace
 
 void ArmFilterOptions::validate() const {
-  const auto nonNegative = [](const char* what, double value) {
-    basics::requireNotNegative(kCulprit, what, value);
-  };
-  const auto positive = [](const char* what, double value) {
-    basics::requirePositive(kCulprit, what, value);
-  };
-  nonNegative("the hysteresis", hysteresis);
-  nonNegative("the creep [s^-1/2]", creep);
-  positive("the bias of v [m]", bias_translation);
-  positive("the bias of w [rad]", bias_rotation);
-  positive("the settling time [s]", settling_time);
-  positive("the deviation of K_gamma", stiffness_deviation.gamma);
-  positive("the deviation of K_tau", stiffness_deviation.tau);
-  positive("the deviation of K_kappa", stiffness_deviation.kappa);
-  positive("the deviation of K_eps", K_eps_deviation);
-  positive("the deviation of lengths", length_deviation);
+  basics::requireNotNegative(kCulprit,
+                             {{"the hysteresis", hysteresis}, {"the creep [s^-1/2]", creep}});
+  basics::requirePositive(kCulprit, {{"the bias of v [m]", bias_translation},
+                                     {"the bias of w [rad]", bias_rotation},
+                                     {"the settling time [s]", settling_time},
+                                     {"the deviation of K_gamma", stiffness_deviation.gamma},
+                                     {"the deviation of K_tau", stiffness_deviation.tau},
+                                     {"the deviation of K_kappa", stiffness_deviation.kappa},
+                                     {"the deviation of K_eps", K_eps_deviation},
+                                     {"the deviation of lengths", length_deviation}});
   basics::require(
       (stiffness_correlation.diagonal().array() == 1).all() &&
           isPositiveDefinite(stiffness_correlation),
@@ -230,23 +213,143 @@ struct ArmFilter::Workspace {
     return options;
   }
 
-  void start();
+  void start() {
+    state.mean = Eigen::VectorXd::Zero(scale.size());
+    state.covariance = scale.cwiseAbs2().asDiagonal();
+    const Eigen::Index stiffness = parameters.stiffnessCount();
+    const Eigen::VectorXd deviation = scale.head(stiffness);
+    state.covariance.topLeftCorner(stiffness, stiffness) =
+        deviation.asDiagonal() * parameters.stiffnessCorrelation() * deviation.asDiagonal();
+    last_time.reset();
+    step.reset();
+    outliers = 0;
+    followCorrection();
+  }
+
   Eigen::Index biasCount() const { return bias_deviation.size(); }
   Eigen::VectorXd theta() const { return state.mean.head(parameters.count()); }
-  Eigen::VectorXd pick(const model::Twists& twists) const;
+
+  Eigen::VectorXd pick(const model::Twists& twists) const { return twists.reshaped()(rows); }
+
   std::optional<Eigen::VectorXd> twistsAt(const statics::CorrectedModel& of,
-                                          const Eigen::VectorXd& lengths) const;
+                                          const Eigen::VectorXd& lengths) const {
+    const auto shape = of.shape(lengths);
+    if (!shape) return std::nullopt;
+    return pick(shape->twists());
+  }
+
   Eigen::VectorXd lengthsAt(const Eigen::VectorXd& pressure) const {
     return arm.lengths(arm.clamped(pressure));
   }
-  std::optional<Linearisation> linearise(const Eigen::VectorXd& pressure);
-  ObservationFault check(const Input& input) const;
-  Eigen::MatrixXd pickedCovariance(const Eigen::MatrixXd& covariance) const;
-  Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const;
-  Eigen::MatrixXd jacobian() const;
-  void learn(const Gaussian::Measurement& measurement);
-  Gaussian withinReason(Gaussian given) const;
-  void followCorrection();
+
+  std::optional<Linearisation> linearise(const Eigen::VectorXd& pressure) {
+    const Eigen::VectorXd lengths = lengthsAt(pressure);
+    auto twists = twistsAt(model, lengths);
+    if (!twists) return std::nullopt;
+    Linearisation out{
+        std::move(*twists), Eigen::MatrixXd::Zero(biasCount(), parameters.count()), {}};
+    statics::Correction moved(arm);
+    for (int j = 0; j < parameters.stiffnessCount(); ++j) {
+      Eigen::VectorXd ends[2];
+      for (const int side : {0, 1}) {
+        Eigen::VectorXd at = theta();
+        at[j] += side == 0 ? -kStiffnessStep : kStiffnessStep;
+        parameters.apply(at, moved);
+        probe.set(moved);
+        const auto end = twistsAt(probe, lengths);
+        if (!end) return std::nullopt;
+        ends[side] = *end;
+      }
+      out.by_theta.col(j) = (ends[1] - ends[0]) / (2 * kStiffnessStep);
+    }
+    Eigen::MatrixXd by_lengths;
+    model.twistsByLengths(lengths, by_lengths);
+    const Eigen::MatrixXd picked = by_lengths(rows, Eigen::all);
+    for (int j = parameters.stiffnessCount(); j < parameters.count(); ++j) {
+      const ArmParameters::Span span = parameters.actuatorsOf(j);
+      for (int i = span.begin; i < span.end; ++i) out.by_theta.col(j) += picked.col(i) * lengths[i];
+    }
+    out.by_pressure = picked;
+    const Eigen::VectorXd inside = arm.clamped(pressure);
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      out.by_pressure.col(i) *= arm.actuator(i).contraction.slopeInside(inside[i]);
+    }
+    return out;
+  }
+
+  ObservationFault check(const Input& input) const {
+    const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
+    if (input.pressure.size() != n || input.variance.size() != n ||
+        input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
+        input.covariance.cols() != size) {
+      return ObservationFault::kWrongSize;
+    }
+    if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
+        !input.twists.allFinite() || !input.covariance.allFinite()) {
+      return ObservationFault::kNotFinite;
+    }
+    if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
+    const Eigen::MatrixXd covariance = pickedCovariance(input.covariance);
+    if (!isPositiveDefinite(covariance)) return ObservationFault::kNotPositive;
+    const bool plausible = covariance.diagonal().minCoeff() >= kLeastDeviation * kLeastDeviation &&
+                           covariance.diagonal().maxCoeff() <= kMostDeviation * kMostDeviation;
+    if (!plausible) return ObservationFault::kImplausible;
+    return ObservationFault::kNone;
+  }
+
+  Eigen::MatrixXd pickedCovariance(const Eigen::MatrixXd& covariance) const {
+    return covariance(rows, rows);
+  }
+
+  Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const {
+    const Eigen::VectorXd variance = bias_deviation.cwiseAbs2();
+    const double size2 =
+        motion.cwiseQuotient(bias_deviation).squaredNorm() / static_cast<double>(biasCount());
+    Eigen::MatrixXd out = options.hysteresis * options.hysteresis * motion * motion.transpose();
+    out.diagonal() +=
+        (options.hysteresis * options.hysteresis * size2 + options.creep * options.creep * dt) *
+        variance;
+    return out;
+  }
+
+  Eigen::MatrixXd jacobian() const {
+    Eigen::MatrixXd H(biasCount(), scale.size());
+    H << step->model.by_theta, Eigen::MatrixXd::Identity(biasCount(), biasCount());
+    return H;
+  }
+
+  // If theta does not explain the arm within its bounds (or the camera is wrong), the bias takes
+  // the whole deviation.
+  void learn(const Gaussian::Measurement& measurement) {
+    Gaussian next = state;
+    next.update(measurement);
+    const Eigen::VectorXd theta = next.mean.head(parameters.count());
+    if ((theta.array().abs() <= kFarthestTheta * parameters.deviations().array()).all()) {
+      state = std::move(next);
+    } else {
+      state.update(measurement, parameters.count());
+    }
+  }
+
+  // Limits theta to where the model is linear; the bias takes the rest.
+  Gaussian withinReason(Gaussian given) const {
+    const Eigen::VectorXd bound = kFarthestTheta * parameters.deviations();
+    const Eigen::VectorXd theta = given.mean.head(parameters.count());
+    const Eigen::VectorXd kept = theta.cwiseMax(-bound).cwiseMin(bound);
+    given.mean.head(parameters.count()) = kept;
+    if (step) given.mean.tail(biasCount()) += step->model.by_theta * (theta - kept);
+    return given;
+  }
+
+  void followCorrection() {
+    parameters.apply(theta(), correction);
+    correction.offset.setZero();
+    model.set(correction);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      correction.offset(rows[i] % 6, rows[i] / 6) =
+          state.mean[parameters.count() + static_cast<Eigen::Index>(i)];
+    }
+  }
 
   const ArmFilterOptions options;
   const ArmParameters parameters;
@@ -264,139 +367,6 @@ struct ArmFilter::Workspace {
   std::optional<Step> step;
   int outliers = 0;  // consecutive
 };
-
-void ArmFilter::Workspace::start() {
-  state.mean = Eigen::VectorXd::Zero(scale.size());
-  state.covariance = scale.cwiseAbs2().asDiagonal();
-  const Eigen::Index stiffness = parameters.stiffnessCount();
-  const Eigen::VectorXd deviation = scale.head(stiffness);
-  state.covariance.topLeftCorner(stiffness, stiffness) =
-      deviation.asDiagonal() * parameters.stiffnessCorrelation() * deviation.asDiagonal();
-  last_time.reset();
-  step.reset();
-  outliers = 0;
-  followCorrection();
-}
-
-// If theta does not explain the arm within its bounds (or the camera is wrong), the bias takes the
-// whole deviation.
-void ArmFilter::Workspace::learn(const Gaussian::Measurement& measurement) {
-  Gaussian next = state;
-  next.update(measurement);
-  const Eigen::VectorXd theta = next.mean.head(parameters.count());
-  if ((theta.array().abs() <= kFarthestTheta * parameters.deviations().array()).all()) {
-    state = std::move(next);
-  } else {
-    state.update(measurement, parameters.count());
-  }
-}
-
-// Limits theta to where the model is linear; the bias takes the rest.
-Gaussian ArmFilter::Workspace::withinReason(Gaussian given) const {
-  const Eigen::VectorXd bound = kFarthestTheta * parameters.deviations();
-  const Eigen::VectorXd theta = given.mean.head(parameters.count());
-  const Eigen::VectorXd kept = theta.cwiseMax(-bound).cwiseMin(bound);
-  given.mean.head(parameters.count()) = kept;
-  if (step) given.mean.tail(biasCount()) += step->model.by_theta * (theta - kept);
-  return given;
-}
-
-void ArmFilter::Workspace::followCorrection() {
-  parameters.apply(theta(), correction);
-  correction.offset.setZero();
-  model.set(correction);
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    correction.offset(rows[i] % 6, rows[i] / 6) =
-        state.mean[parameters.count() + static_cast<Eigen::Index>(i)];
-  }
-}
-
-Eigen::VectorXd ArmFilter::Workspace::pick(const model::Twists& twists) const {
-  return twists.reshaped()(rows);
-}
-
-std::optional<Eigen::VectorXd> ArmFilter::Workspace::twistsAt(
-    const statics::CorrectedModel& of, const Eigen::VectorXd& lengths) const {
-  const auto shape = of.shape(lengths);
-  if (!shape) return std::nullopt;
-  return pick(shape->twists());
-}
-
-std::optional<ArmFilter::Linearisation> ArmFilter::Workspace::linearise(
-    const Eigen::VectorXd& pressure) {
-  const Eigen::VectorXd lengths = lengthsAt(pressure);
-  auto twists = twistsAt(model, lengths);
-  if (!twists) return std::nullopt;
-  Linearisation out{std::move(*twists), Eigen::MatrixXd::Zero(biasCount(), parameters.count()), {}};
-  statics::Correction moved(arm);
-  for (int j = 0; j < parameters.stiffnessCount(); ++j) {
-    Eigen::VectorXd ends[2];
-    for (const int side : {0, 1}) {
-      Eigen::VectorXd at = theta();
-      at[j] += side == 0 ? -kStiffnessStep : kStiffnessStep;
-      parameters.apply(at, moved);
-      probe.set(moved);
-      const auto end = twistsAt(probe, lengths);
-      if (!end) return std::nullopt;
-      ends[side] = *end;
-    }
-    out.by_theta.col(j) = (ends[1] - ends[0]) / (2 * kStiffnessStep);
-  }
-  Eigen::MatrixXd by_lengths;
-  model.twistsByLengths(lengths, by_lengths);
-  const Eigen::MatrixXd picked = by_lengths(rows, Eigen::all);
-  for (int j = parameters.stiffnessCount(); j < parameters.count(); ++j) {
-    const ArmParameters::Span span = parameters.actuatorsOf(j);
-    for (int i = span.begin; i < span.end; ++i) out.by_theta.col(j) += picked.col(i) * lengths[i];
-  }
-  out.by_pressure = picked;
-  const Eigen::VectorXd inside = arm.clamped(pressure);
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    out.by_pressure.col(i) *= arm.actuator(i).contraction.slopeInside(inside[i]);
-  }
-  return out;
-}
-
-Eigen::MatrixXd ArmFilter::Workspace::pickedCovariance(const Eigen::MatrixXd& covariance) const {
-  return covariance(rows, rows);
-}
-
-ObservationFault ArmFilter::Workspace::check(const Input& input) const {
-  const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
-  if (input.pressure.size() != n || input.variance.size() != n ||
-      input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
-      input.covariance.cols() != size) {
-    return ObservationFault::kWrongSize;
-  }
-  if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
-      !input.twists.allFinite() || !input.covariance.allFinite()) {
-    return ObservationFault::kNotFinite;
-  }
-  if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
-  const Eigen::MatrixXd covariance = pickedCovariance(input.covariance);
-  if (!isPositiveDefinite(covariance)) return ObservationFault::kNotPositive;
-  const bool plausible = covariance.diagonal().minCoeff() >= kLeastDeviation * kLeastDeviation &&
-                         covariance.diagonal().maxCoeff() <= kMostDeviation * kMostDeviation;
-  if (!plausible) return ObservationFault::kImplausible;
-  return ObservationFault::kNone;
-}
-
-Eigen::MatrixXd ArmFilter::Workspace::biasGrowth(const Eigen::VectorXd& motion, double dt) const {
-  const Eigen::VectorXd variance = bias_deviation.cwiseAbs2();
-  const double size2 =
-      motion.cwiseQuotient(bias_deviation).squaredNorm() / static_cast<double>(biasCount());
-  Eigen::MatrixXd out = options.hysteresis * options.hysteresis * motion * motion.transpose();
-  out.diagonal() +=
-      (options.hysteresis * options.hysteresis * size2 + options.creep * options.creep * dt) *
-      variance;
-  return out;
-}
-
-Eigen::MatrixXd ArmFilter::Workspace::jacobian() const {
-  Eigen::MatrixXd H(biasCount(), scale.size());
-  H << step->model.by_theta, Eigen::MatrixXd::Identity(biasCount(), biasCount());
-  return H;
-}
 
 ArmFilter::ArmFilter(const statics::ArmModel& model, const ArmFilterOptions& options)
     : work_(std::make_unique<Workspace>(model, options)) {}

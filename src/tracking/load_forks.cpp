@@ -10,93 +10,12 @@
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/localization/gaussian.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
-#include "helix_arm/localization/gaussian.hpp"
 
 namespace helix_arm::estimation {
-
-/// A copy of a filter's state with a constant force on the arm from then on: [theta; b; f].
-class LoadFork {
- public:
-  /// @param watch  [theta; b]. @param deviation  standard deviation of each entry of f [N].
-  LoadFork(const Gaussian& watch, double deviation);
-
-  /// What happens between two pictures. @param creep  of the force [N s^-1/2].
-  void predict(const ArmFilter::Step& step, double creep);
-  /// The force may be another one by this much [N].
-  void renewForce(double deviation);
-  /// Adds to the covariance of b, (d x d).
-  void growBias(const Eigen::MatrixXd& covariance);
-  /// The fork's expectation of a picture, linear about the step's theta.
-  /// @param by_force  (d x 3) change of the measured twists with f.
-  Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const;
-  /// Covariance (d x d) of a picture's innovation.
-  Eigen::MatrixXd spread(const Gaussian::Measurement& measurement) const {
-    return measurement.H * state_.covariance * measurement.H.transpose() + measurement.noise;
-  }
-  void update(const Gaussian::Measurement& measurement) { state_.update(measurement); }
-  double distance2(const Gaussian::Measurement& measurement) const {
-    return state_.distance2(measurement);
-  }
-  double logLikelihood(const Gaussian::Measurement& measurement) const {
-    return state_.logLikelihood(measurement);
-  }
-
-  Eigen::Vector3d force() const { return state_.mean.tail<3>(); }  // [N]
-  Eigen::Matrix3d forceCovariance() const { return state_.covariance.bottomRightCorner<3, 3>(); }
-  /// f' P_ff^-1 f, about twice the log likelihood ratio of a force against none.
-  double score() const;
-  /// [theta; b].
-  Gaussian withoutForce() const;
-
- private:
-  Gaussian state_;
-};
-
-LoadFork::LoadFork(const Gaussian& watch, double deviation) {
-  const Eigen::Index size = watch.mean.size();
-  state_.mean = Eigen::VectorXd::Zero(size + 3);
-  state_.mean.head(size) = watch.mean;
-  state_.covariance = Eigen::MatrixXd::Zero(size + 3, size + 3);
-  state_.covariance.topLeftCorner(size, size) = watch.covariance;
-  state_.covariance.diagonal().tail<3>().setConstant(deviation * deviation);
-}
-
-void LoadFork::growBias(const Eigen::MatrixXd& covariance) {
-  const Eigen::Index d = covariance.rows(), begin = state_.mean.size() - 3 - d;
-  state_.covariance.block(begin, begin, d, d) += covariance;
-}
-
-void LoadFork::predict(const ArmFilter::Step& step, double creep) {
-  growBias(step.bias_growth);
-  renewForce(creep * std::sqrt(step.dt));
-}
-
-void LoadFork::renewForce(double deviation) {
-  state_.covariance.diagonal().tail<3>().array() += deviation * deviation;
-}
-
-Gaussian::Measurement LoadFork::expect(const ArmFilter::Step& step,
-                                       const Eigen::MatrixXd& by_force) const {
-  const Eigen::Index parameters = step.theta.size(), d = step.measured.size();
-  Eigen::MatrixXd H(d, parameters + d + 3);
-  H << step.model.by_theta, Eigen::MatrixXd::Identity(d, d), by_force;
-  Eigen::VectorXd from = state_.mean;
-  from.head(parameters) -= step.theta;
-  return {step.measured - step.model.twists - H * from, H, step.noise};
-}
-
-double LoadFork::score() const {
-  return force().dot(Eigen::LDLT<Eigen::Matrix3d>(forceCovariance()).solve(force()));
-}
-
-Gaussian LoadFork::withoutForce() const {
-  const Eigen::Index size = state_.mean.size() - 3;
-  return {state_.mean.head(size), state_.covariance.topLeftCorner(size, size)};
-}
-
 namespace {
 
 constexpr char kCulprit[] = "contact";
@@ -142,6 +61,77 @@ Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
   return out;
 }
 
+/// A copy of a filter's state with a constant force on the arm from then on: [theta; b; f].
+class LoadFork {
+ public:
+  /// @param watch  [theta; b]. @param deviation  standard deviation of each entry of f [N].
+  LoadFork(const Gaussian& watch, double deviation) {
+    const Eigen::Index size = watch.mean.size();
+    state_.mean = Eigen::VectorXd::Zero(size + 3);
+    state_.mean.head(size) = watch.mean;
+    state_.covariance = Eigen::MatrixXd::Zero(size + 3, size + 3);
+    state_.covariance.topLeftCorner(size, size) = watch.covariance;
+    state_.covariance.diagonal().tail<3>().setConstant(deviation * deviation);
+  }
+
+  /// What happens between two pictures. @param creep  of the force [N s^-1/2].
+  void predict(const ArmFilter::Step& step, double creep) {
+    growBias(step.bias_growth);
+    renewForce(creep * std::sqrt(step.dt));
+  }
+
+  /// The force may be another one by this much [N].
+  void renewForce(double deviation) {
+    state_.covariance.diagonal().tail<3>().array() += deviation * deviation;
+  }
+
+  /// Adds to the covariance of b, (d x d).
+  void growBias(const Eigen::MatrixXd& covariance) {
+    const Eigen::Index d = covariance.rows(), begin = state_.mean.size() - 3 - d;
+    state_.covariance.block(begin, begin, d, d) += covariance;
+  }
+
+  /// The fork's expectation of a picture, linear about the step's theta.
+  /// @param by_force  (d x 3) change of the measured twists with f.
+  Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const {
+    const Eigen::Index parameters = step.theta.size(), d = step.measured.size();
+    Eigen::MatrixXd H(d, parameters + d + 3);
+    H << step.model.by_theta, Eigen::MatrixXd::Identity(d, d), by_force;
+    Eigen::VectorXd from = state_.mean;
+    from.head(parameters) -= step.theta;
+    return {step.measured - step.model.twists - H * from, H, step.noise};
+  }
+
+  /// Covariance (d x d) of a picture's innovation.
+  Eigen::MatrixXd spread(const Gaussian::Measurement& measurement) const {
+    return measurement.H * state_.covariance * measurement.H.transpose() + measurement.noise;
+  }
+  void update(const Gaussian::Measurement& measurement) { state_.update(measurement); }
+  double distance2(const Gaussian::Measurement& measurement) const {
+    return state_.distance2(measurement);
+  }
+  double logLikelihood(const Gaussian::Measurement& measurement) const {
+    return state_.logLikelihood(measurement);
+  }
+
+  Eigen::Vector3d force() const { return state_.mean.tail<3>(); }  // [N]
+  Eigen::Matrix3d forceCovariance() const { return state_.covariance.bottomRightCorner<3, 3>(); }
+
+  /// f' P_ff^-1 f, about twice the log likelihood ratio of a force against none.
+  double score() const {
+    return force().dot(Eigen::LDLT<Eigen::Matrix3d>(forceCovariance()).solve(force()));
+  }
+
+  /// [theta; b].
+  Gaussian withoutForce() const {
+    const Eigen::Index size = state_.mean.size() - 3;
+    return {state_.mean.head(size), state_.covariance.topLeftCorner(size, size)};
+  }
+
+ private:
+  Gaussian state_;
+};
+
 }  // namespace
 
 void LoadForksOptions::validate() const {
@@ -164,17 +154,183 @@ struct LoadForks::Workspace {
     double log_likelihood;
   };
 
-  void search(double time, ArmFilter& watch, TipCompliance& compliance, bool armed);
-  void begin(const Fork& found, const LoadFork& before, std::size_t places);
+  // Detects the onset of a contact.
+  void search(double time, ArmFilter& watch, TipCompliance& compliance, bool armed) {
+    const ArmFilter::Step& step = *watch.lastStep();
+    const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
+    std::size_t best = 0;
+    load.score = 0.0;
+    for (std::size_t i = 0; i < forks.size(); ++i) {
+      Fork& fork = forks[i];
+      fork.origin.predict(step, options.creep);
+      fork.state.predict(step, options.creep);
+      fork.state.update(fork.state.expect(step, by_force));
+      const double score = fork.state.score();
+      if (pictures - fork.picture < kLeastAge || score <= load.score) continue;
+      best = i;
+      load.score = score;
+    }
+    if (armed && load.score > options.limit) {
+      // The fork before the one that found the force is not affected by it.
+      begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
+      watch.setState(hypotheses.back().state.withoutForce());
+      return;
+    }
+    const auto tooOld = [this](const Fork& fork) {
+      return !isKept(pictures - fork.picture, fork.number);
+    };
+    forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
+    if (pictures % kForkPeriod == 0) {
+      const LoadFork fork(watch.state(), options.deviation);
+      const bool agrees = !beyond && !drift.doubtful;
+      forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
+    }
+  }
+
+  void begin(const Fork& found, const LoadFork& before, std::size_t places) {
+    hypotheses.assign(places, {before, 0.0});
+    load.contact = true;
+    load.onset = found.time;
+    agreed_at_onset = found.agrees;
+    outliers = 0;
+    gone_since.reset();
+    forks.clear();
+  }
+
+  // Estimates magnitude and position of the force, and detects its end.
   void follow(double time, const ArmFilter::Step& step, const std::vector<int>& rows,
-              TipCompliance& compliance);
-  bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force);
-  std::size_t likeliest() const;
-  void report(TipCompliance& compliance);
-  void explain(double dt);
+              TipCompliance& compliance) {
+    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, options.creep);
+    if (!isUsable(step, compliance.atTip()(rows, Eigen::all))) return;
+    for (std::size_t i = 0; i < hypotheses.size(); ++i) {
+      Hypothesis& hypothesis = hypotheses[i];
+      const auto picture = hypothesis.state.expect(step, compliance.at(i)(rows, Eigen::all));
+      hypothesis.log_likelihood += hypothesis.state.logLikelihood(picture);
+      hypothesis.state.update(picture);
+    }
+    load.score = hypotheses.back().state.score();
+    if (load.score >= kGone) {
+      gone_since.reset();
+    } else if (!gone_since || time < *gone_since) {  // or the clock was set back
+      gone_since = time;
+    }
+    load.contact = !gone_since || time - *gone_since < kGoneTime;
+  }
+
+  // A single outlier is ignored; several in a row indicate another force.
+  bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) {
+    const LoadFork& tip = hypotheses.back().state;
+    if (tip.distance2(tip.expect(step, by_force)) <=
+        outlierLimit(static_cast<int>(by_force.rows()))) {
+      outliers = 0;
+      return true;
+    }
+    if (outliers == 0) agreed_at_onset = drift.allowed > 0 && !beyond && !drift.doubtful;
+    if (++outliers <= kMostOutliers) return false;
+    outliers = 0;
+    renewed = true;
+    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(options.deviation);
+    return true;
+  }
+
+  std::size_t likeliest() const {
+    std::size_t best = 0;
+    for (std::size_t i = 1; i < hypotheses.size(); ++i) {
+      if (hypotheses[i].log_likelihood > hypotheses[best].log_likelihood) best = i;
+    }
+    return best;
+  }
+
+  void report(TipCompliance& compliance) {
+    const double score = load.score, onset = load.onset;
+    const bool contact = load.contact;
+    load = {};
+    load.score = score;
+    load.normalised = compliance.normalised();
+    if (!contact) return;
+    load.contact = true;
+    load.onset = onset;
+    const std::size_t place = likeliest();
+    const auto isClose = [&](const Hypothesis& other) {
+      return hypotheses[place].log_likelihood - other.log_likelihood < kPlaceLead;
+    };
+    const bool named =
+        hypotheses.size() > 1 && std::count_if(hypotheses.begin(), hypotheses.end(), isClose) == 1;
+    if (named) load.place = compliance.places()[place];
+    const LoadFork& force = (named ? hypotheses[place] : hypotheses.back()).state;
+    const double unit = load.normalised ? TipCompliance::kTypicalStiffness : 1.0;
+    load.force = force.force() / unit;
+    load.covariance = force.forceCovariance() / (unit * unit);
+    load.determined = determinedDirections(load.force, load.covariance);
+    const Eigen::Vector3d known = load.determined * (load.determined.transpose() * force.force());
+    load.tip_beyond_fit = compliance.tipBeyondFit(named ? place : hypotheses.size() - 1) * known;
+  }
+
+  // A force explains what the pictures show if they agreed with what was known when it began. While
+  // it acts, pictures are compared with what was known under it; afterwards, with what was known
+  // without it.
+  void explain(double dt) {
+    since_change += dt;
+    if (load.contact == touched && !renewed) return;
+    touched = load.contact;
+    renewed = false;
+    explained = touched && agreed_at_onset;
+    since_change = 0.0;
+    if (!explained) return;
+    const auto underAnother = [](const Memory& memory) { return memory.touched; };
+    memories.erase(std::remove_if(memories.begin(), memories.end(), underAnother), memories.end());
+    drift.doubtful = beyond = false;
+    against = 0.0;
+  }
+
+  // A picture is beyond what is allowed if it contradicts more than half of the memories: some are
+  // of moments at which the arm was not as the filter assumes. What is allowed must not grow during
+  // a doubt, which would end by waiting alone.
   void compare(const model::Shape& measured, bool settled, const ArmFilter& watch,
-               TipCompliance& compliance);
-  void remember(bool sure, const ArmFilter& watch);
+               TipCompliance& compliance) {
+    const ArmFilter::Step& step = *watch.lastStep();
+    const double dt = std::min(step.dt, kLongestGap);
+    const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
+    std::vector<Drift> all;
+    for (Memory& memory : memories) {
+      memory.age += dt;
+      if (!drift.doubtful) memory.state.predict(step, 0.0);
+      if (memory.touched != explained) continue;
+      all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
+    }
+    const bool doubtful = drift.doubtful;
+    drift = {};
+    if (!all.empty()) {
+      const auto middle = all.begin() + (static_cast<std::ptrdiff_t>(all.size()) - 1) / 2;
+      std::nth_element(all.begin(), middle, all.end(), [](const Drift& a, const Drift& b) {
+        return a.distance * b.allowed < b.distance * a.allowed;
+      });
+      drift = *middle;
+    }
+    beyond = drift.distance > drift.allowed;
+    if (beyond && !explained && all.size() < kLeastMemories) {
+      memories.clear();
+      beyond = false;
+    }
+    if (beyond == doubtful) {
+      against = 0.0;
+    } else if (settled) {
+      against += dt;
+    }
+    drift.doubtful = against < kDoubtTime ? doubtful : beyond;
+    if (drift.doubtful != doubtful) against = 0.0;
+  }
+
+  void remember(bool sure, const ArmFilter& watch) {
+    if (beyond || drift.doubtful) return;
+    const auto tooOld = [](const Memory& memory) { return memory.age > kLongestMemory; };
+    memories.erase(std::remove_if(memories.begin(), memories.end(), tooOld), memories.end());
+    const bool due = memories.empty() || memories.back().touched != touched ||
+                     memories.back().age >= kMemoryPeriod;
+    if (!sure || !due || touched != explained || since_change < kForceTime) return;
+    const LoadFork known = touched ? hypotheses.back().state : LoadFork(watch.state(), 0.0);
+    memories.push_back({known, 0.0, touched});
+  }
 
   // What was known of the arm; takes no later pictures.
   struct Memory {
@@ -182,9 +338,28 @@ struct LoadForks::Workspace {
     double age;    // in time of pictures [s]
     bool touched;  // with a force
   };
+
+  // How far the tip of a picture is from the one that a memory of the arm expects.
   static Drift driftSince(const Memory& memory, const model::Shape& measured,
                           const std::vector<int>& rows, const ArmFilter::Step& step,
-                          const Eigen::MatrixXd& by_force);
+                          const Eigen::MatrixXd& by_force) {
+    Gaussian::Measurement picture = memory.state.expect(step, by_force);
+    picture.noise = step.picture_noise;
+    model::Twists expected = measured.twists();
+    expected.reshaped()(rows) -= picture.innovation;
+    const int size = 6 * measured.sectionCount();
+    Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
+    covariance(rows, rows) = memory.state.spread(picture);
+    const Eigen::Vector3d error =
+        model::tipPose(measured).translation - model::tipPose(measured.about(expected)).translation;
+    const TipDistance distance = tipDistance(error, tipCovariance(measured, covariance));
+    Drift out;
+    out.distance = error.norm();
+    out.allowed =
+        std::max(kLeastDrift, out.distance * std::sqrt(distance.limit / distance.squared));
+    out.age = memory.age;
+    return out;
+  }
 
   LoadForksOptions options;
   std::vector<Fork> forks;             // oldest first
@@ -204,206 +379,6 @@ struct LoadForks::Workspace {
   bool beyond = false;           // the last picture contradicts a memory
   Drift drift;
 };
-
-// Detects the onset of a contact.
-void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& compliance,
-                                  bool armed) {
-  const ArmFilter::Step& step = *watch.lastStep();
-  const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
-  std::size_t best = 0;
-  load.score = 0.0;
-  for (std::size_t i = 0; i < forks.size(); ++i) {
-    Fork& fork = forks[i];
-    fork.origin.predict(step, options.creep);
-    fork.state.predict(step, options.creep);
-    fork.state.update(fork.state.expect(step, by_force));
-    const double score = fork.state.score();
-    if (pictures - fork.picture < kLeastAge || score <= load.score) continue;
-    best = i;
-    load.score = score;
-  }
-  if (armed && load.score > options.limit) {
-    // The fork before the one that found the force is not affected by it.
-    begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
-    watch.setState(hypotheses.back().state.withoutForce());
-    return;
-  }
-  const auto tooOld = [this](const Fork& fork) {
-    return !isKept(pictures - fork.picture, fork.number);
-  };
-  forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
-  if (pictures % kForkPeriod == 0) {
-    const LoadFork fork(watch.state(), options.deviation);
-    const bool agrees = !beyond && !drift.doubtful;
-    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
-  }
-}
-
-void LoadForks::Workspace::begin(const Fork& found, const LoadFork& before, std::size_t places) {
-  hypotheses.assign(places, {before, 0.0});
-  load.contact = true;
-  load.onset = found.time;
-  agreed_at_onset = found.agrees;
-  outliers = 0;
-  gone_since.reset();
-  forks.clear();
-}
-
-// A single outlier is ignored; several in a row indicate another force.
-bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) {
-  const LoadFork& tip = hypotheses.back().state;
-  if (tip.distance2(tip.expect(step, by_force)) <=
-      outlierLimit(static_cast<int>(by_force.rows()))) {
-    outliers = 0;
-    return true;
-  }
-  if (outliers == 0) agreed_at_onset = drift.allowed > 0 && !beyond && !drift.doubtful;
-  if (++outliers <= kMostOutliers) return false;
-  outliers = 0;
-  renewed = true;
-  for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(options.deviation);
-  return true;
-}
-
-// Estimates magnitude and position of the force, and detects its end.
-void LoadForks::Workspace::follow(double time, const ArmFilter::Step& step,
-                                  const std::vector<int>& rows, TipCompliance& compliance) {
-  for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, options.creep);
-  if (!isUsable(step, compliance.atTip()(rows, Eigen::all))) return;
-  for (std::size_t i = 0; i < hypotheses.size(); ++i) {
-    Hypothesis& hypothesis = hypotheses[i];
-    const auto picture = hypothesis.state.expect(step, compliance.at(i)(rows, Eigen::all));
-    hypothesis.log_likelihood += hypothesis.state.logLikelihood(picture);
-    hypothesis.state.update(picture);
-  }
-  load.score = hypotheses.back().state.score();
-  if (load.score >= kGone) {
-    gone_since.reset();
-  } else if (!gone_since || time < *gone_since) {  // or the clock was set back
-    gone_since = time;
-  }
-  load.contact = !gone_since || time - *gone_since < kGoneTime;
-}
-
-std::size_t LoadForks::Workspace::likeliest() const {
-  std::size_t best = 0;
-  for (std::size_t i = 1; i < hypotheses.size(); ++i) {
-    if (hypotheses[i].log_likelihood > hypotheses[best].log_likelihood) best = i;
-  }
-  return best;
-}
-
-void LoadForks::Workspace::report(TipCompliance& compliance) {
-  const double score = load.score, onset = load.onset;
-  const bool contact = load.contact;
-  load = {};
-  load.score = score;
-  load.normalised = compliance.normalised();
-  if (!contact) return;
-  load.contact = true;
-  load.onset = onset;
-  const std::size_t place = likeliest();
-  const auto isClose = [&](const Hypothesis& other) {
-    return hypotheses[place].log_likelihood - other.log_likelihood < kPlaceLead;
-  };
-  const bool named =
-      hypotheses.size() > 1 && std::count_if(hypotheses.begin(), hypotheses.end(), isClose) == 1;
-  if (named) load.place = compliance.places()[place];
-  const LoadFork& force = (named ? hypotheses[place] : hypotheses.back()).state;
-  const double unit = load.normalised ? TipCompliance::kTypicalStiffness : 1.0;
-  load.force = force.force() / unit;
-  load.covariance = force.forceCovariance() / (unit * unit);
-  load.determined = determinedDirections(load.force, load.covariance);
-  const Eigen::Vector3d known = load.determined * (load.determined.transpose() * force.force());
-  load.tip_beyond_fit = compliance.tipBeyondFit(named ? place : hypotheses.size() - 1) * known;
-}
-
-// How far the tip of a picture is from the one that a memory of the arm expects.
-Drift LoadForks::Workspace::driftSince(const Memory& memory, const model::Shape& measured,
-                                       const std::vector<int>& rows, const ArmFilter::Step& step,
-                                       const Eigen::MatrixXd& by_force) {
-  Gaussian::Measurement picture = memory.state.expect(step, by_force);
-  picture.noise = step.picture_noise;
-  model::Twists expected = measured.twists();
-  expected.reshaped()(rows) -= picture.innovation;
-  const int size = 6 * measured.sectionCount();
-  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
-  covariance(rows, rows) = memory.state.spread(picture);
-  const Eigen::Vector3d error =
-      model::tipPose(measured).translation - model::tipPose(measured.about(expected)).translation;
-  const TipDistance distance = tipDistance(error, tipCovariance(measured, covariance));
-  Drift out;
-  out.distance = error.norm();
-  out.allowed = std::max(kLeastDrift, out.distance * std::sqrt(distance.limit / distance.squared));
-  out.age = memory.age;
-  return out;
-}
-
-// A picture is beyond what is allowed if it contradicts more than half of the memories: some are of
-// moments at which the arm was not as the filter assumes. What is allowed must not grow during a
-// doubt, which would end by waiting alone.
-void LoadForks::Workspace::compare(const model::Shape& measured, bool settled,
-                                   const ArmFilter& watch, TipCompliance& compliance) {
-  const ArmFilter::Step& step = *watch.lastStep();
-  const double dt = std::min(step.dt, kLongestGap);
-  const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
-  std::vector<Drift> all;
-  for (Memory& memory : memories) {
-    memory.age += dt;
-    if (!drift.doubtful) memory.state.predict(step, 0.0);
-    if (memory.touched != explained) continue;
-    all.push_back(driftSince(memory, measured, watch.rows(), step, by_force));
-  }
-  const bool doubtful = drift.doubtful;
-  drift = {};
-  if (!all.empty()) {
-    const auto middle = all.begin() + (static_cast<std::ptrdiff_t>(all.size()) - 1) / 2;
-    std::nth_element(all.begin(), middle, all.end(), [](const Drift& a, const Drift& b) {
-      return a.distance * b.allowed < b.distance * a.allowed;
-    });
-    drift = *middle;
-  }
-  beyond = drift.distance > drift.allowed;
-  if (beyond && !explained && all.size() < kLeastMemories) {
-    memories.clear();
-    beyond = false;
-  }
-  if (beyond == doubtful) {
-    against = 0.0;
-  } else if (settled) {
-    against += dt;
-  }
-  drift.doubtful = against < kDoubtTime ? doubtful : beyond;
-  if (drift.doubtful != doubtful) against = 0.0;
-}
-
-// A force explains what the pictures show if they agreed with what was known when it began. While
-// it acts, pictures are compared with what was known under it; afterwards, with what was known
-// without it.
-void LoadForks::Workspace::explain(double dt) {
-  since_change += dt;
-  if (load.contact == touched && !renewed) return;
-  touched = load.contact;
-  renewed = false;
-  explained = touched && agreed_at_onset;
-  since_change = 0.0;
-  if (!explained) return;
-  const auto underAnother = [](const Memory& memory) { return memory.touched; };
-  memories.erase(std::remove_if(memories.begin(), memories.end(), underAnother), memories.end());
-  drift.doubtful = beyond = false;
-  against = 0.0;
-}
-
-void LoadForks::Workspace::remember(bool sure, const ArmFilter& watch) {
-  if (beyond || drift.doubtful) return;
-  const auto tooOld = [](const Memory& memory) { return memory.age > kLongestMemory; };
-  memories.erase(std::remove_if(memories.begin(), memories.end(), tooOld), memories.end());
-  const bool due = memories.empty() || memories.back().touched != touched ||
-                   memories.back().age >= kMemoryPeriod;
-  if (!sure || !due || touched != explained || since_change < kForceTime) return;
-  const LoadFork known = touched ? hypotheses.back().state : LoadFork(watch.state(), 0.0);
-  memories.push_back({known, 0.0, touched});
-}
 
 LoadForks::LoadForks(const LoadForksOptions& options) : work_(std::make_unique<Workspace>()) {
   options.validate();

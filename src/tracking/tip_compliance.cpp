@@ -1,10 +1,8 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <optional>
-#include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -78,17 +76,8 @@ class LinearFit {
 
  private:
   std::optional<Eigen::MatrixXd> evaluate(const model::Shape& shape) {
-    const std::vector<lie::SE3> poses = tagPoses(view_.layout, shape);
-    const Corners plane = view_.layout.corners();
     seen_.clear();
-    for (const int tag : tags_) {
-      const lie::SE3 X_CT = view_.X_CB * poses[static_cast<std::size_t>(tag)];
-      CornerObservation& seen = seen_.emplace_back(CornerObservation{tag, {}});
-      for (int c = 0; c < 4; ++c) {
-        const Eigen::Vector3d corner = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
-        seen.direction.col(c) = corner.head<2>() / corner.z();
-      }
-    }
+    for (const int tag : tags_) seen_.push_back(observe(view_, shape, tag));
     const CornerModel corners{view_.X_CB, view_.camera.focal() / options_.corner_noise, options_};
     equations_->evaluate(corners, seen_, -1, point_, system_);
     if (!std::isfinite(point_.cost)) return std::nullopt;
@@ -120,9 +109,66 @@ struct TipCompliance::Workspace {
     Eigen::Matrix3d beyond;  // of the tip, less that of the tip of the fitted twists
   };
 
-  std::optional<model::Shape> shapeUnder(const statics::Load& with) const;
-  Compliance compute(const ForcePlace& place);
-  const Compliance& at(std::size_t place);
+  std::optional<model::Shape> shapeUnder(const statics::Load& with) const {
+    const model::Arm& arm = corrected.arm();
+    const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
+    const statics::Solution solution =
+        statics::LoadedArm(arm, with, statics::kLeastOrder)
+            .solve(statics::unloadedUnderOfLengths(arm, with, lengths));
+    if (!solution.converged()) return std::nullopt;
+    return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
+  }
+
+  Compliance compute(const ForcePlace& place) {
+    Compliance out{Eigen::MatrixXd::Zero(6 * corrected.arm().sectionCount(), 3),
+                   Eigen::Matrix3d::Zero()};
+    statics::Load with = load;
+    for (double& K_eps : with.K_eps) K_eps *= corrected.correction().K_eps_factor;
+    if (!unforced) {
+      unforced = shapeUnder(with);
+      fits = unforced && fit && fit->lineariseAt(*unforced, tags);
+    }
+    if (!unforced || (fit && !fits)) return out;
+    with.points.push_back({});
+    with.points.back().section = place.section;
+    with.points.back().s = place.s;
+    const int last = corrected.arm().sectionCount() - 1;
+    if (place.section == last && place.s == 1.0) {
+      with.points.back().offset = corrected.arm().link(last).translation;
+    }
+    // Of the shape whose mean twists are these.
+    const auto tipOf = [this](const Eigen::VectorXd& change) {
+      model::Twists twists = unforced->twists();
+      twists.reshaped() += change;
+      return model::tipPose(unforced->about(twists)).translation;
+    };
+    for (int axis = 0; axis < 3; ++axis) {
+      std::optional<Eigen::VectorXd> ends[2];
+      Eigen::Vector3d beyond[2];
+      for (const int side : {0, 1}) {
+        with.points.back().force =
+            (side == 0 ? -kForceStep : kForceStep) * Eigen::Vector3d::Unit(axis);
+        const auto shape = shapeUnder(with);
+        if (!shape) continue;
+        ends[side] = fit ? fit->change(*shape)
+                         : Eigen::VectorXd((shape->twists() - unforced->twists()).reshaped());
+        beyond[side] =
+            fit && ends[side]
+                ? Eigen::Vector3d(model::tipPose(*shape).translation - tipOf(*ends[side]))
+                : Eigen::Vector3d::Zero();
+      }
+      if (!ends[0] || !ends[1]) continue;
+      out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);
+      out.beyond.col(axis) = (beyond[1] - beyond[0]) / (2 * kForceStep);
+    }
+    return out;
+  }
+
+  const Compliance& at(std::size_t place) {
+    auto& one = computed.at(place);
+    if (!one) one = compute(places[place]);
+    return *one;
+  }
 
   const statics::Load load;  // with nominal K_eps
   const bool normalised;
@@ -136,66 +182,6 @@ struct TipCompliance::Workspace {
   bool fits = false;
   std::vector<std::optional<Compliance>> computed;  // per position
 };
-
-std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::Load& with) const {
-  const model::Arm& arm = corrected.arm();
-  const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
-  const statics::Solution solution =
-      statics::LoadedArm(arm, with, statics::kLeastOrder)
-          .solve(statics::unloadedUnderOfLengths(arm, with, lengths));
-  if (!solution.converged()) return std::nullopt;
-  return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
-}
-
-TipCompliance::Workspace::Compliance TipCompliance::Workspace::compute(const ForcePlace& place) {
-  Compliance out{Eigen::MatrixXd::Zero(6 * corrected.arm().sectionCount(), 3),
-                 Eigen::Matrix3d::Zero()};
-  statics::Load with = load;
-  for (double& K_eps : with.K_eps) K_eps *= corrected.correction().K_eps_factor;
-  if (!unforced) {
-    unforced = shapeUnder(with);
-    fits = unforced && fit && fit->lineariseAt(*unforced, tags);
-  }
-  if (!unforced || (fit && !fits)) return out;
-  with.points.push_back({});
-  with.points.back().section = place.section;
-  with.points.back().s = place.s;
-  const int last = corrected.arm().sectionCount() - 1;
-  if (place.section == last && place.s == 1.0) {
-    with.points.back().offset = corrected.arm().link(last).translation;
-  }
-  // Of the shape whose mean twists are these.
-  const auto tipOf = [this](const Eigen::VectorXd& change) {
-    model::Twists twists = unforced->twists();
-    twists.reshaped() += change;
-    return model::tipPose(unforced->about(twists)).translation;
-  };
-  for (int axis = 0; axis < 3; ++axis) {
-    std::optional<Eigen::VectorXd> ends[2];
-    Eigen::Vector3d beyond[2];
-    for (const int side : {0, 1}) {
-      with.points.back().force =
-          (side == 0 ? -kForceStep : kForceStep) * Eigen::Vector3d::Unit(axis);
-      const auto shape = shapeUnder(with);
-      if (!shape) continue;
-      ends[side] = fit ? fit->change(*shape)
-                       : Eigen::VectorXd((shape->twists() - unforced->twists()).reshaped());
-      beyond[side] = fit && ends[side]
-                         ? Eigen::Vector3d(model::tipPose(*shape).translation - tipOf(*ends[side]))
-                         : Eigen::Vector3d::Zero();
-    }
-    if (!ends[0] || !ends[1]) continue;
-    out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);
-    out.beyond.col(axis) = (beyond[1] - beyond[0]) / (2 * kForceStep);
-  }
-  return out;
-}
-
-const TipCompliance::Workspace::Compliance& TipCompliance::Workspace::at(std::size_t place) {
-  auto& one = computed.at(place);
-  if (!one) one = compute(places[place]);
-  return *one;
-}
 
 TipCompliance::TipCompliance(const statics::ArmModel& model)
     : work_(std::make_unique<Workspace>(model)) {}

@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cmath>
+#include <initializer_list>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <variant>
 
 namespace helix_arm::basics {
@@ -67,6 +69,19 @@ inline void requirePositive(const char* culprit, const char* what, double value)
 /// @throws std::invalid_argument as requireValue() unless the value is finite and >= 0.
 inline void requireNotNegative(const char* culprit, const char* what, double value) {
   requireValue(std::isfinite(value) && value >= 0, culprit, what, value, "a finite value >= 0");
+}
+
+/// Values of one culprit, each with what it is.
+using NamedValues = std::initializer_list<std::pair<const char*, double>>;
+
+/// requirePositive() for each, in this order.
+inline void requirePositive(const char* culprit, NamedValues values) {
+  for (const auto& [what, value] : values) requirePositive(culprit, what, value);
+}
+
+/// requireNotNegative() for each, in this order.
+inline void requireNotNegative(const char* culprit, NamedValues values) {
+  for (const auto& [what, value] : values) requireNotNegative(culprit, what, value);
 }
 
 // Results of checks of what data can cause, such as a message of another node.

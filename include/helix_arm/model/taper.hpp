@@ -171,6 +171,9 @@ class TaperOf {
  private:
   friend class TaperTwist<Group>;
 
+  // Fits this many modes per cell. @return the largest error, relative to the entries of one unit.
+  double fit(const std::vector<ActuatorOf<Group>>& actuators, int modes);
+
   int cells_ = 1, modes_ = 0;
   // Chebyshev coefficients, cell by cell.
   std::vector<Map> map_modes_;

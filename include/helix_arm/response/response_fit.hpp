@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <optional>
 #include <string>
 
 #include "helix_arm/model/arm_response.hpp"

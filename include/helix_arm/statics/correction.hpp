@@ -35,8 +35,6 @@ class CorrectedModel {
   /// Replaces the correction. Allocates only if the factors on the stiffness change, or under load.
   /// @throws std::invalid_argument naming the value that is not finite, not > 0 or of another size.
   void set(const Correction& correction);
-  /// Replaces the offset alone: (6 x sections), finite. Does not allocate.
-  void setOffset(const model::Twists& offset) noexcept { correction_.offset = offset; }
 
   const Correction& correction() const { return correction_; }
   /// The arm with the corrected stiffness; actuators and limits are those of the nominal arm.

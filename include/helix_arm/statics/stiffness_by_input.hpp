@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <vector>
 
 #include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/arm.hpp"

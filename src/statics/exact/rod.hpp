@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
@@ -14,6 +16,8 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/load.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
+#include "statics/loaded/buckling.hpp"
 
 /// Dormand and Prince's pair of order 8 with estimates of order 5 and 3 (Hairer, Norsett, Wanner,
 /// Solving Ordinary Differential Equations I, section II.10).
@@ -239,12 +243,58 @@ struct Flow {
   }
 };
 
+inline constexpr double kGrowth = 2.5;          // e-fold growth of errors that a segment may have
+inline constexpr int kMaxSegments = 64;         // per section
+inline constexpr double kMostGrowth = 50.0;     // per segment that is counted
+inline constexpr int kSteps = 16;               // per cell of a taper
+inline constexpr double kLeastMoment = 1e-300;  // unit of moments on an arm without load [N m]
+
+// The last s below `end` at which the taper changes its slope; 0 without any.
+inline double lastKnot(const SectionLaw& law, double end) {
+  if (!law.taper) return 0.0;
+  const int cells = law.taper->cells();
+  int cell = static_cast<int>(std::ceil(end * cells)) - 1;
+  if (static_cast<double>(cell) / cells >= end) --cell;
+  return std::max(0.0, static_cast<double>(cell) / cells);
+}
+
 /// A loaded arm as a rod. It is divided into segments at point loads, at the ends of sections, and
 /// where errors of the start would grow too much along a segment.
 class Rod {
  public:
   /// @param load  valid for the arm. @param tolerance  relative to the arm's size and one radian.
-  Rod(const model::Arm& arm, const Load& load, double tolerance);
+  Rod(const model::Arm& arm, const Load& given, double tolerance)
+      : tolerance_(tolerance), links_(arm.links()) {
+    const Load load = given.atEnds(links_.get());
+    const int sections = arm.sectionCount();
+    double bend = 0.0;
+    for (int k = 0; k < sections; ++k) {
+      const double l = arm.freeLength(k);
+      laws_.push_back({complianceOf(arm, load, k), arm.equilibrium(k).null_space, arm.taper(k),
+                       l / load.K_eps[k]});
+      first_.push_back(arm.firstActuator(k));
+      tapered_ = tapered_ || arm.taper(k);
+      size_ += l;
+      bend += laws_[k].C.bottomRightCorner<3, 3>().norm();
+      force_scale_ += load.mass[k] * load.gravity.norm();
+    }
+    first_.push_back(arm.actuatorCount());
+    requireTables(arm, load);
+    has_tables_ = !load.tables.empty();
+    std::vector<PointLoad> points = load.points;
+    std::stable_sort(points.begin(), points.end(), [](const PointLoad& a, const PointLoad& b) {
+      return a.section + a.s < b.section + b.s;
+    });
+    for (const PointLoad& point : points) {
+      force_scale_ += load.forceOf(point).norm();
+      conservative_ = conservative_ && point.moment.isZero(0);
+      moment_scale_ += load.forceOf(point).norm() * point.offset.norm() + point.moment.norm();
+    }
+    moment_scale_ += force_scale_ * size_;
+    moment_unit_ = bend > 0 ? 1.0 / bend : std::max(moment_scale_, kLeastMoment);
+
+    divide(arm, load, std::move(points));
+  }
 
   int sections() const { return static_cast<int>(laws_.size()); }
   /// Null without links.
@@ -261,14 +311,49 @@ class Rod {
   /// The integrator of segment j; keeps a reference to this rod.
   /// @param unloaded  the arm without load. @param share  fraction of the load.
   template <int kColumns>
-  Flow<kColumns> flow(int j, const model::Unloaded& unloaded, double share) const;
+  Flow<kColumns> flow(int j, const model::Unloaded& unloaded, double share) const {
+    const Segment& segment = segments_[j];
+    // A tenth of the tolerance per step, for about ten steps.
+    return {laws_[segment.section],
+            segment,
+            unloaded.twists.col(segment.section),
+            profileOf(segment.section, unloaded),
+            constantCompliance(segment.section, unloaded),
+            share,
+            size_,
+            moment_unit_,
+            0.1 * tolerance_};
+  }
+
   /// Rotation of the unloaded arm from the start of a section to s of it.
-  lie::SO3 unloadedRotation(int section, double s, const model::Unloaded& unloaded) const;
+  lie::SO3 unloadedRotation(int section, double s, const model::Unloaded& unloaded) const {
+    if (!laws_[section].taper) return lie::SO3::exp(s * unloaded.twists.col(section).tail<3>());
+    return {Eigen::Quaterniond(unloadedMotion(section, 0.0, s, unloaded).rotation)};
+  }
+
   /// Motion of the unloaded arm between two s of a section.
   lie::SE3 unloadedMotion(int section, double from, double to,
-                          const model::Unloaded& unloaded) const;
+                          const model::Unloaded& unloaded) const {
+    const auto profile = profileOf(section, unloaded);
+    if (!profile) return lie::SE3::exp((to - from) * unloaded.twists.col(section));
+    const int cells = laws_[section].taper->cells();
+    lie::SE3 X;
+    // Many steps of each cell: this is the start of a search and the shape of a weightless arm.
+    for (int step = 0; step < kSteps * cells; ++step) {
+      const double begin = std::max(from, static_cast<double>(step) / (kSteps * cells));
+      const double end = std::min(to, (step + 1.0) / (kSteps * cells));
+      if (begin < end) X = X * lie::SE3::exp(profile->step(begin, end));
+    }
+    return X;
+  }
+
   /// Twist per body wrench at s of a section.
-  lie::Matrix6 compliance(int section, double s, const model::Unloaded& unloaded) const;
+  lie::Matrix6 compliance(int section, double s, const model::Unloaded& unloaded) const {
+    const SectionLaw& law = laws_[section];
+    return law.taper ? lie::Matrix6(law.per_K * law.taper->complianceAt(s))
+                     : constantCompliance(section, unloaded);
+  }
+
   bool tapered() const { return tapered_; }
   bool hasTables() const { return has_tables_; }
 
@@ -282,6 +367,46 @@ class Rod {
   bool conservative() const { return conservative_; }
 
  private:
+  // Into segments. @param points  from the base to the tip.
+  void divide(const model::Arm& arm, const Load& load, std::vector<PointLoad> points) {
+    // From the tip to the base, since a force acts on everything before it.
+    Eigen::Vector3d force = Eigen::Vector3d::Zero();
+    std::vector<Segment> backward;
+    for (int k = arm.sectionCount() - 1; k >= 0; --k) {
+      const Eigen::Vector3d weight = load.mass[k] * load.gravity;
+      const double c = laws_[k].C.bottomRightCorner<3, 3>().norm(), l = arm.freeLength(k);
+      double end = 1.0;
+      while (end > 0) {
+        std::vector<Pull> pulls;
+        while (!points.empty() && points.back().section + points.back().s >= k + end) {
+          const PointLoad& point = points.back();
+          pulls.push_back({point.offset, load.forceOf(point), point.moment});
+          force += pulls.back().force;
+          points.pop_back();
+        }
+        const double begin =
+            std::max(!points.empty() && points.back().section == k ? points.back().s : 0.0,
+                     lastKnot(laws_[k], end));
+        const double largest = std::max(force.norm(), (force + (end - begin) * weight).norm());
+        const double growth = std::sqrt(c * l * largest) * (end - begin);
+        const int parts =
+            static_cast<int>(std::clamp(std::ceil(growth / kGrowth), 1.0, 1.0 * kMaxSegments));
+        for (int i = parts; i > 0; --i) {
+          const auto at = [&](int part) {
+            return part == parts ? end : begin + (end - begin) * part / parts;
+          };
+          backward.push_back({k, at(i - 1), at(i), force, weight, std::move(pulls),
+                              std::min(growth / parts, kMostGrowth)});
+          pulls.clear();
+          force += (at(i) - at(i - 1)) * weight;
+        }
+        end = begin;
+      }
+    }
+    segments_.assign(std::make_move_iterator(backward.rbegin()),
+                     std::make_move_iterator(backward.rend()));
+  }
+
   double tolerance_;
   std::vector<SectionLaw> laws_;
   std::vector<Segment> segments_;
@@ -294,28 +419,21 @@ class Rod {
     return has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * section))
                        : laws_[section].C;
   }
+
   std::optional<model::TaperTwist<lie::SE3>> profileOf(int section,
-                                                       const model::Unloaded& unloaded) const;
+                                                       const model::Unloaded& unloaded) const {
+    const SectionLaw& law = laws_[section];
+    if (!law.taper) return std::nullopt;
+    return model::TaperTwist<lie::SE3>(
+        *law.taper,
+        unloaded.lengths.segment(first_[section], first_[section + 1] - first_[section]));
+  }
+
   double size_ = 0.0;  // length of the arm [m]
   double force_scale_ = 0.0;
   double moment_scale_ = 0.0;
   bool conservative_ = true;
   double moment_unit_ = 1.0;
 };
-
-template <int kColumns>
-Flow<kColumns> Rod::flow(int j, const model::Unloaded& unloaded, double share) const {
-  const Segment& segment = segments_[j];
-  // A tenth of the tolerance per step, for about ten steps.
-  return {laws_[segment.section],
-          segment,
-          unloaded.twists.col(segment.section),
-          profileOf(segment.section, unloaded),
-          constantCompliance(segment.section, unloaded),
-          share,
-          size_,
-          moment_unit_,
-          0.1 * tolerance_};
-}
 
 }  // namespace helix_arm::statics

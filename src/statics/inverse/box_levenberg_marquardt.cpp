@@ -40,7 +40,7 @@ BoxLevenbergMarquardt::BoxLevenbergMarquardt(const InverseTask& task, const Leng
       step_(n_),
       normal_(n_, n_) {}
 
-void BoxLevenbergMarquardt::evaluate(InversePoint& point) const noexcept {
+void BoxLevenbergMarquardt::evaluate(InversePoint& point) const {
   task_.evaluate(point.lengths, point.residual, point.jacobian);
   point.cost = point.residual.head(task_.rows()).squaredNorm();
 }
@@ -75,7 +75,7 @@ void BoxLevenbergMarquardt::linearise(const InversePoint& point) noexcept {
 // For three muscles and a position, solves the square system directly, at a third of the cost of
 // the normal equations. Returns false if that leaves the box or gains little; the damped steps then
 // take over.
-bool BoxLevenbergMarquardt::takeNewtonStep(InversePoint& point) noexcept {
+bool BoxLevenbergMarquardt::takeNewtonStep(InversePoint& point) {
   const Eigen::Matrix3d J = point.jacobian.topRows<3>();
   const Eigen::Vector3d a = J.col(0), b = J.col(1), c = J.col(2), r = point.residual.head<3>();
   const Eigen::Vector3d bc = b.cross(c),
@@ -117,7 +117,7 @@ const Eigen::VectorXd& BoxLevenbergMarquardt::stepWith(const Eigen::VectorXd& di
   return step_.solve();
 }
 
-Descent BoxLevenbergMarquardt::descend(InversePoint& point, int most_iterations) noexcept {
+Descent BoxLevenbergMarquardt::descend(InversePoint& point, int most_iterations) {
   const double goal = std::pow(kGoalFraction * tolerance_, 2);
   const double rest_gain = kRestFraction * tolerance_;
   double damping = kLeastDamping;

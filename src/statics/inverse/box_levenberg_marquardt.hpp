@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
 
 #include "box_quadratic.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -38,11 +37,12 @@ class BoxLevenbergMarquardt {
   /// @param tolerance  residual at which a target counts as reached [m].
   BoxLevenbergMarquardt(const InverseTask& task, const LengthBox& box, double tolerance);
 
-  /// Computes residual, Jacobian and cost at the point's lengths.
-  void evaluate(InversePoint& point) const noexcept;
+  /// Computes residual, Jacobian and cost at the point's lengths. Throws as
+  /// InverseTask::evaluate().
+  void evaluate(InversePoint& point) const;
 
   /// Moves an evaluated point to the goal or to a local minimum.
-  Descent descend(InversePoint& point, int most_iterations) noexcept;
+  Descent descend(InversePoint& point, int most_iterations);
 
   /// Number of iterations of all descents since the last restart().
   int iterations() const { return iterations_; }
@@ -70,7 +70,7 @@ class BoxLevenbergMarquardt {
   void buildNormalEquations(const InversePoint& point) noexcept;
   template <int kRows>
   void sumNormalEquations(const InversePoint& point) noexcept;
-  bool takeNewtonStep(InversePoint& point) noexcept;
+  bool takeNewtonStep(InversePoint& point);
 
   const InverseTask& task_;
   const LengthBox& box_;

@@ -84,7 +84,7 @@ void InverseTask::setTwists(const model::Twists& twists) {
 }
 
 void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                           Eigen::MatrixXd& jacobian) const noexcept {
+                           Eigen::MatrixXd& jacobian) const {
   if (loaded_ != nullptr) {
     return kind_ == Kind::kTwists ? evaluateLoadedTwists(lengths, residual, jacobian)
                                   : evaluateLoadedTip(lengths, residual, jacobian);
@@ -189,7 +189,7 @@ void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd
   }
 }
 
-double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept {
+double InverseTask::positionError(const Eigen::VectorXd& lengths) const {
   SE3 tip;
   if (loaded_ == nullptr) {
     tip = arm_->tipOf(twistsAt(lengths));

@@ -5,7 +5,6 @@
 #include <optional>
 #include <vector>
 
-#include "box_levenberg_marquardt.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/correction.hpp"
@@ -69,11 +68,13 @@ class InverseTask {
 
   /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. Every row is
   /// kNoBalance if no shape balances the load.
+  /// @throws std::bad_alloc only if a load bends the arm: its solution allocates. The search that
+  ///     called it then ends, and its solver takes the next target.
   void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                Eigen::MatrixXd& jacobian) const noexcept;
+                Eigen::MatrixXd& jacobian) const;
 
   /// Distance between the tip at these lengths and the desired tip [m].
-  double positionError(const Eigen::VectorXd& lengths) const noexcept;
+  double positionError(const Eigen::VectorXd& lengths) const;
 
   /// Squared residual of a given tip [m^2], for position and pose targets.
   double squaredErrorOfTip(const lie::SE3& tip) const noexcept;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
 
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/load.hpp"

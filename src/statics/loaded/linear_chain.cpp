@@ -36,6 +36,65 @@ Eigen::Matrix3d turned(const lie::SE2::Tangent& W) {
   return out;
 }
 
+// Motion by that of the element's start, the wrench beyond and the parameters.
+template <class Group>
+typename LinearNode<Group>::Motion othersOf(const typename LinearNode<Group>::Motion& by_own) {
+  constexpr int kDof = Group::kDof;
+  typename LinearNode<Group>::Motion out =
+      LinearNode<Group>::Motion::Zero(kDof, 2 * kDof + by_own.cols());
+  out.template leftCols<kDof>().setIdentity();
+  out.rightCols(by_own.cols()) = by_own;
+  return out;
+}
+
+// Moments of an element's loads about the base's origin, by its rates and by the others (the motion
+// of its start, the wrench beyond it and its parameters).
+template <class Group>
+struct LoadMoments {
+  static constexpr int kRotations = Group::kRotations;
+  using Moments = Eigen::Matrix<double, kRotations, Group::kDof>;
+  using OtherMoments = Eigen::Matrix<double, kRotations, Eigen::Dynamic>;
+
+  explicit LoadMoments(const LinearElement<Group>& given) : element(given) {
+    const auto end = othersOf<Group>(element.end);
+    pulled_others.setZero(kRotations, end.cols());
+    for (const auto& pull : element.pulls) {
+      const Moments by_motion = momentsOf(pull.force) * displacementOf(pull.at);
+      pulled += by_motion * element.end_by_z;
+      pulled_others += by_motion * end;
+    }
+    for (const LinearNode<Group>& node : element.nodes) {
+      const Moments by_motion = momentsOf(element.weight) * displacementOf(node.X.translation);
+      motions.push_back(othersOf<Group>(node.motion));
+      weighed.push_back(by_motion * node.motion_by_z);
+      weighed_others.push_back(by_motion * motions.back());
+    }
+  }
+
+  // Of the loads beyond a place, whose weights are those of the integral from there on.
+  template <class Weights>
+  Moments byRate(const Weights& weights, int l) const {
+    Moments sum = element.weights[l] * pulled;
+    for (std::size_t k = 0; k < weighed.size(); ++k) {
+      sum += weights[k] * element.before(l, k) * weighed[k];
+    }
+    return sum;
+  }
+  template <class Weights>
+  OtherMoments byOthers(const Weights& weights) const {
+    OtherMoments sum = pulled_others;
+    for (std::size_t k = 0; k < weighed.size(); ++k) sum += weights[k] * weighed_others[k];
+    return sum;
+  }
+
+  const LinearElement<Group>& element;
+  std::vector<typename LinearNode<Group>::Motion> motions;  // of the nodes by the others
+  Moments pulled = Moments::Zero();                         // of the pulls, by z at the end
+  OtherMoments pulled_others;
+  std::vector<Moments> weighed;  // of the weight at each node, by z there
+  std::vector<OtherMoments> weighed_others;
+};
+
 }  // namespace
 
 template <class Group>
@@ -48,53 +107,16 @@ template <class Group>
 typename LinearChain<Group>::Part LinearChain<Group>::partOf(const LinearElement<Group>& element) {
   constexpr int kDof = Group::kDof, kRotations = Group::kRotations;
   using Matrix = typename Group::Matrix;
-  using Moments = Eigen::Matrix<double, kRotations, kDof>;
-  using OtherMoments = Eigen::Matrix<double, kRotations, Eigen::Dynamic>;
   const int nodes = static_cast<int>(element.nodes.size());
   const int own = static_cast<int>(element.end.cols());
   const int unknowns = kDof * nodes, others = 2 * kDof + own, all = unknowns + others;
   Part out{unknowns,          element.first_column,   own, Eigen::MatrixXd(unknowns, all),
            Motion(kDof, all), Motion::Zero(kDof, all)};
-  // With the start, the wrench beyond and the parameters; the rates come block by block.
-  const auto othersOf = [&](const Motion& by_own) {
-    Motion motion = Motion::Zero(kDof, others);
-    motion.template leftCols<kDof>().setIdentity();
-    motion.rightCols(own) = by_own;
-    return motion;
-  };
   for (int l = 0; l < nodes; ++l) {
     out.end.template middleCols<kDof>(kDof * l) = element.weights[l] * element.end_by_z;
   }
-  out.end.rightCols(others) = othersOf(element.end);
-
-  // Moments at the element's end by z there, and by the others.
-  Moments pulled = Moments::Zero();
-  OtherMoments pulled_others = OtherMoments::Zero(kRotations, others);
-  for (const auto& pull : element.pulls) {
-    const Moments by_motion = momentsOf(pull.force) * displacementOf(pull.at);
-    pulled += by_motion * element.end_by_z;
-    pulled_others += by_motion * out.end.rightCols(others);
-  }
-  // Moments of the weight at each node, as integrals of these.
-  std::vector<Moments> weighed;
-  std::vector<OtherMoments> weighed_others;
-  std::vector<Motion> motions;
-  for (const LinearNode<Group>& node : element.nodes) {
-    const Moments by_motion = momentsOf(element.weight) * displacementOf(node.X.translation);
-    motions.push_back(othersOf(node.motion));
-    weighed.push_back(by_motion * node.motion_by_z);
-    weighed_others.push_back(by_motion * motions.back());
-  }
-  const auto moments = [&](const auto& weights, int l) {
-    Moments sum = element.weights[l] * pulled;
-    for (int k = 0; k < nodes; ++k) sum += weights[k] * element.before(l, k) * weighed[k];
-    return sum;
-  };
-  const auto otherMoments = [&](const auto& weights) {
-    OtherMoments sum = pulled_others;
-    for (int k = 0; k < nodes; ++k) sum += weights[k] * weighed_others[k];
-    return sum;
-  };
+  out.end.rightCols(others) = othersOf<Group>(element.end);
+  const LoadMoments<Group> loads(element);
   for (int j = 0; j < nodes; ++j) {
     const LinearNode<Group>& node = element.nodes[j];
     const Matrix by_wrench = node.rate_by_wrench * node.X.adjoint().transpose();
@@ -107,20 +129,20 @@ typename LinearChain<Group>::Part LinearChain<Group>::partOf(const LinearElement
     auto rate = out.rates.template middleRows<kDof>(kDof * j);
     for (int l = 0; l < nodes; ++l) {
       rate.template middleCols<kDof>(kDof * l) =
-          element.before(l, j) * by_z + by_moment * moments(beyond, l);
+          element.before(l, j) * by_z + by_moment * loads.byRate(beyond, l);
     }
     auto other = rate.rightCols(others);
-    other.noalias() = by_motion * motions[j];
-    other.noalias() += by_moment * otherMoments(beyond);
+    other.noalias() = by_motion * loads.motions[j];
+    other.noalias() += by_moment * loads.byOthers(beyond);
     other.template middleCols<kDof>(kDof) += by_wrench;
     other.rightCols(own) += node.rate;
   }
   out.wrench.template middleCols<kDof>(unknowns + kDof).setIdentity();
   auto at_start = out.wrench.template bottomRows<kRotations>();
   for (int l = 0; l < nodes; ++l) {
-    at_start.template middleCols<kDof>(kDof * l) = moments(element.weights, l);
+    at_start.template middleCols<kDof>(kDof * l) = loads.byRate(element.weights, l);
   }
-  at_start.rightCols(others) += otherMoments(element.weights);
+  at_start.rightCols(others) += loads.byOthers(element.weights);
   return out;
 }
 

@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +9,9 @@
 #include <vector>
 
 #include "gauss_rule.hpp"
+#include "helix_arm/lie/jacobian_slope.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "linear_chain.hpp"
 #include "shape_motion.hpp"
@@ -71,10 +72,7 @@ inline constexpr double kOnBranch = 0.5;
 inline constexpr double kNearBranch = 0.05;
 
 // Eigenvalues of a map in a Krylov space (Arnoldi), by finite differences of the map.
-
-}  // namespace helix_arm::statics
-
-namespace helix_arm::statics::krylov {
+namespace krylov {
 
 inline constexpr int kDimensions = 8;  // dimension of the Krylov space
 inline constexpr double kStep = 1e-6;  // difference step, relative to the arm's size and one radian
@@ -124,9 +122,7 @@ Range eigenvalues(int size, const Respond& respond) {
   return eigenvalues(H.topLeftCorner(count, count));
 }
 
-}  // namespace helix_arm::statics::krylov
-
-namespace helix_arm::statics {
+}  // namespace krylov
 
 /// Anderson's acceleration of a fixed-point iteration x = F(x): the next x is the combination of
 /// the last values F(x) whose changes F(x) - x cancel best (least squares).
@@ -297,6 +293,21 @@ class LoadedArmOf<Group>::UnloadedElements {
   std::vector<Matrix> compliance_;  // at the nodes, if it is not one constant per section
 };
 
+/// A parameter that changes no section: the column of a residual.
+template <class Group>
+class NoChange final : public UnloadedChange<Group> {
+ public:
+  using typename UnloadedChange<Group>::Motion;
+  using typename UnloadedChange<Group>::Tangent;
+  int count() const override { return 1; }
+  int first(int /*k*/) const override { return 0; }
+  int columns(int /*k*/) const override { return 1; }
+  Motion twist(int /*k*/, double /*s*/) const override { return Motion::Zero(Group::kDof, 1); }
+  Motion strain(int /*k*/, double /*s*/, const Tangent& /*strain*/) const override {
+    return Motion::Zero(Group::kDof, 1);
+  }
+};
+
 /// One solution of the loaded tier, with kNodes Gauss points per element. All data is on the stack.
 template <class Group>
 template <int kNodes>
@@ -371,23 +382,12 @@ class LoadedArmOf<Group>::Relaxation {
     return 1.0 - amplification_ <= kBranching * turned * turned;
   }
 
-  // Whether the tip error may exceed the stated one. The contribution of the omitted modes is
-  // estimated from the highest mode, times the fraction of it that affects the tip, which depends
-  // on how well the Gauss points resolve the turns of the arm. The limits are from comparisons with
-  // finer solutions under loads of all kinds.
+  // Whether the tip error may exceed the stated one. The limits are from comparisons with finer
+  // solutions under loads of all kinds.
   bool doubtful(double stated) const {
     if (status_ != SolveStatus::kConverged) return false;
-    double tail = 0.0;
-    for (int e = 0; e < count_; ++e) {
-      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
-      tail += scale_.cwiseProduct(u * rule_.highest()).norm();
-    }
-    const double turned = turn();
-    const double resolved = kNodes == kLeastOrder + 1 ? kTurnOfOneStep : kTurnOfNode * kNodes;
-    double seen = 1.0;
-    for (int i = 0; i < kNodes && turned < resolved; ++i) seen *= turned / resolved;
-    const double off = tail * seen / (1.0 - amplification_) + remainder();
-    return !(tail <= kLargestTail && off <= kDoubt * stated);
+    const double tail = highestMode();
+    return !(tail <= kLargestTail && tipErrorBound(tail) <= kDoubt * stated);
   }
 
   // Compares with a finer solution, which is taken as the true one.
@@ -429,14 +429,61 @@ class LoadedArmOf<Group>::Relaxation {
   }
 
   // Newton's step, which leaves only rounding errors.
-  void polish();
+  void polish() {
+    if (kNodes == kLeastOrder + 1) return;  // its result is no fixed point
+    Rates answer;
+    evaluate(answer);
+    const NoChange<Group> none;
+    std::vector<LinearElement<Group>> elements = linearised(none);
+    for (int node = 0; node < rates_.cols(); ++node) {
+      elements[node / kNodes].nodes[node % kNodes].rate = answer.col(node) - rates_.col(node);
+    }
+    const auto step =
+        LinearChain<Group>(elements).balanced(wrenchesAt<Group>(tip_.translation, 1, false));
+    for (int e = 0; e < count_; ++e) {
+      rates_.template middleCols<kNodes>(e * kNodes) += step.rates[e].reshaped(kDof, kNodes);
+    }
+    place();
+  }
+
   // Motions of the elements' starts and of the tip by the change's parameters and, in six more
   // columns on request, by a force and a moment at the tip.
-  typename LinearChain<Group>::Response respond(const UnloadedChange<Group>& change, bool by_load);
+  typename LinearChain<Group>::Response respond(const UnloadedChange<Group>& change, bool by_load) {
+    if (kNodes == kLeastOrder + 1) return respondToOneStep(change, by_load);
+    Rates answer;
+    evaluate(answer);
+    return LinearChain<Group>(linearised(change))
+        .balanced(wrenchesAt<Group>(tip_.translation, change.count(), by_load));
+  }
+
   // Motions of the ends of the shape's pieces.
   std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> pieceMotions(
       int sections, const UnloadedChange<Group>& change,
-      const typename LinearChain<Group>::Response& response) const;
+      const typename LinearChain<Group>::Response& response) const {
+    using Motion = typename LinearChain<Group>::Motion;
+    std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> out;
+    std::vector<Motion> unloaded;
+    Place place{*this};
+    int of = -1;  // the element of `unloaded`
+    for (int piece = 0; piece < sections * kLoadedPieces; ++piece) {
+      const double t = place.go(piece / kLoadedPieces,
+                                static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
+      const int e = place.e, section = arm_.elements_[e].section;
+      if (of != e) unloaded = unloaded_.changes(e, change);
+      of = e;
+      const Eigen::Matrix<double, kNodes, 1> weights = rule_.upTo(t);
+      const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * weights;
+      Motion by_z = Motion::Zero(kDof, response.starts[e].cols());
+      for (int l = 0; l < kNodes; ++l) {
+        by_z += weights[l] * response.rates[e].template middleRows<kDof>(kDof * l);
+      }
+      Motion motion = response.starts[e] + start_[e].adjoint() * Group::leftJacobian(z) * by_z;
+      motion.middleCols(change.first(section), change.columns(section)) +=
+          (start_[e] * Group::exp(z)).adjoint() * unloaded_.changeAt(e, t, change, unloaded);
+      out.push_back(motionsInSpace(motion));
+    }
+    return out;
+  }
 
   TipOf<Group> result() const { return {tip_, status_, residual_, iterations_, load_steps_}; }
   Solution solution(int sections) const {
@@ -560,11 +607,109 @@ class LoadedArmOf<Group>::Relaxation {
   }
 
   // The fixed point's derivatives at the last evaluated shape.
-  std::vector<LinearElement<Group>> linearised(const UnloadedChange<Group>& change) const;
-  LinearElement<Group> linearised(int e, const UnloadedChange<Group>& change) const;
-  typename LinearChain<Group>::Motion wrenchAtTip(int parameters, bool by_load) const;
+  std::vector<LinearElement<Group>> linearised(const UnloadedChange<Group>& change) const {
+    std::vector<LinearElement<Group>> out;
+    for (int e = 0; e < count_; ++e) out.push_back(linearised(e, change));
+    return out;
+  }
+
+  LinearElement<Group> linearised(int e, const UnloadedChange<Group>& change) const {
+    using Matrix = typename Group::Matrix;
+    using Motion = typename LinearChain<Group>::Motion;
+    const Element& element = arm_.elements_[e];
+    const Group& start = start_[e];
+    const std::vector<Motion> unloaded = unloaded_.changes(e, change);
+    LinearElement<Group> out;
+    out.before = rule_.before();
+    out.after = rule_.after();
+    out.weights = rule_.weights();
+    out.first_column = change.first(element.section);
+    for (int j = 0; j < kNodes; ++j) {
+      const int node = e * kNodes + j;
+      const Tangent& z = z_[node];
+      const Matrix Ad_unloaded = unloaded_.atNode(node).adjoint();
+      const Matrix& C = unloaded_.compliance(e, j);
+      const Matrix Jr_inverse = Group::rightJacobianInverse(z);
+      const Tangent strain = C * wrench_[node];
+      const Tangent moved_strain = element.length * (Ad_unloaded * strain);
+      LinearNode<Group> linear;
+      linear.X = {at_rotation_[node], at_[node]};
+      linear.wrench = wrench_[node];
+      linear.motion_by_z = start.adjoint() * Group::leftJacobian(z);
+      linear.motion = (start * Group::exp(z)).adjoint() * unloaded[j];
+      linear.rate_by_wrench = element.length * (Jr_inverse * Ad_unloaded * C);
+      linear.rate_by_z = lie::solvedRightJacobianSlope(z, moved_strain);
+      const double s = element.begin + rule_.nodes()[j] * element.length;
+      Motion rate = element.length * (Ad_unloaded * change.strain(element.section, s, strain));
+      for (int i = 0; i < rate.cols(); ++i) {
+        rate.col(i) += model::bracket(Tangent(unloaded[j].col(i)), moved_strain);
+      }
+      linear.rate = Jr_inverse * rate;
+      out.nodes.push_back(std::move(linear));
+    }
+    const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights();
+    const Group before_unloaded = start * Group::exp(z);
+    out.end_by_z = start.adjoint() * Group::leftJacobian(z);
+    out.end = before_unloaded.adjoint() * unloaded[kNodes];
+    out.weight = within<Group>(element.length * load_.mass[element.section] * load_.gravity);
+    const Group end = before_unloaded * unloaded_.end(e);
+    for (const int p : element.points) {
+      const PointLoad& point = load_.points[p];
+      out.pulls.push_back({end * within<Group>(point.offset), within<Group>(load_.forceOf(point))});
+    }
+    return out;
+  }
+
+  // The derivative of takeOneStep().
   typename LinearChain<Group>::Response respondToOneStep(const UnloadedChange<Group>& change,
-                                                         bool by_load);
+                                                         bool by_load) {
+    using Matrices = std::vector<Eigen::MatrixXd>;
+    const Eigen::Index columns =
+        wrenchesAt<Group>(tip_.translation, change.count(), by_load).cols();
+    const auto answerTo = [&](const Matrices& rates) {
+      return LinearChain<Group>(linearised(change))
+          .answer(rates, wrenchesAt<Group>(tip_.translation, change.count(), by_load));
+    };
+    const Rates found = rates_;
+    Rates first, second;
+    rates_.setZero();
+    evaluate(first);
+    const Matrices by_first =
+        answerTo(Matrices(static_cast<std::size_t>(count_), Eigen::MatrixXd::Zero(kRates, columns)))
+            .rates;
+    rates_ = first;
+    evaluate(second);
+    const Matrices by_second = answerTo(by_first).rates;
+    // factor = first . (second - first) / |first|^2
+    const Rates step = second - first;
+    Rates weight = scale_.cwiseAbs2().replicate(1, rates_.cols());
+    const double square = flat(weight).dot(first.reshaped().cwiseAbs2());
+    const double factor =
+        square > 0 ? flat(weight).cwiseProduct(first.reshaped()).dot(step.reshaped()) / square
+                   : 0.0;
+    Eigen::RowVectorXd by_factor = Eigen::RowVectorXd::Zero(columns);
+    for (int e = 0; e < count_ && square > 0; ++e) {
+      const auto at = [&](const Rates& rates) {
+        return rates.template middleCols<kNodes>(e * kNodes).reshaped();
+      };
+      const Eigen::VectorXd w = at(weight);
+      by_factor +=
+          (w.cwiseProduct(at(step)) - 2.0 * factor * w.cwiseProduct(at(first))).transpose() *
+              by_first[e] / square +
+          w.cwiseProduct(at(first)).transpose() * (by_second[e] - by_first[e]) / square;
+    }
+    Matrices by_found;
+    for (int e = 0; e < count_; ++e) {
+      const Eigen::VectorXd of_step = step.template middleCols<kNodes>(e * kNodes).reshaped();
+      by_found.push_back(by_second[e] + factor / (1.0 - factor) * (by_second[e] - by_first[e]) +
+                         of_step * by_factor / ((1.0 - factor) * (1.0 - factor)));
+    }
+    rates_ = found;
+    evaluate(second);
+    typename LinearChain<Group>::Response out = answerTo(by_found);
+    out.rates = by_found;
+    return out;
+  }
 
   const Group& linkAfter(int e) const { return (*arm_.links_)[arm_.elements_[e].section]; }
 
@@ -608,6 +753,28 @@ class LoadedArmOf<Group>::Relaxation {
     factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
     const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
     finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
+  }
+
+  // Rates in the highest mode of all elements, t.
+  double highestMode() const {
+    double out = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
+      out += scale_.cwiseProduct(u * rule_.highest()).norm();
+    }
+    return out;
+  }
+
+  // Bound of the tip error, relative to the arm's size, by the modes that are omitted:
+  //     t min(1, theta / theta_n)^n / (1 - a) + remainder(),
+  // where the highest of n modes has rates t, of which that power is what moves the tip: elements
+  // turn by up to theta, and n Gauss points resolve turns up to theta_n. a: amplification.
+  double tipErrorBound(double tail) const {
+    const double turned = turn();
+    const double resolved = kNodes == kLeastOrder + 1 ? kTurnOfOneStep : kTurnOfNode * kNodes;
+    double seen = 1.0;
+    for (int i = 0; i < kNodes && turned < resolved; ++i) seen *= turned / resolved;
+    return tail * seen / (1.0 - amplification_) + remainder();
   }
 
   // Upper bound of the largest turn of an element, including that due to the load [rad].

@@ -1,19 +1,13 @@
 #include "helix_arm/statics/solution.hpp"
 
+#include <array>
+
 namespace helix_arm::statics {
 
 const char* nameOf(SolveStatus status) {
-  switch (status) {
-    case SolveStatus::kConverged:
-      return "converged";
-    case SolveStatus::kNotConverged:
-      return "not_converged";
-    case SolveStatus::kSnapped:
-      return "snapped";
-    case SolveStatus::kUnsupported:
-      return "unsupported";
-  }
-  return "";
+  static constexpr std::array<const char*, 4> kNames = {"converged", "not_converged", "snapped",
+                                                        "unsupported"};
+  return kNames[static_cast<std::size_t>(status)];
 }
 
 }  // namespace helix_arm::statics

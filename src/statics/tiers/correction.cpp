@@ -1,6 +1,5 @@
 #include "helix_arm/statics/correction.hpp"
 
-#include <cmath>
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
@@ -12,10 +11,6 @@ namespace {
 
 constexpr char kCulprit[] = "correction of the model";
 constexpr double kStep = 3e-5;  // of differences under load, relative to the arm's length
-
-void requireFactor(const char* what, double value) {
-  basics::requirePositive(kCulprit, what, value);
-}
 
 bool equal(const model::Stiffness& a, const model::Stiffness& b) {
   return a.gamma == b.gamma && a.tau == b.tau && a.kappa == b.kappa;
@@ -61,11 +56,13 @@ void CorrectedModel::set(const Correction& correction) {
   basics::requireValue(correction.length_scale.size() == nominal_.actuatorCount(), kCulprit,
                        "the number of length scales", correction.length_scale.size(),
                        "one per actuator");
-  for (const double scale : correction.length_scale) requireFactor("a length scale", scale);
-  requireFactor("the factor on K_gamma", correction.stiffness_factors.gamma);
-  requireFactor("the factor on K_tau", correction.stiffness_factors.tau);
-  requireFactor("the factor on K_kappa", correction.stiffness_factors.kappa);
-  requireFactor("the factor on K_eps", correction.K_eps_factor);
+  for (const double scale : correction.length_scale) {
+    basics::requirePositive(kCulprit, "a length scale", scale);
+  }
+  basics::requirePositive(kCulprit, {{"the factor on K_gamma", correction.stiffness_factors.gamma},
+                                     {"the factor on K_tau", correction.stiffness_factors.tau},
+                                     {"the factor on K_kappa", correction.stiffness_factors.kappa},
+                                     {"the factor on K_eps", correction.K_eps_factor}});
   const bool same = equal(correction.stiffness_factors, correction_.stiffness_factors) &&
                     (!loaded_ || correction.K_eps_factor == correction_.K_eps_factor);
   correction_ = correction;

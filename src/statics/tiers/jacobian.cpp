@@ -9,6 +9,7 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "statics/loaded/buckling.hpp"
 #include "statics/loaded/gauss_rule.hpp"
 #include "statics/loaded/shape_motion.hpp"
 #include "statics/loaded/unloaded_change.hpp"
@@ -51,8 +52,7 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
   const std::vector<SE3> ends = tipSeenFromEnds(arm, twists);
   const SE3 tip_here = SE3::exp(twists.col(0)) * ends[0];
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    const lie::Matrix6 compliance =
-        arm.freeLength(k) / load.K_eps[static_cast<std::size_t>(k)] * arm.equilibrium(k).compliance;
+    const lie::Matrix6 compliance = complianceOf(arm, load, k);
     const Vector6 g = twists.col(k);
     for (int piece = 0; piece < kLoadedPieces; ++piece) {
       lie::Matrix6 motion = lie::Matrix6::Zero();  // of the piece's end, seen from there

@@ -2,6 +2,7 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -246,17 +247,8 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
 }  // namespace
 
 const char* nameOf(Tier tier) {
-  switch (tier) {
-    case Tier::kPlanar:
-      return "planar";
-    case Tier::kLinear:
-      return "linear";
-    case Tier::kLoaded:
-      return "loaded";
-    case Tier::kExact:
-      return "exact";
-  }
-  return "";
+  static constexpr std::array<const char*, 4> kNames = {"planar", "linear", "loaded", "exact"};
+  return kNames[static_cast<std::size_t>(tier)];
 }
 
 std::optional<Tier> tierNamed(const std::string& word) {
@@ -272,17 +264,7 @@ std::vector<std::string> tierWords() {
   return words;
 }
 
-bool takesLoad(Tier tier) {
-  switch (tier) {
-    case Tier::kPlanar:
-    case Tier::kLinear:
-      return false;
-    case Tier::kLoaded:
-    case Tier::kExact:
-      return true;
-  }
-  return false;
-}
+bool takesLoad(Tier tier) { return tier == Tier::kLoaded || tier == Tier::kExact; }
 
 std::string TierSetting::name() const {
   return tier == Tier::kLoaded ? "loaded, order " + std::to_string(order) : nameOf(tier);

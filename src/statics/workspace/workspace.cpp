@@ -14,6 +14,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "statics/inverse/box_quadratic.hpp"
+#include "statics/inverse/inverse_task.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -396,17 +397,8 @@ class Climber {
         n_(model.arm().actuatorCount()),
         exact_(model.choice().setting.tier == Tier::kExact),
         loaded_(takesLoad(model.choice().setting.tier)),
-        lower_(n_),
-        upper_(n_),
-        step_(n_) {
-    for (int i = 0; i < n_; ++i) {
-      const model::Actuator& actuator = model.arm().actuator(i);
-      const double one = actuator.contraction.length(actuator.limits.lower);
-      const double other = actuator.contraction.length(actuator.limits.upper);
-      lower_[i] = std::min(one, other);
-      upper_[i] = std::max(one, other);
-    }
-  }
+        box_(model.arm()),
+        step_(n_) {}
 
   WorkspaceExtremes find(WorkspaceExtremes sampled) {
     WorkspaceExtremes out = std::move(sampled);
@@ -495,7 +487,7 @@ class Climber {
 
   // Bounds the extents, and climbs from farther tips that the search for the bounds meets.
   void certify(WorkspaceExtremes& out) {
-    ExtentBound bound(model_.arm(), lower_, upper_);
+    ExtentBound bound(model_.arm(), box_.lower(), box_.upper());
     for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
       ExtentBound::Found found{WorkspaceExtremes::extent(which, out.of(which).tip), {}};
       const double gap = WorkspaceExtremes::kCertified * out.reach();
@@ -524,20 +516,21 @@ class Climber {
     Point point{model_.arm().lengths(start), {}}, next;
     evaluate(which, point);
     if (!std::isfinite(point.cost)) return start;
-    const double range = (upper_ - lower_).maxCoeff();
+    const double range = (box_.upper() - box_.lower()).maxCoeff();
     const double first = std::max(point.slope.norm(), std::numeric_limits<double>::min());
     Eigen::MatrixXd curvature = Eigen::MatrixXd::Identity(n_, n_) * (first / (kFirstMove * range));
     for (int i = 0; i < (exact_ ? kMostExactSteps : kMostSteps); ++i) {
       step_.H = curvature;
       step_.g = point.slope;
-      step_.lower = (lower_ - point.lengths).cwiseMin(0);
-      step_.upper = (upper_ - point.lengths).cwiseMax(0);
+      step_.lower = (box_.lower() - point.lengths).cwiseMin(0);
+      step_.upper = (box_.upper() - point.lengths).cwiseMax(0);
       const Eigen::VectorXd step = step_.solve();
       const double slope = point.slope.dot(step);
       if (!(slope < -kNoGain)) break;
       double fraction = 1;
       for (; fraction > kLeastFraction; fraction *= 0.5) {
-        next.lengths = (point.lengths + fraction * step).cwiseMax(lower_).cwiseMin(upper_);
+        next.lengths =
+            (point.lengths + fraction * step).cwiseMax(box_.lower()).cwiseMin(box_.upper());
         evaluate(which, next);
         if (next.cost <= point.cost + kSufficient * fraction * slope) break;
       }
@@ -564,27 +557,15 @@ class Climber {
   }
 
   Eigen::VectorXd inputsOf(const Eigen::VectorXd& lengths, const Eigen::VectorXd& guess) const {
-    Eigen::VectorXd input(n_);
-    for (int i = 0; i < n_; ++i) {
-      const model::Actuator& actuator = model_.arm().actuator(i);
-      const model::Range& limits = actuator.limits;
-      // A length at its bound maps to exactly the limit.
-      if (lengths[i] == actuator.contraction.length(limits.lower)) {
-        input[i] = limits.lower;
-      } else if (lengths[i] == actuator.contraction.length(limits.upper)) {
-        input[i] = limits.upper;
-      } else {
-        const double q = actuator.contraction.inverseInside(lengths[i], guess[i]);
-        input[i] = std::min(std::max(q, limits.lower), limits.upper);
-      }
-    }
+    Eigen::VectorXd input = guess;
+    box_.readInputs(lengths, input);
     return input;
   }
 
   const ArmModel& model_;
   int n_;
   bool exact_, loaded_;
-  Eigen::VectorXd lower_, upper_;  // of the lengths [m]
+  LengthBox box_;
   BoxQuadratic step_;
 };
 
