@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "board_kinds.hpp"
+#include "simulated_board.hpp"
 
 namespace helix_arm::test {
 namespace {
