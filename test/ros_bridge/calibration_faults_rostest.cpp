@@ -383,5 +383,3 @@ TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

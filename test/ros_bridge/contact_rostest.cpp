@@ -182,5 +182,3 @@ TEST_F(Contact, ADeadCameraIsToldDuringContactAndEndsTheGoal) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

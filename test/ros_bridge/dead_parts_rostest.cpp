@@ -361,5 +361,3 @@ TEST_F(DeadNodes, DeadEyesLeaveTheArmWhereItIs) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

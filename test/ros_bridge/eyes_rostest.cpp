@@ -532,5 +532,3 @@ TEST(File, PicturesOfATopicAreNotRepublished) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -505,5 +505,3 @@ TEST_F(FollowPath, CancelsItsGoalWhenAskedToEnd) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -211,5 +211,3 @@ TEST_F(ClientOfTheLoop, CannotHaveAPlaceHeldWithoutEnd) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

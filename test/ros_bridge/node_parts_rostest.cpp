@@ -88,5 +88,3 @@ TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -227,5 +227,3 @@ TEST_F(Reloading, VisionLooksForTheNewScenesTagsFromTheNextPictureOn) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

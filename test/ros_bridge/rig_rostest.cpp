@@ -282,5 +282,3 @@ TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -297,5 +297,3 @@ TEST_F(Answers, AnswersWithoutTargetsDoNoHarm) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

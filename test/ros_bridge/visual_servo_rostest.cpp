@@ -202,5 +202,3 @@ TEST_F(VisualServo, PicturesByAnotherClockAreRefusedAndTheClockIsNamed) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }
