@@ -19,7 +19,6 @@ namespace helix_arm::test {
 namespace {
 
 using simulation::DeviceFault;
-using Line = EmulatedRegulator::Line;
 
 const Eigen::Vector3d kPressures(1.5e5, 1e5, 5e4);  // [Pa]
 
@@ -48,15 +47,12 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
     return reload.response;
   }
 
-  const std::string kName = GetParam() == Line::kSerial ? "serial" : "modbus";
+  const std::string kName = nameOf(GetParam());
   EmulatedRegulator regulator_{GetParam()};
   HardwareRig rig_{
       regulator_, kName, {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
 };
-INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::Values(Line::kSerial, Line::kModbus),
-                         [](const auto& line) {
-                           return line.param == Line::kSerial ? "Serial" : "Modbus";
-                         });
+INSTANTIATE_TEST_SUITE_P(, HardwareRules, kEachLine, nameOfLine);
 
 TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
   rig_.command(kPressures);
