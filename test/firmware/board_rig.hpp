@@ -3,13 +3,9 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <limits>
-#include <map>
 #include <optional>
-#include <random>
 #include <regex>
 #include <stdexcept>
 #include <string>
@@ -29,6 +25,7 @@
 #include "regulator/ascii_serial_driver.hpp"
 #include "simulated_board.hpp"
 #include "simulation/pseudo_terminal.hpp"
+#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -169,11 +166,7 @@ inline io::Scene readScene(const std::string& device) {
   constexpr char kDocument[] = HELIX_ARM_SOURCE_DIR "/docs/board.md";
   constexpr char kArm[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo_serial.yaml";
   constexpr char kBegin[] = "```yaml\n", kEnd[] = "```\n";
-  const auto textOf = [](const char* path) {
-    std::ifstream file(path);
-    return std::string(std::istreambuf_iterator<char>(file), {});
-  };
-  const std::string document = textOf(kDocument), arm = textOf(kArm);
+  const std::string document = contentOf(kDocument), arm = contentOf(kArm);
   const std::size_t begin = document.find(kBegin), regulator = arm.find("\nregulator:");
   if (begin == std::string::npos || regulator == std::string::npos) {
     throw std::runtime_error(std::string(kDocument) + " has no scene, or " + kArm +

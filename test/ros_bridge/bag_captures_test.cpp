@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
-#include <sstream>
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -15,6 +14,7 @@
 #include "support/random.hpp"
 #include "support/recording.hpp"
 #include "support/refusal.hpp"
+#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -120,12 +120,6 @@ using test::Random;
 
 constexpr int kDamaged = 200;
 
-std::string contentOf(const std::string& path) {
-  std::ostringstream content;
-  content << std::ifstream(path, std::ios::binary).rdbuf();
-  return content.str();
-}
-
 void write(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary) << bytes;
 }
@@ -135,7 +129,7 @@ std::string soundBag(const test::TemporaryFolder& folder) {
   Recording recording(folder / "sound.bag");
   recording.play({0, 0, 0}, 3);
   recording.play({1e5, 2e5, 0}, 3);
-  return contentOf(recording.close());
+  return test::contentOf(recording.close());
 }
 
 // One byte is another, some are, a piece is missing, or the end is.

@@ -3,9 +3,7 @@
 // what it answers where the regulator does not hear.
 #include <csignal>
 #include <filesystem>
-#include <fstream>
 #include <memory>
-#include <sstream>
 
 #include <actionlib_msgs/GoalStatusArray.h>
 #include <gtest/gtest.h>
@@ -33,9 +31,7 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
 
   // Asks the node to reload its scene with one text in place of another.
   Reload::Response reloadWith(const std::string& old, const std::string& changed) {
-    std::ostringstream text;
-    text << std::ifstream(regulator_.scene()).rdbuf();
-    std::string scene = text.str();
+    std::string scene = contentOf(regulator_.scene());
     const std::size_t at = scene.find(old);
     EXPECT_NE(at, std::string::npos) << old;
     if (at == std::string::npos) return {};

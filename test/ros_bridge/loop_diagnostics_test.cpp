@@ -1,7 +1,5 @@
 #include "ros_bridge/follow/loop_diagnostics.hpp"
 
-#include <cmath>
-
 #include <gtest/gtest.h>
 
 #include "support/paper_arm.hpp"

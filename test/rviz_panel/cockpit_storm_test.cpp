@@ -7,7 +7,6 @@
 #include <QSlider>
 #include <QtTest/QTest>
 #include <algorithm>
-#include <chrono>
 #include <condition_variable>
 #include <cstdlib>
 #include <functional>

@@ -1,7 +1,8 @@
 // Built with the decoder and the sanitizers for addresses and undefined behaviour; libpng itself is
 // built without them.
+#include "vision/png.hpp"
+
 #include <iostream>
-#include <string>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
@@ -9,7 +10,6 @@
 
 #include "jpeg_pictures.hpp"
 #include "mangled.hpp"
-#include "vision/png.hpp"
 
 namespace helix_arm::test {
 namespace {
