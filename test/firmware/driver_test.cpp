@@ -255,7 +255,7 @@ std::vector<Pair> pairsOfIlls() {
 bool are(const Pair& pair, ChannelFault first, ChannelFault second) {
   return pair.first.fault == first && pair.second.fault == second;
 }
-bool has(const Pair& pair, ChannelFault fault) {
+bool holds(const Pair& pair, ChannelFault fault) {
   return pair.first.fault == fault || pair.second.fault == fault;
 }
 
@@ -314,7 +314,7 @@ TEST_P(BoardWithTwoFaults, LeavesEnabledByNameShutsTheSupplyAndIsNeverWellAboveT
     EXPECT_LT(board.pressure(2), 2e4);
   });
   // An outlet that stays shut keeps its air, and the arm is not said to be empty.
-  if (rig.state() == SafetyState::kVented || !has(pair, ChannelFault::kOutletStuckShut)) {
+  if (rig.state() == SafetyState::kVented || !holds(pair, ChannelFault::kOutletStuckShut)) {
     EXPECT_LT(pressure(), 2e4);
   }
 }

@@ -247,8 +247,7 @@ TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
   rig_process_->signal(SIGINT);
   ASSERT_TRUE(ends());
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("was not read"), std::string::npos)
-      << client_->getResult()->message;
+  EXPECT_TRUE(has(client_->getResult()->message, "was not read"));
   EXPECT_TRUE(atRest());
 }
 
@@ -268,8 +267,7 @@ TEST_F(CalibrationFaults, PicturesThatFailToComeForAWhileAreWaitedFor) {
   // captures may be refused.
   EXPECT_EQ(feedback.last().feedback.state, "fitting") << client_->getResult()->message;
   EXPECT_EQ(feedback.last().feedback.samples, 4u);
-  EXPECT_NE(calibration_->outputNow().find("run_calibration waits for pictures"), std::string::npos)
-      << calibration_->outputNow();
+  EXPECT_TRUE(has(calibration_->outputNow(), "run_calibration waits for pictures"));
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
@@ -313,8 +311,7 @@ TEST_F(CalibrationFaults, WithoutTheNodeThatAskedForItARunEnds) {
   client.signal(SIGKILL);
   ASSERT_TRUE(waitFor([&] { return !results.all().empty(); })) << calibration_->outputNow();
   EXPECT_EQ(results.last().status.status, actionlib_msgs::GoalStatus::ABORTED);
-  EXPECT_NE(results.last().result.message.find("is gone or does not answer"), std::string::npos)
-      << results.last().result.message;
+  EXPECT_TRUE(has(results.last().result.message, "is gone or does not answer"));
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
@@ -326,8 +323,7 @@ TEST_F(CalibrationFaults, ARestThatSomebodyElseAsksForEndsTheRun) {
   EXPECT_TRUE(call<std_srvs::Trigger>("/pressure_command/rest").success);
   ASSERT_TRUE(ends());
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("brought the arm to rest"), std::string::npos)
-      << client_->getResult()->message;
+  EXPECT_TRUE(has(client_->getResult()->message, "brought the arm to rest"));
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
 }
@@ -345,8 +341,7 @@ TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {
     return client_->getState().isDone();
   }));
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("commands the arm"), std::string::npos)
-      << client_->getResult()->message;
+  EXPECT_TRUE(has(client_->getResult()->message, "commands the arm"));
   EXPECT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
 }
 

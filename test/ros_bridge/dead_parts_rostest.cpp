@@ -98,8 +98,7 @@ TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   EXPECT_GT(regulator::steadyNow() - rig_.lastTarget(), kTargetTimeout);
   ASSERT_TRUE(rig_.comesTo("vented"));
   EXPECT_EQ(rig_.safety.last().cause, "stale_target");
-  EXPECT_NE(rig_.safety.last().reason.find("target_timeout_s"), std::string::npos)
-      << rig_.safety.last().reason;
+  EXPECT_TRUE(has(rig_.safety.last().reason, "target_timeout_s"));
   // After its return it moves nothing until the arm is enabled.
   rig_.command(kPressures);
   rig_.expectNothingMovesUntilEnabled(kPressures);
@@ -198,9 +197,7 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_NE(refusal.find("the guard, which vents the arm if this process is killed"),
-            std::string::npos)
-      << refusal;
+  EXPECT_TRUE(has(refusal, "the guard, which vents the arm if this process is killed"));
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);
   EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
@@ -264,8 +261,7 @@ TEST(DeadReadings, AReadingOnATopicIsAsOldAsItsStampSays) {
     EXPECT_TRUE(waitFor([&] { return command.outputNow().find(words) != std::string::npos; }))
         << command.output();
     EXPECT_FALSE(enables());
-    EXPECT_NE(call.response.message.find("has not been read yet"), std::string::npos)
-        << call.response.message;
+    EXPECT_TRUE(has(call.response.message, "has not been read yet"));
   }
   age = 0;
   EXPECT_TRUE(waitFor(enables)) << call.response.message;

@@ -138,8 +138,7 @@ TEST_F(FollowTipPath, AGoalOfAnySizeDoesNotStopTheOneThatRuns) {
     EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::REJECTED);
     ASSERT_TRUE(other.getResult());
     EXPECT_EQ(other.getResult()->error_code, Result::INVALID_GOAL);
-    EXPECT_NE(other.getResult()->error_string.find(words), std::string::npos)
-        << other.getResult()->error_string;
+    EXPECT_TRUE(has(other.getResult()->error_string, words));
     EXPECT_FALSE(client_->getState().isDone()) << client_->getState().getText();
     EXPECT_EQ(safety_.last().state, SafetyState::ENABLED) << safety_.last().reason;
   }
@@ -189,8 +188,7 @@ TEST_F(FollowTipPath, ARestAbortsTheGoalAndTheNextOneCountsAtOnce) {
   ASSERT_TRUE(isUnderWay());
   ASSERT_TRUE(call("pressure_command/rest"));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("brought the arm to rest"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "brought the arm to rest"));
   send(goalAlong({kMiddle, kBeside}, 1.0));
   EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL) << client_->getResult()->error_string;
 }
@@ -219,8 +217,7 @@ TEST_F(FollowTipPath, AnotherSceneIsTakenWhileTheLastPlaceIsHeldButNotWhileAGoal
   Reload reload;
   ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_FALSE(reload.response.success);
-  EXPECT_NE(reload.response.message.find("cancel its goal"), std::string::npos)
-      << reload.response.message;
+  EXPECT_TRUE(has(reload.response.message, "cancel its goal"));
   ASSERT_EQ(endOfGoal(), Result::SUCCESSFUL);
   ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_TRUE(reload.response.success) << reload.response.message;
@@ -233,13 +230,11 @@ TEST_F(FollowTipPath, AVentAbortsTheGoalAndRefusesTheNext) {
   ASSERT_TRUE(isUnderWay());
   ASSERT_TRUE(call("pressure_command/vent"));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("vent"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "vent"));
   EXPECT_TRUE(comesTo(LoopStatus::IDLE));
   send(goalAlong({kMiddle, kBeside}, 1.0));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("enable"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "enable"));
 }
 
 TEST_F(FollowTipPath, APathThatTheArmDoesNotKeepIsGivenUp) {
@@ -283,8 +278,7 @@ TEST_F(FollowTipPath, AnotherCommanderKeepsTheArm) {
   }));
   ASSERT_TRUE(client_->getResult());
   EXPECT_EQ(client_->getResult()->error_code, Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find(ros::this_node::getName()), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, ros::this_node::getName()));
 }
 
 // A path file along a line in y from the middle, in this time [s].

@@ -84,9 +84,7 @@ TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {
   ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
   const Reload::Response looser = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 4000");
   EXPECT_FALSE(looser.success);
-  EXPECT_NE(looser.message.find("safety.slew_kpa_s would go from 2000 to 4000 kPa/s"),
-            std::string::npos)
-      << looser.message;
+  EXPECT_TRUE(has(looser.message, "safety.slew_kpa_s would go from 2000 to 4000 kPa/s"));
   const Reload::Response stricter = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 1000");
   EXPECT_TRUE(stricter.success) << stricter.message;
   // It is compared with the rules at the start, not with the last ones.
@@ -195,9 +193,7 @@ TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {
 TEST_F(ClientOfTheLoop, CannotHaveAPlaceHeldWithoutEnd) {
   follow(9, {"_hold_s:=80000"});
   EXPECT_EQ(client_->exitCode(60), 1) << client_->output();
-  EXPECT_NE(client_->output().find("hold_s is 80000; expected at most 60 on hardware"),
-            std::string::npos)
-      << client_->output();
+  EXPECT_TRUE(has(client_->output(), "hold_s is 80000; expected at most 60 on hardware"));
   EXPECT_TRUE(regulator_.isVented() || regulator_.setPoint().isZero());
 }
 

@@ -23,6 +23,7 @@
 #include "helix_arm/TipTarget.h"
 #include "ros_bridge/names.hpp"
 #include "support/eventually.hpp"
+#include "support/has.hpp"
 
 namespace helix_arm::test {
 
