@@ -2,11 +2,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 
 #include <gtest/gtest.h>
 
-#include "board_kinds.hpp"
+#include "simulated_board.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -198,18 +197,6 @@ TEST(BoardMuscles, SlowOnesAreFollowedAsWellAndFastOnesToAPulse) {
       EXPECT_NEAR(board.pressure(0), 1e3 * to, row.tolerance) << row.fill_time;
       EXPECT_LT(board.air().peak(), 1e3 * to + row.tolerance) << row.fill_time;
     }
-  }
-}
-
-TEST(BoardSpeed, FigureOfTheSimulation) {
-  for (const BoardKind& kind : kBoardKinds) {
-    ReadyBoard board(kind);
-    const double begin = board.time();
-    const std::clock_t started = std::clock();
-    board.keep("100", 4);
-    const double spent = static_cast<double>(std::clock() - started) / CLOCKS_PER_SEC;
-    std::printf("[  FIGURE  ] %s: %.1f s of the chip per second of one core\n", kind.name().c_str(),
-                (board.time() - begin) / spent);
   }
 }
 

@@ -1,13 +1,12 @@
 // What the board does by itself when its parts fail, without a host's help.
 #include <cstdio>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <regex>
 
 #include <gtest/gtest.h>
 
-#include "board_kinds.hpp"
+#include "simulated_board.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -240,15 +239,11 @@ TEST_P(BoardFaults, TheFusesResetAtBrownOutAndKeepTheWatchdogOn) {
 
 // Those that a reader burns: of `make fuses` and of the document.
 TEST_P(BoardFaults, TheFusesOfTheElfAreThoseThatAreFlashed) {
-  const auto textOf = [](const char* path) {
-    std::ifstream file(path);
-    return std::string(std::istreambuf_iterator<char>(file), {});
-  };
   const auto fuses = board_.chip().fuses();
   constexpr const char* kNames[] = {"lfuse", "hfuse", "efuse"};
   for (const char* path :
        {HELIX_ARM_SOURCE_DIR "/firmware/Makefile", HELIX_ARM_SOURCE_DIR "/docs/board.md"}) {
-    const std::string text = textOf(path);
+    const std::string text = contentOf(path);
     for (std::size_t i = 0; i < fuses.size(); ++i) {
       std::smatch match;
       const std::regex value(std::string(kNames[i]) + R"([^\n]*?0x([0-9A-F]{2}))");

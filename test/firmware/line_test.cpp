@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "board_kinds.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
+#include "simulated_board.hpp"
 
 namespace helix_arm::test {
 namespace {

@@ -4,7 +4,6 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include <gtest/gtest.h>
 #include <sys/prctl.h>
@@ -12,6 +11,9 @@
 #include <unistd.h>
 
 #include "support/eventually.hpp"
+#include "support/has.hpp"
+#include "support/refusal.hpp"
+#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::regulator {
@@ -24,9 +26,7 @@ using control::Guard;
 class Noting : public ::testing::Test {
  protected:
   std::string told() const {
-    std::ostringstream text;
-    text << std::ifstream(note()).rdbuf();
-    std::string words = text.str();
+    std::string words = test::contentOf(note());
     words.erase(std::remove(words.begin(), words.end(), GuardProcess::kBeat), words.end());
     return words;
   }
@@ -160,12 +160,9 @@ TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
 }
 
 TEST(GuardProcess, ThatCannotBeStartedIsNamed) {
-  try {
-    const GuardProcess guard({"/no/such/program"});
-    FAIL() << "started";
-  } catch (const std::runtime_error& error) {
-    EXPECT_NE(std::string(error.what()).find("/no/such/program"), std::string::npos);
-  }
+  EXPECT_TRUE(test::has(
+      test::refusal<std::runtime_error>([] { const GuardProcess guard({"/no/such/program"}); }),
+      "/no/such/program"));
 }
 
 }  // namespace

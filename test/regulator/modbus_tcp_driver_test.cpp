@@ -1,9 +1,7 @@
 #include "regulator/modbus_tcp_driver.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>

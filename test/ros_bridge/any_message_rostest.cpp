@@ -438,5 +438,3 @@ TEST_F(AnyMessage, TimeMayBeExtreme) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -235,5 +235,3 @@ TEST_F(LoopCalibration, RunsThereAndBackAndFitsTheResponse) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

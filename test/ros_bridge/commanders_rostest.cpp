@@ -87,5 +87,3 @@ INSTANTIATE_TEST_SUITE_P(, Brisk, ::testing::Values("brisk"));
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

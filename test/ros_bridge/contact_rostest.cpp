@@ -109,8 +109,7 @@ TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
   push(0.8);
   EXPECT_EQ(endOfGoal(), Result::CONTACT);
   EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::ABORTED);
-  EXPECT_NE(client_->getResult()->error_string.find("on_contact is STOP"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "on_contact is STOP"));
   // The command is held, although contacts without a goal are only reported.
   const std::size_t before = loop_.all().size();
   ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
@@ -171,16 +170,12 @@ TEST_F(Contact, ADeadCameraIsToldDuringContactAndEndsTheGoal) {
   ASSERT_TRUE(comesTo(LoopStatus::YIELDING, {}, kDeadline));
   vision_.reset();
   EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
-  EXPECT_NE(client_->getResult()->error_string.find("camera"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "camera"));
   ASSERT_TRUE(comesTo(LoopStatus::OPEN, {}, kDeadline));
-  EXPECT_NE(loop_.last().message.find("check the camera"), std::string::npos)
-      << loop_.last().message;
+  EXPECT_TRUE(has(loop_.last().message, "check the camera"));
   EXPECT_TRUE(waitFor([this] { return load_.last().state == ExternalLoad::UNSEEN; }, kDeadline))
       << load_.last();
 }
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -16,8 +16,6 @@
 namespace helix_arm::test {
 namespace {
 
-using Line = EmulatedRegulator::Line;
-
 const Eigen::Vector3d kPressures(1.5e5, 1e5, 5e4);  // [Pa]
 constexpr double kAtOnce = 0;
 // Time until a stopped process is detected [s].
@@ -89,12 +87,9 @@ class DeadParts : public ::testing::TestWithParam<Line> {
   }
 
   EmulatedRegulator regulator_{GetParam()};
-  HardwareRig rig_{regulator_, GetParam() == Line::kSerial ? "serial" : "modbus"};
+  HardwareRig rig_{regulator_, nameOf(GetParam())};
 };
-std::string nameOfLine(const ::testing::TestParamInfo<Line>& line) {
-  return line.param == Line::kSerial ? "Serial" : "Modbus";
-}
-INSTANTIATE_TEST_SUITE_P(, DeadParts, ::testing::Values(Line::kSerial, Line::kModbus), nameOfLine);
+INSTANTIATE_TEST_SUITE_P(, DeadParts, kEachLine, nameOfLine);
 
 TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   rig_.fallSilent();
@@ -103,15 +98,10 @@ TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   EXPECT_GT(regulator::steadyNow() - rig_.lastTarget(), kTargetTimeout);
   ASSERT_TRUE(rig_.comesTo("vented"));
   EXPECT_EQ(rig_.safety.last().cause, "stale_target");
-  EXPECT_NE(rig_.safety.last().reason.find("target_timeout_s"), std::string::npos)
-      << rig_.safety.last().reason;
+  EXPECT_TRUE(has(rig_.safety.last().reason, "target_timeout_s"));
   // After its return it moves nothing until the arm is enabled.
-  const std::size_t answers = rig_.status.all().size();
   rig_.command(kPressures);
-  ASSERT_TRUE(waitFor([&] { return rig_.status.all().size() >= answers + 10; }));
-  EXPECT_EQ(rig_.status.last().fault, "not_enabled");
-  EXPECT_TRUE(regulator_.isVented());
-  EXPECT_TRUE(rig_.bringTo(kPressures));
+  rig_.expectNothingMovesUntilEnabled(kPressures);
 }
 
 TEST_P(DeadParts, ACommanderThatTalksNonsenseIsASilentOne) {
@@ -207,9 +197,7 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_NE(refusal.find("the guard, which vents the arm if this process is killed"),
-            std::string::npos)
-      << refusal;
+  EXPECT_TRUE(has(refusal, "the guard, which vents the arm if this process is killed"));
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);
   EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
@@ -217,8 +205,8 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
 }
 
 TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
-  const std::string ns = GetParam() == Line::kSerial ? "/serial" : "/modbus";
-  Process second({HELIX_ARM_SERIES, "__ns:=" + ns, "_scene:=" + regulator_.scene()});
+  Process second(
+      {HELIX_ARM_SERIES, "__ns:=/" + nameOf(GetParam()), "_scene:=" + regulator_.scene()});
   ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
   // Ours, or none where a machine that is busy has silenced us.
   const Eigen::VectorXd set_point = regulator_.setPoint();
@@ -273,8 +261,7 @@ TEST(DeadReadings, AReadingOnATopicIsAsOldAsItsStampSays) {
     EXPECT_TRUE(waitFor([&] { return command.outputNow().find(words) != std::string::npos; }))
         << command.output();
     EXPECT_FALSE(enables());
-    EXPECT_NE(call.response.message.find("has not been read yet"), std::string::npos)
-        << call.response.message;
+    EXPECT_TRUE(has(call.response.message, "has not been read yet"));
   }
   age = 0;
   EXPECT_TRUE(waitFor(enables)) << call.response.message;
@@ -361,5 +348,3 @@ TEST_F(DeadNodes, DeadEyesLeaveTheArmWhereItIs) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

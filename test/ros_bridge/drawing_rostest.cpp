@@ -149,5 +149,3 @@ TEST_F(Drawing, TubesFollowTheirMusclesAndTheTextShowsThePressure) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -1,13 +1,16 @@
-// What rviz is told to draw of arms with plates, tools and tapers.
+// What rviz is told to draw of arms with plates, tools and tapers, of their loops, and from where.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "ros_bridge/cockpit/arm_camera.hpp"
+#include "ros_bridge/follow/loop_publisher.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/shape_publisher.hpp"
 #include "ros_bridge/vision/vision_status_publisher.hpp"
@@ -164,6 +167,168 @@ TEST(SideView, ShowsTheWholeArmFromItsSideWhateverItsMountingIs) {
       EXPECT_GT(seen / (2 * distance * half), 0.28) << axis.transpose() << ", " << length;
     }
   }
+}
+
+LoopMarkers::Tips sample() {
+  LoopMarkers::Tips out;
+  out.wanted = Eigen::Vector3d(0.4, 0.1, 0);
+  out.predicted = Eigen::Vector3d(0.4, 0, 0);
+  out.covariance = Eigen::Vector3d(1e-6, 4e-6, 9e-6).asDiagonal();
+  out.text = "closed, 0.20 mm";
+  out.budget = "0.20 mm camera\ninside";
+  return out;
+}
+
+Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
+  Eigen::Matrix3d R_WB;  // it hangs
+  R_WB << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
+  const auto array = LoopMarkers("arm_base", 1.0).draw(ros::Time(5), view, tips);
+  for (const Marker& marker : array.markers) {
+    if (marker.ns == ns) return marker;
+  }
+  ADD_FAILURE() << "no marker " << ns;
+  return {};
+}
+
+TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
+  const Marker table = drawn(sample(), names::kErrorBudgetNs);
+  EXPECT_EQ(table.action, Marker::ADD);
+  EXPECT_EQ(table.type, Marker::TEXT_VIEW_FACING);
+  EXPECT_EQ(table.text, sample().budget);
+  EXPECT_EQ(table.header.frame_id, "arm_base");
+  const Marker ellipsoid = drawn(sample(), names::kPredictedCovarianceNs);
+  EXPECT_NEAR(ellipsoid.scale.x + ellipsoid.scale.y + ellipsoid.scale.z, 4 * (1 + 2 + 3) * 1e-3,
+              1e-9);
+  EXPECT_GT(table.pose.position.y - ellipsoid.pose.position.y, ellipsoid.scale.y);
+  EXPECT_NE(table.pose.position.y, drawn(sample(), names::kLoopStateNs).pose.position.y);
+}
+
+// The same markers draw an arm that is mounted otherwise.
+TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
+  const LoopMarkers markers("arm_base", 1.0);
+  Eigen::Matrix3d hangs, rolled;
+  hangs << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y
+  for (const Eigen::Matrix3d& R_WB : {hangs, rolled, hangs}) {
+    const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
+    const auto array = markers.draw(ros::Time(5), view, sample());
+    const auto state =
+        std::find_if(array.markers.begin(), array.markers.end(),
+                     [](const Marker& marker) { return marker.ns == names::kLoopStateNs; });
+    ASSERT_NE(state, array.markers.end());
+    const auto& at = state->pose.position;
+    const Eigen::Vector3d beyond = R_WB * (Eigen::Vector3d(at.x, at.y, at.z) - *sample().predicted);
+    EXPECT_LT(beyond.z(), -0.01);
+    EXPECT_LT(beyond.head<2>().norm(), 1e-12);
+  }
+}
+
+TEST(LoopMarkers, ABudgetThatIsContradictedHasAnotherColour) {
+  LoopMarkers::Tips tips = sample();
+  tips.outside = true;
+  EXPECT_NE(drawn(tips, names::kErrorBudgetNs).color.r,
+            drawn(sample(), names::kErrorBudgetNs).color.r);
+}
+
+TEST(LoopMarkers, WhatIsAbsentIsRemoved) {
+  LoopMarkers::Tips tips = sample();
+  tips.budget.clear();
+  EXPECT_EQ(drawn(tips, names::kErrorBudgetNs).action, Marker::DELETE);
+  EXPECT_EQ(drawn(tips, names::kLoopStateNs).action, Marker::ADD);
+  EXPECT_EQ(drawn(tips, names::kTipForceNs).action, Marker::DELETE);
+  tips = sample();
+  tips.predicted.reset();
+  for (const char* ns : {names::kErrorBudgetNs, names::kLoopStateNs, names::kPredictedTipNs,
+                         names::kPredictedCovarianceNs}) {
+    EXPECT_EQ(drawn(tips, ns).action, Marker::DELETE) << ns;
+  }
+  EXPECT_EQ(drawn(tips, names::kWantedTipNs).action, Marker::ADD);
+}
+
+constexpr double kField = 0.785;  // of rviz, from bottom to top [rad]
+
+// A point in the picture of rviz/Orbit, in shares of half its width and height. Its eye is at
+// focus + distance (cos yaw cos pitch, sin yaw cos pitch, sin pitch); up is z.
+Eigen::Vector2d inPicture(const Eigen::Vector3d& point, const ArmCamera& camera, double aspect) {
+  const Eigen::Vector3d to_eye(std::cos(camera.yaw) * std::cos(camera.pitch),
+                               std::sin(camera.yaw) * std::cos(camera.pitch),
+                               std::sin(camera.pitch));
+  const Eigen::Vector3d right = Eigen::Vector3d::UnitZ().cross(to_eye).normalized();
+  const Eigen::Vector3d up = to_eye.cross(right);
+  const Eigen::Vector3d from = point - camera.focus;
+  const double half = (camera.distance - from.dot(to_eye)) * std::tan(0.5 * kField);
+  return {from.dot(right) / (half * aspect), from.dot(up) / half};
+}
+
+// The arm fills the view: all of it is in sight, and it takes more than a quarter of the picture's
+// shorter side. The rest is for the texts beside it.
+TEST(ArmCamera, TheArmFillsTheViewWhateverItsMountingIs) {
+  struct Mounting {
+    const char* name;
+    Eigen::Vector3d axis;
+  };
+  const std::vector<Mounting> mountings = {{"hanging", {0, 0, -1}},
+                                           {"standing", {0, 0, 1}},
+                                           {"horizontal", {1, 0, 0}},
+                                           {"horizontal, to the side", {0, -1, 0}},
+                                           {"slanting", {1, 1, -1}}};
+  for (const auto& [name, axis] : mountings) {
+    for (const double length : {0.1, 0.3, 1.2}) {
+      for (const double aspect : {0.6, 0.87, 1.8}) {
+        const ArmCamera camera =
+            changed({"arm_base", {0, 0, 0}, 2, 1, 10}, "left_arm_base", axis, length, aspect);
+        EXPECT_EQ(camera.target, "left_arm_base");
+        const Eigen::Vector3d along = axis.normalized(), tip = length * along;
+        const Eigen::Vector3d side =
+            0.1 * length * along.cross(Eigen::Vector3d(0.3, 0.5, 0.8)).normalized();
+        for (const Eigen::Vector3d& base : {Eigen::Vector3d(0, 0, 0), tip}) {
+          for (const Eigen::Vector3d& point :
+               {Eigen::Vector3d(base + side), Eigen::Vector3d(base - side)}) {
+            const Eigen::Vector2d seen = inPicture(point, camera, aspect);
+            EXPECT_LT(seen.cwiseAbs().maxCoeff(), 1.0) << name << ", " << length << ", " << aspect;
+          }
+        }
+        const Eigen::Vector2d span =
+            inPicture(tip, camera, aspect) - inPicture(Eigen::Vector3d::Zero(), camera, aspect);
+        const double in_shorter_sides =
+            0.5 * Eigen::Vector2d(aspect * span.x(), span.y()).norm() / std::min(aspect, 1.0);
+        EXPECT_GT(in_shorter_sides, 0.25) << name << ", " << length << ", " << aspect;
+      }
+    }
+  }
+}
+
+TEST(ArmCamera, AViewThatAUserMovedKeepsFocusAnglesAndDistance) {
+  const ArmCamera mine{"arm_base", {0.1, 0, 0}, 1.0, 0.5, 2.0};
+  EXPECT_FALSE(isToChange(mine, "arm_base"));
+  ASSERT_TRUE(isToChange(mine, "left_arm_base")) << "no arm has this frame";
+  const ArmCamera next = changed(mine, "left_arm_base", -Eigen::Vector3d::UnitZ(), 0.3, 1.0);
+  EXPECT_EQ(next.target, "left_arm_base");
+  EXPECT_EQ(next.focus, mine.focus);
+  EXPECT_EQ(next.yaw, mine.yaw);
+  EXPECT_EQ(next.pitch, mine.pitch);
+  EXPECT_EQ(next.distance, mine.distance);
+  EXPECT_FALSE(isToChange(next, "left_arm_base"));
+}
+
+TEST(ArmCamera, AViewOfWhateverIsNoArmStays) {
+  EXPECT_FALSE(isToChange({"world", {0, 0, 0}, 1, 0.5, 2}, "arm_base"));
+  EXPECT_FALSE(isToChange({"<Fixed Frame>", {0, 0, 0}, 1, 0.5, 2}, "left_arm_base"));
+}
+
+// The first cockpit that knows its arm takes the view; the other leaves it alone from then on.
+TEST(ArmCamera, OfTwoArmsOneHasTheView) {
+  const ArmCamera start{"arm_base", {0, 0, 0}, 1, 0.5, 2};
+  ASSERT_TRUE(isToChange(start, "left_arm_base"));
+  ASSERT_TRUE(isToChange(start, "right_arm_base"));
+  const ArmCamera taken = changed(start, "right_arm_base", -Eigen::Vector3d::UnitZ(), 0.3, 1.0);
+  EXPECT_FALSE(isToChange(taken, "left_arm_base"));
+  EXPECT_FALSE(isToChange(taken, "right_arm_base"));
+  // A configuration that looks exactly at the base of one of them.
+  const ArmCamera right{"right_arm_base", {0, 0, 0}, 1, 0.5, 2};
+  EXPECT_FALSE(isToChange(right, "left_arm_base"));
+  EXPECT_TRUE(isToChange(right, "right_arm_base"));
 }
 
 }  // namespace

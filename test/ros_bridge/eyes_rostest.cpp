@@ -124,6 +124,11 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
 class AllEyes : public Eyes {};
 class JpegEye : public Eyes {};
+class RawEye : public Eyes {};
+INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
+INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
+INSTANTIATE_TEST_SUITE_P(, RawEye, ::testing::Values("raw"));
+
 TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
   for (const std::vector<double>& pressure :
        {kBent, {0, 0, 0}, {1e5, 3e5, 1e5}, {3e4, 1e5, 2.5e5}}) {
@@ -365,28 +370,23 @@ TEST_P(JpegEye, APictureThatComesAgainWhileTheModelMovesIsRefused) {
   showWith(bent_);
 }
 
-TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {
-  const auto before = lastStatus();
+TEST_P(JpegEye, AModelThatCannotBeTheArmsIsCountedAndNamed) {
+  const struct {
+    const char *frame, *word;
+    model::Twists twists;
+  } kModels[] = {{"", "", model::Twists::Zero(6, 3)},
+                 {"", "shorter than 1 mm", model::Twists::Zero(6, 1)},
+                 {"elsewhere", "'elsewhere'", bent_}};
   std_msgs::Header header;
   header.stamp = eye_.stamp();
-  eye_.publish(ros_bridge::toShapeMsg(header, "linear", model::Twists(model::Twists::Zero(6, 3))));
-  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
-}
-
-TEST_P(JpegEye, AModelWithoutLengthOrInAnotherFrameIsCountedAndNamed) {
-  const auto expectNamed = [this](const std_msgs::Header& header, const model::Twists& twists,
-                                  const std::string& word) {
+  for (const auto& model : kModels) {
+    header.frame_id = model.frame;
     const std::uint64_t before = lastStatus().bad_model;
-    eye_.publish(ros_bridge::toShapeMsg(header, "linear", twists));
+    eye_.publish(ros_bridge::toShapeMsg(header, "linear", model.twists));
     EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-      return s.bad_model > before && s.last_fault.find(word) != std::string::npos;
-    })) << word;
-  };
-  std_msgs::Header header;
-  header.stamp = eye_.stamp();
-  expectNamed(header, model::Twists::Zero(6, 1), "shorter than 1 mm");
-  header.frame_id = "elsewhere";
-  expectNamed(header, bent_, "'elsewhere'");
+      return s.bad_model > before && s.last_fault.find(model.word) != std::string::npos;
+    })) << model.word;
+  }
 }
 
 TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
@@ -398,16 +398,11 @@ TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
   EXPECT_LE(eye_.measured.last().header.stamp, ros::Time::now());
 }
 
-TEST_P(JpegEye, APictureOfAnotherSizeIsRefused) {
+TEST_P(JpegEye, APictureThatIsNotAJpegOfTheCamerasSizeIsRefused) {
   cv::Mat small;
   cv::resize(eye_.picture(bent_), small, {640, 480});
   expectRefused("of 640 x 480 pixels", &VisionStatus::wrong_size,
                 [&](const ros::Time& stamp) { eye_.show(small, stamp); });
-}
-
-INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
-
-TEST_P(JpegEye, APictureThatIsNotAJpegIsRefused) {
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
@@ -416,10 +411,6 @@ TEST_P(JpegEye, APictureThatIsNotAJpegIsRefused) {
   expectRefused("png", &VisionStatus::wrong_encoding,
                 changed([](auto& m) { m.format = "mono8; png compressed mono8"; }));
 }
-
-INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
-
-class RawEye : public Eyes {};
 
 TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
@@ -433,8 +424,6 @@ TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   expectRefused("bytes in rows of", &VisionStatus::wrong_size,
                 changed([](auto& m) { m.data.resize(100); }));
 }
-
-INSTANTIATE_TEST_SUITE_P(, RawEye, ::testing::Values("raw"));
 
 TEST(File, ItsEndIsTheLastState) {
   CameraStandIn& eye = StandIns::of("jpeg");
@@ -490,10 +479,11 @@ class Republisher {
   std::unique_ptr<Process> node_;
 };
 
-TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAsked) {
+TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAskedAlone) {
   CameraStandIn& eye = StandIns::of("jpeg");
-  Republisher node(eye, "shown", {"_publish_image:=true"});
-  VisionListener listener("shown");
+  Republisher node(eye, "shown", {"_publish_image:=true"}), unasked(eye, "unshown", {});
+  VisionListener listener("shown"), other("unshown");
+  const Inbox<sensor_msgs::Image> none(other.node, names::kImage);
   const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
   const Inbox<sensor_msgs::CameraInfo> info(listener.node, names::kCameraInfo);
   ASSERT_TRUE(waitFor([&] { return image.all().size() >= 2 && info.all().size() >= 2; }))
@@ -513,15 +503,9 @@ TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAsked) {
   ASSERT_TRUE(std::holds_alternative<cv::Mat>(gray));
   EXPECT_EQ(cv::norm(std::get<cv::Mat>(gray), node.picture(), cv::NORM_INF), 0);
   ASSERT_NE(VisionListener::of(listener.detections, shown.header.stamp), nullptr);
-}
-
-TEST(File, ItsPicturesAreNotRepublishedUnasked) {
-  Republisher node(StandIns::of("jpeg"), "unshown", {});
-  VisionListener listener("unshown");
-  const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
-  ASSERT_TRUE(waitFor([&] { return listener.measured.all().size() >= 3; })) << node.output();
-  EXPECT_EQ(image.publishers(), 0U);
-  EXPECT_TRUE(image.all().empty());
+  ASSERT_TRUE(waitFor([&] { return other.measured.all().size() >= 3; })) << unasked.output();
+  EXPECT_EQ(none.publishers(), 0U);
+  EXPECT_TRUE(none.all().empty());
 }
 
 TEST(File, PicturesOfATopicAreNotRepublished) {
@@ -532,5 +516,3 @@ TEST(File, PicturesOfATopicAreNotRepublished) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

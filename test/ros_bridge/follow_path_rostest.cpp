@@ -1,18 +1,13 @@
 // Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
 #include <algorithm>
 #include <csignal>
-#include <filesystem>
 #include <fstream>
 #include <future>
-#include <iterator>
 #include <map>
 #include <sstream>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
-#include <ros/master.h>
-#include <ros/network.h>
-#include <xmlrpcpp/XmlRpcClient.h>
 
 #include "helix_arm/Reload.h"
 #include "support/loop_rig.hpp"
@@ -32,6 +27,18 @@ class FollowTipPath : public LoopRig {
     EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::REJECTED) << code;
     return code;
   }
+  // The goal of another client, beside that of client_.
+  Client& sendByAnother(const FollowTipPathGoal& goal) {
+    if (!other_) other_ = std::make_unique<Client>("visual_servo/follow_tip_path", false);
+    EXPECT_TRUE(waitFor([this] { return other_->isServerConnected(); }));
+    other_->sendGoal(goal);
+    return *other_;
+  }
+  bool otherEnds() {
+    return waitFor([this] { return other_->getState().isDone(); }, 60);
+  }
+
+  std::unique_ptr<Client> other_;
 };
 
 TEST_F(FollowTipPath, MovesTheTipAlongAPath) {
@@ -92,13 +99,15 @@ TEST_F(FollowTipPath, ABadGoalIsRefusedWithTheFault) {
   EXPECT_EQ(loop_.last().state, LoopStatus::IDLE) << "nothing moves by them";
 }
 
-TEST_F(FollowTipPath, ABadGoalLeavesTheRunningOneAlone) {
+TEST_F(FollowTipPath, ARunningGoalKeepsTargetsAndBadGoalsAway) {
   send(goalAlong({kMiddle, kBeside, kMiddle}, 3.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("visual_servo/follow_tip_path", false);
-  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
-  other.sendGoal(goalAlong({kMiddle}, 1.0));
-  EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }));
+  tip_target_.publish(targetAt(kMiddle));
+  const TargetStatus answer = answerOn(names::kTipTarget);
+  EXPECT_EQ(answer.fault, "other_commander");
+  EXPECT_NE(answer.message.find(names::kFollowTipPath), std::string::npos) << answer.message;
+  const Client& other = sendByAnother(goalAlong({kMiddle}, 1.0));
+  EXPECT_TRUE(otherEnds());
   EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::REJECTED);
   EXPECT_FALSE(client_->getState().isDone());
   EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL);
@@ -107,71 +116,29 @@ TEST_F(FollowTipPath, ABadGoalLeavesTheRunningOneAlone) {
 TEST_F(FollowTipPath, ANewGoalReplacesTheRunningOne) {
   send(goalAlong({kMiddle, kBeside}, 20.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("visual_servo/follow_tip_path", false);
-  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
-  other.sendGoal(goalAlong({kBeside, kMiddle}, 1.0));
+  const Client& other = sendByAnother(goalAlong({kBeside, kMiddle}, 1.0));
   EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
   EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::PREEMPTED);
-  EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60));
+  EXPECT_TRUE(otherEnds());
   EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
       << other.getState().getText();
-}
-
-// Threads of a node of this machine; 0 if there is no such node.
-std::ptrdiff_t threadsOf(const std::string& node) {
-  XmlRpc::XmlRpcValue request, response, address, pid;
-  request[0] = ros::this_node::getName();
-  request[1] = node;
-  std::string host;
-  std::uint32_t port = 0;
-  if (!ros::master::execute("lookupNode", request, response, address, false) ||
-      !ros::network::splitURI(address, host, port)) {
-    return 0;
-  }
-  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port));
-  XmlRpc::XmlRpcValue caller;
-  caller[0] = ros::this_node::getName();
-  if (!client.execute("getPid", caller, pid)) return 0;
-  const std::filesystem::directory_iterator tasks("/proc/" + std::to_string(int(pid[2])) + "/task");
-  return std::distance(begin(tasks), end(tasks));
-}
-
-TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
-  const std::ptrdiff_t usual = threadsOf("/visual_servo");
-  ASSERT_GT(usual, 0);
-  // Refused at its last point, after 100,000 places.
-  const FollowTipPathGoal goal = goalAlong({kMiddle, kBeside, {1, 0, 0}}, 1000.0);
-  std::ptrdiff_t most = 0;
-  for (int k = 0; k < 50; ++k) {
-    send(goal);
-    waitFor([] { return false; }, 0.01);  // the client's queue is short
-    most = std::max(most, threadsOf("/visual_servo"));
-  }
-  EXPECT_EQ(endOfGoal(), Result::INVALID_GOAL);
-  EXPECT_NE(client_->getResult()->error_string.find("leaves the arm's reach"), std::string::npos)
-      << client_->getResult()->error_string;
-  EXPECT_GT(most, usual) << "no path was checked meanwhile";
-  EXPECT_LE(most, usual + 2);
 }
 
 // Reading a million points takes longer than safety.target_timeout_s.
 TEST_F(FollowTipPath, AGoalOfAnySizeDoesNotStopTheOneThatRuns) {
   send(goalAlong({kMiddle, kBeside}, 60.0));
   ASSERT_TRUE(isUnderWay());
-  Client other("visual_servo/follow_tip_path", false);
-  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
   for (const auto& [points, words] :
        {std::pair(1'000'000, "the path has 1000000 points; expected at most 100000"),
         std::pair(100'000, "leaves the arm's reach")}) {
     FollowTipPathGoal goal = goalAlong(std::vector<Eigen::Vector3d>(points, kMiddle), 0.01);
     goal.path.points.back().transforms[0].translation.x = 1;
-    other.sendGoal(goal);
-    EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60)) << points;
+    const Client& other = sendByAnother(goal);
+    EXPECT_TRUE(otherEnds()) << points;
     EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::REJECTED);
     ASSERT_TRUE(other.getResult());
     EXPECT_EQ(other.getResult()->error_code, Result::INVALID_GOAL);
-    EXPECT_NE(other.getResult()->error_string.find(words), std::string::npos)
-        << other.getResult()->error_string;
+    EXPECT_TRUE(has(other.getResult()->error_string, words));
     EXPECT_FALSE(client_->getState().isDone()) << client_->getState().getText();
     EXPECT_EQ(safety_.last().state, SafetyState::ENABLED) << safety_.last().reason;
   }
@@ -221,8 +188,7 @@ TEST_F(FollowTipPath, ARestAbortsTheGoalAndTheNextOneCountsAtOnce) {
   ASSERT_TRUE(isUnderWay());
   ASSERT_TRUE(call("pressure_command/rest"));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("brought the arm to rest"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "brought the arm to rest"));
   send(goalAlong({kMiddle, kBeside}, 1.0));
   EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL) << client_->getResult()->error_string;
 }
@@ -251,8 +217,7 @@ TEST_F(FollowTipPath, AnotherSceneIsTakenWhileTheLastPlaceIsHeldButNotWhileAGoal
   Reload reload;
   ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_FALSE(reload.response.success);
-  EXPECT_NE(reload.response.message.find("cancel its goal"), std::string::npos)
-      << reload.response.message;
+  EXPECT_TRUE(has(reload.response.message, "cancel its goal"));
   ASSERT_EQ(endOfGoal(), Result::SUCCESSFUL);
   ASSERT_TRUE(ros::service::call("visual_servo/reload", reload));
   EXPECT_TRUE(reload.response.success) << reload.response.message;
@@ -260,28 +225,16 @@ TEST_F(FollowTipPath, AnotherSceneIsTakenWhileTheLastPlaceIsHeldButNotWhileAGoal
       << safety_.last().reason;
 }
 
-TEST_F(FollowTipPath, ARunningGoalKeepsTargetsAway) {
-  send(goalAlong({kMiddle, kBeside}, 3.0));
-  ASSERT_TRUE(isUnderWay());
-  tip_target_.publish(targetAt(kMiddle));
-  const TargetStatus answer = answerOn(names::kTipTarget);
-  EXPECT_EQ(answer.fault, "other_commander");
-  EXPECT_NE(answer.message.find(names::kFollowTipPath), std::string::npos) << answer.message;
-  EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL);
-}
-
 TEST_F(FollowTipPath, AVentAbortsTheGoalAndRefusesTheNext) {
   send(goalAlong({kMiddle, kBeside}, 20.0));
   ASSERT_TRUE(isUnderWay());
   ASSERT_TRUE(call("pressure_command/vent"));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("vent"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "vent"));
   EXPECT_TRUE(comesTo(LoopStatus::IDLE));
   send(goalAlong({kMiddle, kBeside}, 1.0));
   EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find("enable"), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, "enable"));
 }
 
 TEST_F(FollowTipPath, APathThatTheArmDoesNotKeepIsGivenUp) {
@@ -300,17 +253,6 @@ TEST_F(FollowTipPath, APathThatTheArmDoesNotKeepIsGivenUp) {
   send(goal);
   EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
   ASSERT_TRUE(closeLoop(true));
-}
-
-TEST_F(FollowTipPath, VisionThatIsLostAbortsAGoalThatRequiresIt) {
-  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 20.0);
-  goal.require_vision = true;
-  send(goal);
-  ASSERT_TRUE(isUnderWay());
-  ASSERT_TRUE(comesTo(LoopStatus::CLOSED));
-  vision_->signal(SIGKILL);
-  EXPECT_EQ(endOfGoal(), Result::VISION_LOST);
-  startVision();
 }
 
 TEST_F(FollowTipPath, AnotherCommanderKeepsTheArm) {
@@ -336,8 +278,7 @@ TEST_F(FollowTipPath, AnotherCommanderKeepsTheArm) {
   }));
   ASSERT_TRUE(client_->getResult());
   EXPECT_EQ(client_->getResult()->error_code, Result::NOT_ENABLED);
-  EXPECT_NE(client_->getResult()->error_string.find(ros::this_node::getName()), std::string::npos)
-      << client_->getResult()->error_string;
+  EXPECT_TRUE(has(client_->getResult()->error_string, ros::this_node::getName()));
 }
 
 // A path file along a line in y from the middle, in this time [s].
@@ -361,13 +302,6 @@ class FollowPath : public LoopRig {
     return std::make_unique<Process>(command);
   }
 };
-
-TEST_F(FollowPath, EndsWithItsPath) {
-  const TemporaryFile file(pathFile(0.015, 2), ".csv");
-  const auto node = start(file);
-  EXPECT_EQ(node->exitCode(60), 0) << node->output();
-  EXPECT_NE(node->output().find("the path was followed"), std::string::npos) << node->output();
-}
 
 // The cells of a table with comments, by its columns.
 using Table = std::map<std::string, std::vector<std::string>>;
@@ -393,13 +327,14 @@ Table tableOf(std::istream&& stream) {
   return out;
 }
 
-TEST_F(FollowPath, LeavesARecordAndItsFigure) {
+TEST_F(FollowPath, EndsWithItsPathAndLeavesARecordAndItsFigure) {
   const TemporaryFile file(pathFile(0.015, 4), ".csv");
   const TemporaryFolder folder;
   const std::string record = folder / "run.csv";
   const std::string figure = folder / "run.png";
   const auto node = start(file, {"_record:=" + record, "_figure:=" + figure});
   ASSERT_EQ(node->exitCode(120), 0) << node->output();
+  EXPECT_NE(node->output().find("the path was followed"), std::string::npos) << node->output();
   const Table table = tableOf(std::ifstream(record));
   const auto number = [&](const std::string& column, std::size_t row) {
     return std::stod(table.at(column).at(row));
@@ -449,7 +384,7 @@ TEST_F(FollowPath, LeavesARecordAndItsFigure) {
   EXPECT_LT(std::stod(tableOf(std::ifstream(record)).at("time_s").back()), 3.5);
 }
 
-TEST_F(FollowPath, ARunThatIsGivenUpIsRecordedAsFarAsItWent) {
+TEST_F(FollowPath, AskedToEndItCancelsItsGoalAndRecordsAsFarAsItWent) {
   const TemporaryFile file(pathFile(0.015, 40), ".csv");
   const TemporaryFolder folder;
   const std::string record = folder / "run.csv";
@@ -457,6 +392,8 @@ TEST_F(FollowPath, ARunThatIsGivenUpIsRecordedAsFarAsItWent) {
   ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
   node->signal(SIGINT);
   EXPECT_EQ(node->exitCode(30), 0) << node->output();
+  EXPECT_NE(node->output().find("cancelled"), std::string::npos) << node->output();
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
   std::ifstream stream(record);
   std::string title;
   std::getline(stream, title);
@@ -480,30 +417,16 @@ TEST_F(FollowPath, ARecordReplacesNoFileOfOthers) {
   EXPECT_EQ(text, "a,b\n1,2\n");
 }
 
-TEST_F(FollowPath, APathThatIsRefusedEndsItWith1) {
-  const TemporaryFile file(pathFile(0.4, 20), ".csv");
-  const auto node = start(file);
-  EXPECT_EQ(node->exitCode(60), 1) << node->output();
-  EXPECT_NE(node->output().find("leaves the arm's reach"), std::string::npos) << node->output();
-}
-
-TEST_F(FollowPath, AFileThatIsNoPathEndsItWith2) {
-  const TemporaryFile file("time_s,x_m,y_m,z_m\n0,0.366,0,0\n0,0.366,0.01,0\n", ".csv");
-  const auto node = start(file);
-  EXPECT_EQ(node->exitCode(60), 2) << node->output();
-}
-
-TEST_F(FollowPath, CancelsItsGoalWhenAskedToEnd) {
-  const TemporaryFile file(pathFile(0.015, 40), ".csv");
-  const auto node = start(file);
-  ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
-  node->signal(SIGINT);
-  EXPECT_EQ(node->exitCode(30), 0) << node->output();
-  EXPECT_NE(node->output().find("cancelled"), std::string::npos) << node->output();
-  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+TEST_F(FollowPath, WhatIsNotFollowedEndsItWithItsCode) {
+  const TemporaryFile far(pathFile(0.4, 20), ".csv");
+  const TemporaryFile no_path("time_s,x_m,y_m,z_m\n0,0.366,0,0\n0,0.366,0.01,0\n", ".csv");
+  for (const auto& [file, code, words] :
+       {std::tuple(&far, 1, "leaves the arm's reach"), std::tuple(&no_path, 2, "")}) {
+    const auto node = start(*file);
+    EXPECT_EQ(node->exitCode(60), code) << node->output();
+    EXPECT_NE(node->output().find(words), std::string::npos) << node->output();
+  }
 }
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -2,10 +2,8 @@
 #include "ros_bridge/common/guarded_callbacks.hpp"
 
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <regex>
-#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -13,6 +11,7 @@
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
 #include "support/message_fields.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -143,9 +142,8 @@ void expectNowhereBut(const char* exception, const std::string& pattern, const c
     for (const auto& entry : std::filesystem::recursive_directory_iterator(
              std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
       if (!entry.is_regular_file() || entry.path().filename() == exception) continue;
-      std::ostringstream text;
-      text << std::ifstream(entry.path()).rdbuf();
-      EXPECT_FALSE(std::regex_search(text.str(), raw)) << entry.path() << ": " << remedy;
+      EXPECT_FALSE(std::regex_search(test::contentOf(entry.path()), raw))
+          << entry.path() << ": " << remedy;
       ++files;
     }
   }

@@ -3,9 +3,7 @@
 // what it answers where the regulator does not hear.
 #include <csignal>
 #include <filesystem>
-#include <fstream>
 #include <memory>
-#include <sstream>
 
 #include <actionlib_msgs/GoalStatusArray.h>
 #include <gtest/gtest.h>
@@ -19,7 +17,6 @@ namespace helix_arm::test {
 namespace {
 
 using simulation::DeviceFault;
-using Line = EmulatedRegulator::Line;
 
 const Eigen::Vector3d kPressures(1.5e5, 1e5, 5e4);  // [Pa]
 
@@ -34,9 +31,7 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
 
   // Asks the node to reload its scene with one text in place of another.
   Reload::Response reloadWith(const std::string& old, const std::string& changed) {
-    std::ostringstream text;
-    text << std::ifstream(regulator_.scene()).rdbuf();
-    std::string scene = text.str();
+    std::string scene = contentOf(regulator_.scene());
     const std::size_t at = scene.find(old);
     EXPECT_NE(at, std::string::npos) << old;
     if (at == std::string::npos) return {};
@@ -48,15 +43,12 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
     return reload.response;
   }
 
-  const std::string kName = GetParam() == Line::kSerial ? "serial" : "modbus";
+  const std::string kName = nameOf(GetParam());
   EmulatedRegulator regulator_{GetParam()};
   HardwareRig rig_{
       regulator_, kName, {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
 };
-INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::Values(Line::kSerial, Line::kModbus),
-                         [](const auto& line) {
-                           return line.param == Line::kSerial ? "Serial" : "Modbus";
-                         });
+INSTANTIATE_TEST_SUITE_P(, HardwareRules, kEachLine, nameOfLine);
 
 TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
   rig_.command(kPressures);
@@ -92,9 +84,7 @@ TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {
   ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
   const Reload::Response looser = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 4000");
   EXPECT_FALSE(looser.success);
-  EXPECT_NE(looser.message.find("safety.slew_kpa_s would go from 2000 to 4000 kPa/s"),
-            std::string::npos)
-      << looser.message;
+  EXPECT_TRUE(has(looser.message, "safety.slew_kpa_s would go from 2000 to 4000 kPa/s"));
   const Reload::Response stricter = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 1000");
   EXPECT_TRUE(stricter.success) << stricter.message;
   // It is compared with the rules at the start, not with the last ones.
@@ -203,13 +193,9 @@ TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {
 TEST_F(ClientOfTheLoop, CannotHaveAPlaceHeldWithoutEnd) {
   follow(9, {"_hold_s:=80000"});
   EXPECT_EQ(client_->exitCode(60), 1) << client_->output();
-  EXPECT_NE(client_->output().find("hold_s is 80000; expected at most 60 on hardware"),
-            std::string::npos)
-      << client_->output();
+  EXPECT_TRUE(has(client_->output(), "hold_s is 80000; expected at most 60 on hardware"));
   EXPECT_TRUE(regulator_.isVented() || regulator_.setPoint().isZero());
 }
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

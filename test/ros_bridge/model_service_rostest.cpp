@@ -152,5 +152,3 @@ TEST(ModelService, ALargeBatchDelaysNoTarget) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

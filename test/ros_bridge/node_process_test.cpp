@@ -39,6 +39,17 @@ class NodeProcess : public ::testing::Test {
   Master master_;
 };
 
+// An arm of three muscles of one contraction; any of its lines may be another.
+std::string ringScene(const std::string& contraction, const std::string& ring = "muscle",
+                      const std::string& stiffness = "10, K_tau_m2: 0, K_kappa_m2: 1.0e-4",
+                      const std::string& more = "") {
+  return "name: ring\ncontractions:\n  muscle:\n    " + contraction +
+         "\narm:\n  geometry: spatial\n  stiffness: {K_gamma: " + stiffness +
+         "}\n  sections:\n    - name: arm\n      ring: {count: 3, radius_m: 0.03, contraction: " +
+         ring + "}\n" + more;
+}
+constexpr char kTable[] = "table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}";
+
 // Every node, of two arms: one of spatial_50 that a series moves, and a simulated rig.
 struct EveryNode {
   explicit EveryNode(const Process::Variables& variables)
@@ -69,18 +80,8 @@ void expectFails(Process& node, const std::string& why, double deadline = 30) {
 }
 
 TEST_F(NodeProcess, ABadSceneEndsItWith2AndEveryFault) {
-  const TemporaryFile scene(R"(name: bad
-contractions:
-  muscle:
-    table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}
-arm:
-  geometry: spatial
-  stiffness: {K_gamma: -3, K_tau_m2: 0, K_kappa_m2: .nan}
-  sections:
-    - name: arm
-      ring: {count: 3, radius_m: 0.03, contraction: mussel, max_pressure_kpa: 400}
-colour: green
-)");
+  const TemporaryFile scene(ringScene(kTable, "mussel, max_pressure_kpa: 400",
+                                      "-3, K_tau_m2: 0, K_kappa_m2: .nan", "colour: green\n"));
   expectRefused({"_scene:=" + scene.path()},
                 {"K_gamma", "-3", "K_kappa_m2", "mussel", "colour", scene.path() + ":"});
 }
@@ -99,6 +100,19 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                 {"~scene is missing", "~pressure_tolerance_kpa is 0", "~window_s is -1",
                  "~patience_s is long"},
                 HELIX_ARM_CALIBRATION);
+  expectRefused({"_scene:=demo", "_time_factor:=5"}, {"~time_factor is 5", "/use_sim_time"},
+                HELIX_ARM_SIMULATED_RIG);
+  expectRefused({"_scene:=demo", "_time_factor:=0.001"}, {"~time_factor is 0.001"},
+                HELIX_ARM_SIMULATED_RIG);
+  expectRefused({"_scene:=demo", "_source:=webcam"}, {"demo has no camera.webcam"},
+                HELIX_ARM_VISION);
+  expectRefused({"_scene:=demo", "_source:=/no/such/film.avi"}, {"/no/such/film.avi"},
+                HELIX_ARM_VISION);
+  expectRefused({"_scene:=demo", "_camera_info_url:=file:///tmp/camera.yaml"},
+                {"~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"},
+                HELIX_ARM_VISION);
+  expectRefused({"_scene:=demo_serial", "_rate:=7"},
+                {"vents by itself when no line comes for 0.5 s", "raise the rate of the loop"});
 }
 
 // In its log, as in those of other programs, a line of a node begins with its level.
@@ -159,20 +173,6 @@ TEST_F(NodeProcess, ARelativePathStartsInTheFolderOfTheCaller) {
       << in_its_own.output();
 }
 
-TEST_F(NodeProcess, ATimeFactorNeedsSimulatedTime) {
-  expectRefused({"_scene:=demo", "_time_factor:=5"}, {"~time_factor is 5", "/use_sim_time"},
-                HELIX_ARM_SIMULATED_RIG);
-  expectRefused({"_scene:=demo", "_time_factor:=0.001"}, {"~time_factor is 0.001"},
-                HELIX_ARM_SIMULATED_RIG);
-}
-
-TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
-  expectRefused({"_scene:=demo", "_source:=webcam"}, {"demo has no camera.webcam"},
-                HELIX_ARM_VISION);
-  expectRefused({"_scene:=demo", "_source:=/no/such/film.avi"}, {"/no/such/film.avi"},
-                HELIX_ARM_VISION);
-}
-
 // A word that is none of the sources may be a folder of the caller.
 TEST_F(NodeProcess, ABareFolderIsASource) {
   const TemporaryFolder folder;
@@ -182,12 +182,6 @@ TEST_F(NodeProcess, ABareFolderIsASource) {
   EXPECT_TRUE(taken.prints("~source is pictures: " + (folder / "pictures"))) << taken.output();
   expectRefused({"_scene:=demo", "_source:=no_such_folder"},
                 {"~source is no_such_folder", "a path (with a / or a ., or of what is there)"},
-                HELIX_ARM_VISION);
-}
-
-TEST_F(NodeProcess, AnUnusedCalibrationIsRefused) {
-  expectRefused({"_scene:=demo", "_camera_info_url:=file:///tmp/camera.yaml"},
-                {"~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"},
                 HELIX_ARM_VISION);
 }
 
@@ -234,38 +228,15 @@ TEST_F(NodeProcess, AFolderOfPicturesIsMeasuredInToItsEnd) {
 }
 
 TEST_F(NodeProcess, AnArmThatItCannotDriveIsRefused) {
-  const TemporaryFile scene(R"(name: tendon
-contractions:
-  cable:
-    tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 6}
-arm:
-  geometry: spatial
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
-  sections:
-    - name: arm
-      ring: {count: 3, radius_m: 0.03, contraction: cable}
-)");
+  const TemporaryFile scene(
+      ringScene("tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 6}"));
   expectRefused({"_scene:=" + scene.path()}, {"muscle_1 is a tendon", "muscle_3 is a tendon"});
 }
 
-TEST_F(NodeProcess, ALoopTooSlowForTheWatchdogOfItsRegulatorIsRefused) {
-  expectRefused({"_scene:=demo_serial", "_rate:=7"},
-                {"vents by itself when no line comes for 0.5 s", "raise the rate of the loop"});
-}
-
 TEST_F(NodeProcess, ASupplyBelowTheLimitsIsReported) {
-  const TemporaryFile scene(R"(name: weak
-contractions:
-  muscle:
-    table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}
-arm:
-  geometry: spatial
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
-  sections:
-    - name: arm
-      ring: {count: 3, radius_m: 0.03, contraction: muscle, max_pressure_kpa: 400}
-regulator: {simulated: {supply_kpa: 300}}
-)");
+  const TemporaryFile scene(ringScene(kTable, "muscle, max_pressure_kpa: 400",
+                                      "10, K_tau_m2: 0, K_kappa_m2: 1.0e-4",
+                                      "regulator: {simulated: {supply_kpa: 300}}\n"));
   for (const char* program : {HELIX_ARM_PRESSURE_COMMAND, HELIX_ARM_SIMULATED_RIG}) {
     Process node({program, "_scene:=" + scene.path()}, variables());
     EXPECT_TRUE(node.prints(
@@ -383,29 +354,22 @@ TEST_F(LaunchFile, DemoRunsToBeCalibrated) {
 }
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 
-TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfTheCaller) {
-  const TemporaryFolder folder;
-  std::ofstream(folder / "my_arm.yaml") << "name: my_arm\ncolour: green\n";
-  Process launch(
-      {"sh", "-c", "cd \"$0\" && exec roslaunch -p \"$1\" \"$2\" scene:=my_arm.yaml rviz:=false",
-       folder.path(), std::to_string(master_.port()), HELIX_ARM_SOURCE_DIR "/launch/arm.launch"},
-      variables());
-  EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
-}
-
 // A program that starts roslaunch in another folder leaves it its own PWD.
 TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfRoslaunchWhateverPwdSays) {
   const TemporaryFolder folder, of_parent;
   for (const TemporaryFolder* one : {&folder, &of_parent}) {
     std::ofstream(*one / "my_arm.yaml") << "name: my_arm\ncolour: green\n";
   }
-  Process::Variables left = variables();
-  left["PWD"] = of_parent.path();
-  Process launch({"env", "-C", folder.path(), "roslaunch", "-p", std::to_string(master_.port()),
-                  HELIX_ARM_SOURCE_DIR "/launch/arm.launch", "scene:=my_arm.yaml", "rviz:=false"},
-                 left);
-  EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
-  EXPECT_EQ(launch.output().find(of_parent / "my_arm.yaml"), std::string::npos) << launch.output();
+  for (const TemporaryFolder* pwd : {&folder, &of_parent}) {
+    Process::Variables left = variables();
+    left["PWD"] = pwd->path();
+    Process launch({"env", "-C", folder.path(), "roslaunch", "-p", std::to_string(master_.port()),
+                    HELIX_ARM_SOURCE_DIR "/launch/arm.launch", "scene:=my_arm.yaml", "rviz:=false"},
+                   left);
+    EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
+    EXPECT_EQ(launch.output().find(of_parent / "my_arm.yaml"), std::string::npos)
+        << launch.output();
+  }
 }
 
 TEST_F(LaunchFile, ReplayUsesTheMeasuredSeries) {

@@ -20,6 +20,7 @@
 #include <xmlrpcpp/XmlRpcValue.h>
 
 #include "support/process.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -35,12 +36,6 @@ Words inShell(const Words& set, const Words& command) {
   all.insert(all.end(), set.begin(), set.end());
   all.insert(all.end(), command.begin(), command.end());
   return all;
-}
-
-std::string textOf(const fs::path& path) {
-  std::ostringstream out;
-  out << std::ifstream(path).rdbuf();
-  return out.str();
 }
 
 struct Shell {
@@ -97,7 +92,7 @@ TEST_P(LaunchFiles, GiveEveryNodeItsHost) {
   const std::regex declared("<node [^>]*name=\"([^\"]*)\"");
   int files = 0;
   for (const auto& entry : fs::directory_iterator(kLaunch)) {
-    const std::string file = entry.path().filename(), text = textOf(entry.path());
+    const std::string file = entry.path().filename(), text = contentOf(entry.path());
     // The address by which another machine reaches this one has no default.
     if (file == "two_machines.launch" && GetParam().arguments.empty()) continue;
     ++files;

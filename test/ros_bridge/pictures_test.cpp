@@ -33,16 +33,6 @@ cv::Mat grayOf(const sensor_msgs::Image& image) {
   return std::get<cv::Mat>(taken).clone();
 }
 
-void expectRefused(const sensor_msgs::Image& image, PictureFault fault, const std::string& word) {
-  cv::Mat buffer;
-  const auto taken = fromMsg(image, buffer);
-  ASSERT_TRUE(std::holds_alternative<PictureRefusal>(taken));
-  EXPECT_STREQ(nameOf(std::get<PictureRefusal>(taken).fault), nameOf(fault));
-  const std::string& message = std::get<PictureRefusal>(taken).message;
-  EXPECT_NE(message.find(word), std::string::npos) << word << " in: " << message;
-  EXPECT_LT(message.size(), 400U);
-}
-
 TEST(Picture, Mono8IsTakenWithoutACopy) {
   const auto image = toImageMsg({}, cv::Mat(4, 6, CV_8UC1, cv::Scalar(17)));
   cv::Mat buffer;
@@ -103,33 +93,35 @@ TEST(Picture, RowsMayBePadded) {
 
 TEST(Picture, AFileThatIsNotAPictureIsRefused) {
   const auto sound = toImageMsg({}, cv::Mat(4, 6, CV_8UC1, cv::Scalar(0)));
-  auto image = sound;
-  image.encoding = "yuv422";
-  expectRefused(image, PictureFault::kWrongEncoding, "'yuv422'");
-  image.encoding = std::string(2'000'000, 'x');
-  expectRefused(image, PictureFault::kWrongEncoding, "xxx...");
-  expectRefused(sensor_msgs::Image(), PictureFault::kWrongEncoding, "''");
-  image = sound;
-  image.width = 0;
-  expectRefused(image, PictureFault::kWrongSize, "0 x 4");
-  image = sound;
-  image.height = 0;
-  expectRefused(image, PictureFault::kWrongSize, "6 x 0");
-  image = sound;
-  image.data.pop_back();
-  expectRefused(image, PictureFault::kWrongSize, "23 bytes");
-  image = sound;
-  image.step = 5;
-  expectRefused(image, PictureFault::kWrongSize, "rows of 5");
-  image = sound;
-  image.step = 0;
-  expectRefused(image, PictureFault::kWrongSize, "rows of 0");
-  image = sound;
-  image.encoding = "bgr8";
-  expectRefused(image, PictureFault::kWrongSize, "bgr8");
-  image = sound;
-  image.width = image.height = image.step = std::numeric_limits<std::uint32_t>::max();
-  expectRefused(image, PictureFault::kWrongSize, "24 bytes");
+  using Image = sensor_msgs::Image;
+  const struct {
+    PictureFault fault;
+    const char* word;
+    void (*spoil)(Image& image);
+  } kRows[] = {
+      {PictureFault::kWrongEncoding, "'yuv422'", [](Image& i) { i.encoding = "yuv422"; }},
+      {PictureFault::kWrongEncoding, "xxx...", [](Image& i) { i.encoding.assign(2'000'000, 'x'); }},
+      {PictureFault::kWrongEncoding, "''", [](Image& i) { i = {}; }},
+      {PictureFault::kWrongSize, "0 x 4", [](Image& i) { i.width = 0; }},
+      {PictureFault::kWrongSize, "6 x 0", [](Image& i) { i.height = 0; }},
+      {PictureFault::kWrongSize, "23 bytes", [](Image& i) { i.data.pop_back(); }},
+      {PictureFault::kWrongSize, "rows of 5", [](Image& i) { i.step = 5; }},
+      {PictureFault::kWrongSize, "rows of 0", [](Image& i) { i.step = 0; }},
+      {PictureFault::kWrongSize, "bgr8", [](Image& i) { i.encoding = "bgr8"; }},
+      {PictureFault::kWrongSize, "24 bytes",
+       [](Image& i) { i.width = i.height = i.step = std::numeric_limits<std::uint32_t>::max(); }},
+  };
+  for (const auto& row : kRows) {
+    Image image = sound;
+    row.spoil(image);
+    cv::Mat buffer;
+    const auto taken = fromMsg(image, buffer);
+    ASSERT_TRUE(std::holds_alternative<PictureRefusal>(taken)) << row.word;
+    const auto& refusal = std::get<PictureRefusal>(taken);
+    EXPECT_STREQ(nameOf(refusal.fault), nameOf(row.fault)) << row.word;
+    EXPECT_NE(refusal.message.find(row.word), std::string::npos) << row.word << refusal.message;
+    EXPECT_LT(refusal.message.size(), 400U);
+  }
 }
 
 TEST(Picture, OnlyJpegIsDecoded) {
@@ -167,40 +159,34 @@ TEST(CameraInfo, SurvivesTheRoundTrip) {
 }
 
 TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
-  const auto sound = toCameraInfoMsg({}, kCamera);
-  const auto expectRefusedInfo = [](const sensor_msgs::CameraInfo& info, const std::string& word) {
+  using Info = sensor_msgs::CameraInfo;
+  const struct {
+    const char* word;
+    void (*spoil)(Info& info);
+  } kRows[] = {
+      {"K = 0", [](Info& i) { i.K.fill(0); }},
+      {"not calibrated", [](Info& i) { i = {}; }},
+      {"is not valid", [](Info& i) { i.K[0] = -600; }},
+      {"is not valid", [](Info& i) { i.K[2] = std::nan(""); }},
+      {"is not valid", [](Info& i) { i.width = 0; }},
+      {"'equidistant'", [](Info& i) { i.distortion_model = "equidistant"; }},
+      {"14 coefficients",
+       [](Info& i) {
+         i.D.assign(14, 0.1);
+         i.distortion_model = "rational_polynomial";
+       }},
+      {"binning", [](Info& i) { i.binning_x = 2; }},
+      {"region", [](Info& i) { i.roi.x_offset = 10; }},
+  };
+  for (const auto& row : kRows) {
+    Info info = toCameraInfoMsg({}, kCamera);
+    row.spoil(info);
     const auto taken = fromMsg(info);
-    ASSERT_TRUE(std::holds_alternative<PictureRefusal>(taken)) << word;
+    ASSERT_TRUE(std::holds_alternative<PictureRefusal>(taken)) << row.word;
     const auto& refusal = std::get<PictureRefusal>(taken);
     EXPECT_EQ(refusal.fault, PictureFault::kBadCameraInfo);
-    EXPECT_NE(refusal.message.find(word), std::string::npos) << word << " in: " << refusal.message;
-  };
-  auto info = sound;
-  info.K.fill(0);
-  expectRefusedInfo(info, "K = 0");
-  expectRefusedInfo(sensor_msgs::CameraInfo(), "not calibrated");
-  info = sound;
-  info.K[0] = -600;
-  expectRefusedInfo(info, "is not valid");
-  info = sound;
-  info.K[2] = std::nan("");
-  expectRefusedInfo(info, "is not valid");
-  info = sound;
-  info.width = 0;
-  expectRefusedInfo(info, "is not valid");
-  info = sound;
-  info.distortion_model = "equidistant";
-  expectRefusedInfo(info, "'equidistant'");
-  info = sound;
-  info.D.assign(14, 0.1);
-  info.distortion_model = "rational_polynomial";
-  expectRefusedInfo(info, "14 coefficients");
-  info = sound;
-  info.binning_x = 2;
-  expectRefusedInfo(info, "binning");
-  info = sound;
-  info.roi.x_offset = 10;
-  expectRefusedInfo(info, "region");
+    EXPECT_NE(refusal.message.find(row.word), std::string::npos) << row.word << refusal.message;
+  }
 }
 
 TEST(PictureFault, NamesAreTheFieldsOfTheStatus) {

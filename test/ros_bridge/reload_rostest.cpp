@@ -1,13 +1,17 @@
-// Scenes that take another's place while the nodes run.
-#include <algorithm>
+// Scenes that take another's place while the nodes run; and parts of nodes, each on its own.
+#include <filesystem>
 #include <fstream>
+#include <future>
 #include <sstream>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 #include <ros/service.h>
 #include <sys/stat.h>
 
 #include "helix_arm/Reload.h"
+#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/vision/vision_status_publisher.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
@@ -19,6 +23,7 @@ constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
 constexpr char kPressureCommand[] = "pressure_command";
 constexpr char kVision[] = "vision";
 constexpr char kMonitor[] = "monitor";
+constexpr const char* kNodes[] = {kPressureCommand, kVision, kMonitor};
 
 // The demo scene with some keys set otherwise.
 std::string demoWith(const std::vector<io::Override>& overrides) {
@@ -44,7 +49,7 @@ class Reloading : public ::testing::Test {
   void TearDown() override {
     const TargetStatus answer = rig_.sendPressures({0, 0, 0});
     ASSERT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
-    for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+    for (const char* node : kNodes) {
       const Reload::Response response = reload(node, "demo");
       EXPECT_TRUE(response.success) << response.message;
     }
@@ -63,12 +68,7 @@ class Reloading : public ::testing::Test {
 bool isModelOf(const io::Scene& scene, const Rig& rig, const ArmShape& model) {
   const auto measured = VisionListener::of(rig.measured, model.header.stamp);
   if (!measured) return false;
-  Eigen::VectorXd pressure = vectorOf(measured->pressure);
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Range& limits = scene.arm.actuator(i).limits;
-    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
-  }
-  const model::Twists expected = scene.arm.twists(pressure);
+  const model::Twists expected = scene.arm.twists(scene.arm.clamped(vectorOf(measured->pressure)));
   return (vectorOf(model.twist) - Eigen::Map<const Eigen::VectorXd>(expected.data(), 6)).norm() <
          1e-9;
 }
@@ -102,13 +102,10 @@ TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsEffective) {
   const Eigen::Vector3d wanted = scene.model.tip(Eigen::Vector3d(2e5, 2e4, 2e4)).tip.translation;
   TipTarget target;
   target.mode = TipTarget::POSITION;
-  target.pose.position.x = wanted.x();
-  target.pose.position.y = wanted.y();
-  target.pose.position.z = wanted.z();
+  target.pose.position = ros_bridge::toPointMsg(wanted);
   EXPECT_TRUE(waitFor([&] {
     if (rig_.send(target).outcome != TargetStatus::REACHED) return false;
-    const geometry_msgs::Point tip = rig_.model.last().tip.position;
-    return (Eigen::Vector3d(tip.x, tip.y, tip.z) - wanted).norm() < 1e-3;
+    return (ros_bridge::fromMsg(rig_.model.last().tip).translation - wanted).norm() < 1e-3;
   }));
   const std::vector<double> command = rig_.command.last().pressure;
   EXPECT_LT(command[0], 2e5 - 0.5 * 0.6 * 2e4) << "less than its effective pressure";
@@ -117,7 +114,7 @@ TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsEffective) {
 TEST_F(Reloading, AFaultyFileChangesNothing) {
   const io::Scene demo = shippedScene("demo");
   const TemporaryFile faulty(demoWith({}) + "\nnonsense: 1\n", ".yaml"), broken("arm: [", ".yaml");
-  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+  for (const char* node : kNodes) {
     for (const std::string& path : {faulty.path(), broken.path(), std::string("/no/such.yaml"),
                                     std::string("no_such_scene"), std::string("../demo.yaml")}) {
       const Reload::Response response = reload(node, path);
@@ -133,7 +130,7 @@ TEST_F(Reloading, AFaultyFileChangesNothing) {
 TEST_F(Reloading, AnotherRigIsRefused) {
   const TemporaryFile brisk(
       io::sceneText(HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml"), ".yaml");
-  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+  for (const char* node : kNodes) {
     for (const std::string& scene : {std::string("planar_76"), brisk.path()}) {
       const Reload::Response response = reload(node, scene);
       EXPECT_FALSE(response.success) << node << " " << scene;
@@ -165,7 +162,7 @@ TEST_F(Reloading, AFifoIsRefusedAtOnce) {
   const TemporaryFolder folder;
   const std::string fifo = folder / "fifo.yaml";
   ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
-  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+  for (const char* node : kNodes) {
     const Reload::Response response = reload(node, fifo);
     EXPECT_FALSE(response.success) << node;
     EXPECT_NE(response.message.find("regular file"), std::string::npos) << response.message;
@@ -225,7 +222,67 @@ TEST_F(Reloading, VisionLooksForTheNewScenesTagsFromTheNextPictureOn) {
   EXPECT_LT((tipAfterShowing() - before).norm(), 0.002);
 }
 
+// ---- Parts of nodes -----------------------------------------------------------------------------
+
+class ReloadServer : public ::testing::Test {
+ protected:
+  // Answer of the server, whose callbacks run meanwhile.
+  Reload::Response reload() {
+    auto response = std::async(std::launch::async,
+                               [this] { return test::reload(node_.getNamespace(), path_); });
+    EXPECT_TRUE(waitFor(
+        [&] { return response.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+    return response.get();
+  }
+
+  ros::NodeHandle node_{"reload_server"};
+  const TemporaryFile next_{demoWith({}), ".yaml"};
+  const std::string path_ = std::filesystem::canonical(next_.path()).string();
+  const std::string folder_ = std::filesystem::path(path_).parent_path().string();
+};
+
+TEST_F(ReloadServer, TheNewSceneIsNeverSeenWithTheOldFile) {
+  std::future<std::string> seen;
+  ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
+    seen = std::async(std::launch::async, [&] { return server.file().path; });
+    // Time to get the old file.
+    EXPECT_EQ(seen.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  });
+  const Reload::Response response = reload();
+  EXPECT_TRUE(response.success) << response.message;
+  ASSERT_TRUE(seen.valid());
+  EXPECT_EQ(seen.get(), path_);
+}
+
+TEST_F(ReloadServer, KeepsTheFileOfASceneThatIsNotAdopted) {
+  const ros_bridge::ReloadServer server(
+      node_, kDemo, folder_, [](const io::Scene&) { throw std::invalid_argument("refused"); });
+  const Reload::Response response = reload();
+  EXPECT_FALSE(response.success);
+  EXPECT_EQ(response.message, "refused");
+  EXPECT_EQ(server.file().path, kDemo);
+}
+
+// A thread of the vision nodelet fails while the other finishes its picture.
+TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
+  ros::NodeHandle node("failed_vision");
+  Inbox<VisionStatus> statuses(node, names::kVisionStatus);
+  ros_bridge::VisionStatusPublisher publisher(node, {}, "vision", "arm_base");
+  ASSERT_TRUE(waitFor([&] {
+    publisher.report("demo");
+    return !statuses.all().empty();
+  }));
+  publisher.enter(VisionStatus::MEASURED, "three tags");
+  publisher.fail("it has failed");
+  publisher.enter(VisionStatus::MEASURED, "three tags");
+  publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
+  publisher.enter(VisionStatus::ENDED, "the file has ended");
+  publisher.report("demo");
+  // Only the report tells of the fault that was counted last.
+  ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));
+  EXPECT_EQ(statuses.last().state, VisionStatus::CAMERA_FAULT);
+  EXPECT_EQ(statuses.last().message, "it has failed");
+}
+
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -133,5 +133,3 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

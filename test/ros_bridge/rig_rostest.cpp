@@ -7,7 +7,6 @@
 #include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/process.hpp"
@@ -137,7 +136,7 @@ TEST_F(Loop, AForceAtTheTipMovesTheTruth) {
   ros::Publisher publisher = eye_.node.advertise<geometry_msgs::WrenchStamped>(
       std::string(names::kSimulatedRigNode) + "/" + names::kTipForce, 10);
   ASSERT_TRUE(waitFor([&] { return publisher.getNumSubscribers() > 0; }));
-  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  const io::Scene scene = shippedScene("demo");
   simulation::TrueArm truth(scene.model, scene.simulation.arm);
   const auto tipUnder = [&](const Eigen::Vector3d& force) {
     truth.setTipForce(force);
@@ -176,23 +175,22 @@ TEST_F(Loop, ARigThatEndsIsReportedAndMeasuredAgainAfterItsRestart) {
     return !eye_.markers.all().empty() &&
            eye_.markers.last().markers.at(0).action == Marker::DELETE;
   }));
-  const auto hasLevel = [](const char* name, std::uint8_t level) {
-    return [name, level](const diagnostic_msgs::DiagnosticArray& array) {
-      for (const auto& s : array.status) {
-        if (s.name == name && s.level == level) return true;
-      }
-      return false;
-    };
-  };
   using diagnostic_msgs::DiagnosticStatus;
-  EXPECT_TRUE(rig_.diagnostics.next(hasLevel("vision: camera", DiagnosticStatus::ERROR)));
-  EXPECT_TRUE(rig_.diagnostics.next(hasLevel(kLoop, DiagnosticStatus::ERROR)));
+  const auto comesTo = [this](const char* name, std::uint8_t level) {
+    return nullptr != rig_.diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
+      return std::any_of(array.status.begin(), array.status.end(), [&](const auto& status) {
+        return status.name == name && status.level == level;
+      });
+    });
+  };
+  EXPECT_TRUE(comesTo("vision: camera", DiagnosticStatus::ERROR));
+  EXPECT_TRUE(comesTo(kLoop, DiagnosticStatus::ERROR));
   const std::size_t models = rig_.model.all().size();
-  EXPECT_TRUE(rig_.diagnostics.next(hasLevel(kLoop, DiagnosticStatus::ERROR)));
+  EXPECT_TRUE(comesTo(kLoop, DiagnosticStatus::ERROR));
   EXPECT_EQ(rig_.model.all().size(), models) << "a model without measurements";
   start();
   EXPECT_TRUE(eye_.measured.next([](const ArmShape&) { return true; }));
-  EXPECT_TRUE(rig_.diagnostics.next(hasLevel("vision: camera", DiagnosticStatus::OK)));
+  EXPECT_TRUE(comesTo("vision: camera", DiagnosticStatus::OK));
   EXPECT_TRUE(rig_.model.next([](const ArmShape&) { return true; }));
 }
 
@@ -223,6 +221,10 @@ class RenderedArm : public ::testing::Test {
     });
   }
 
+  bool says(const char* words) {
+    return waitFor([&] { return rig_->outputNow().find(words) != std::string::npos; });
+  }
+
   VisionListener eye_{""};
   ros::Publisher readings_ = eye_.node.advertise<PressureArray>(names::kPressureMeasured, 10);
   Inbox<ArmShape> truth_{eye_.node, names::kTruth};
@@ -246,13 +248,9 @@ TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
 
   // A broken reading moves nothing.
   const ros::Time broken = send(names, {0, std::nan(""), 1e5});
-  EXPECT_TRUE(waitFor([this] {
-    return rig_->outputNow().find("pressure_measured: ") != std::string::npos;
-  })) << rig_->outputNow();
+  EXPECT_TRUE(says("pressure_measured: ")) << rig_->outputNow();
   // Silence is told, and no picture of an arm whose pressure is unknown is taken.
-  EXPECT_TRUE(waitFor([this] {
-    return rig_->outputNow().find("no pressure_measured for 0.5 s") != std::string::npos;
-  })) << rig_->outputNow();
+  EXPECT_TRUE(says("no pressure_measured for 0.5 s")) << rig_->outputNow();
   const std::size_t pictures = image_.all().size();
   EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));
   EXPECT_EQ(image_.all().size(), pictures);
@@ -261,17 +259,13 @@ TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
 }
 
 TEST_F(RenderedArm, ThatNoReadingEverComesIsTold) {
-  EXPECT_TRUE(waitFor([this] {
-    return rig_->outputNow().find("no pressure_measured has come for 3 s") != std::string::npos;
-  })) << rig_->outputNow();
+  EXPECT_TRUE(says("no pressure_measured has come for 3 s")) << rig_->outputNow();
   EXPECT_TRUE(image_.all().empty());
   EXPECT_TRUE(truth_.all().empty());
   // Then one comes, and its end is told as usual.
   ASSERT_TRUE(whileSending({"muscle_1", "muscle_2", "muscle_3"}, {0, 0, 0},
                            [this] { return !image_.all().empty(); }));
-  EXPECT_TRUE(waitFor([this] {
-    return rig_->outputNow().find("no pressure_measured for 0.5 s") != std::string::npos;
-  })) << rig_->outputNow();
+  EXPECT_TRUE(says("no pressure_measured for 0.5 s")) << rig_->outputNow();
 }
 
 TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {
@@ -282,5 +276,3 @@ TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -128,5 +128,3 @@ TEST_F(TwoArms, AVentOfOneLeavesTheOtherEnabled) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

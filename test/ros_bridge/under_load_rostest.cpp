@@ -98,5 +98,3 @@ TEST_F(UnderLoad, AReloadedSceneWithoutLoadIsOfTheLinearTier) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -117,5 +117,3 @@ TEST(WorkspaceCloud, SaysWhyItIsEmptyAndNothingOfLoadsWhereThereAreNone) {
 
 }  // namespace
 }  // namespace helix_arm::test
-
-int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -7,7 +7,6 @@
 #include <QSlider>
 #include <QtTest/QTest>
 #include <algorithm>
-#include <chrono>
 #include <condition_variable>
 #include <cstdlib>
 #include <functional>
@@ -401,7 +400,10 @@ constexpr int kShortRun = 10, kEndlessRun = 1 << 30;  // turns of a calibration
 class CockpitStorm : public PanelWindow {
  protected:
   void SetUp() override {
-    start();
+    arm_ = std::make_unique<Arm>(record_);
+    loop_ = std::make_unique<Loop>(record_, *arm_);
+    eye_ = std::make_unique<Eye>(record_);
+    calibrateWith(kEndlessRun);
     show(kArm);
     ASSERT_TRUE(until([this] { return says("state", "DISABLED") && isOffered("enable"); }))
         << text("state") << text("cause") << tip("enable");
@@ -415,18 +417,14 @@ class CockpitStorm : public PanelWindow {
     panel_.reset();
   }
 
-  void start(int turns = kEndlessRun) {
-    arm_ = std::make_unique<Arm>(record_);
-    loop_ = std::make_unique<Loop>(record_, *arm_);
-    eye_ = std::make_unique<Eye>(record_);
+  void calibrateWith(int turns) {
+    calibration_.reset();
     calibration_ = std::make_unique<Calibration>(record_, *arm_, turns);
   }
 
   static bool until(const std::function<bool()>& condition) {
     return stillness([] {}, condition) < 1000;
   }
-  bool isOffered(const char* name) { return find<QWidget>(name)->isEnabled(); }
-  std::string tip(const char* name) { return find<QWidget>(name)->toolTip().toStdString(); }
   void click(const char* name) { QTest::mouseClick(find<QWidget>(name), Qt::LeftButton); }
   bool holds() { return find<QPushButton>("hold")->isChecked(); }
   bool calibrates() { return !find<QProgressBar>("calibration_progress")->isHidden(); }
@@ -473,30 +471,23 @@ class CockpitStorm : public PanelWindow {
 };
 
 TEST_F(CockpitStorm, HundredsOfClicksSendNothingTwiceAndThePanelGoesOn) {
-  calibration_.reset();
-  calibration_ = std::make_unique<Calibration>(record_, *arm_, kShortRun);
+  calibrateWith(kShortRun);
   // Those that lead somewhere come oftener.
-  const std::vector<const char*> buttons = {"stop",
-                                            "release",
-                                            "release",
-                                            "release",
-                                            "enable",
-                                            "enable",
-                                            "enable",
-                                            "vent",
-                                            "hold",
-                                            "hold",
-                                            "slider_0",
-                                            "slider_1",
-                                            "tip_go",
-                                            "tip_present",
-                                            "connect",
-                                            "enable",
-                                            "calibration_start",
-                                            "calibration_start",
-                                            "calibration_start",
-                                            "calibration_cancel",
-                                            "calibration_use"};
+  const std::pair<const char*, int> shares[] = {{"stop", 1},
+                                                {"release", 3},
+                                                {"enable", 4},
+                                                {"vent", 1},
+                                                {"hold", 2},
+                                                {"slider_0", 1},
+                                                {"slider_1", 1},
+                                                {"tip_go", 1},
+                                                {"connect", 1},
+                                                {"tip_present", 1},
+                                                {"calibration_start", 3},
+                                                {"calibration_use", 1},
+                                                {"calibration_cancel", 1}};
+  std::vector<const char*> buttons;
+  for (const auto& [name, share] : shares) buttons.insert(buttons.end(), share, name);
   constexpr int kClicks = 600, kMostClicks = 6000;
   const auto hasSeenAll = [this] {
     for (const char* what :
@@ -555,8 +546,7 @@ TEST_F(CockpitStorm, AClickOnEnableOrUseItIsNotRepeatedWhileItsCallWaits) {
   EXPECT_FALSE(says("answer", "refused")) << text("answer");
   EXPECT_EQ(record_.came("enable"), 1);
 
-  calibration_.reset();
-  calibration_ = std::make_unique<Calibration>(record_, *arm_, kShortRun);
+  calibrateWith(kShortRun);
   ASSERT_TRUE(until([this] {
     if (isOffered("calibration_use")) return true;
     if (isOffered("calibration_start")) click("calibration_start");
@@ -681,7 +671,7 @@ TEST_F(CockpitStorm, NodesThatDieAreToldAndWhatNeedsThemIsGrey) {
     EXPECT_FALSE(isOffered(name)) << name;
   }
   EXPECT_TRUE(isOffered("slider_0")) << "the arm is the user's again";
-  calibration_ = std::make_unique<Calibration>(record_, *arm_, kEndlessRun);
+  calibrateWith(kEndlessRun);
   ASSERT_TRUE(until([this] { return isOffered("calibration_start"); })) << tip("calibration_start");
   click("calibration_start");
   ASSERT_TRUE(until([this] { return says("calibration", "step "); })) << text("calibration");

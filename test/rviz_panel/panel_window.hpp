@@ -1,6 +1,7 @@
 #pragma once
 
 #include <QApplication>
+#include <QGroupBox>
 #include <QLabel>
 #include <QPushButton>
 #include <algorithm>
@@ -19,18 +20,20 @@
 
 namespace helix_arm::test {
 
-/// A panel that is made as rviz makes it, on no screen; the test runs its window.
+/// A panel that is made as rviz makes it, by pluginlib and with its configuration; the test runs
+/// its window.
 class PanelWindow : public ::testing::Test {
  protected:
   /// Less than what a master or a service gets to answer [s].
   static constexpr double kMostStill = 1.5;
 
-  void show(const char* ns) {
+  void show(const char* ns, const QSize& size = {}) {
     panel_.reset(loader_.createUnmanagedInstance("helix_arm/Cockpit"));
     panel_->initialize(nullptr);
     rviz::Config config;
     config.mapSetValue("Namespace", ns);
     panel_->load(config);
+    if (size.isValid()) panel_->setGeometry({{0, 0}, size});
     panel_->show();
   }
 
@@ -44,8 +47,16 @@ class PanelWindow : public ::testing::Test {
   bool says(const char* label, const char* words) {
     return text(label).find(words) != std::string::npos;
   }
-  /// The arm that the stop names.
-  std::string named() { return find<QPushButton>("stop")->text().section('\n', 1).toStdString(); }
+  bool isOffered(const char* name) { return find<QWidget>(name)->isEnabled(); }
+  std::string tip(const char* name) { return find<QWidget>(name)->toolTip().toStdString(); }
+  /// The arm that the stop and the title of its box name; both are the same.
+  std::string named() {
+    auto* const stop = find<QPushButton>("stop");
+    const QString arm = stop->text().section('\n', 1);
+    const QString title = dynamic_cast<QGroupBox&>(*stop->parentWidget()).title();
+    EXPECT_TRUE(title == "Arm: " + arm || arm.contains(QChar(0x2026))) << title.toStdString();
+    return arm.toStdString();
+  }
 
   /// Runs an action, then the window until the condition holds. @return the longest time for which
   /// the window stood still, 1000 if the condition did not come to hold [s].

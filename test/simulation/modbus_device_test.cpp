@@ -102,18 +102,6 @@ TEST(ModbusDevice, VtemEndsItsAppsAndKeepsItsAirWithoutAConnection) {
   }
 }
 
-TEST(ModbusDevice, AJammedSlotDoesNotStart) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
-  device.jam(1, true);
-  const RawModbus raw(device.port());
-  ASSERT_TRUE(raw.write(40003, {126, 0, 0, 126, 0, 0}));
-  EXPECT_EQ(raw.read(45395, 1), (Words{125}));
-  EXPECT_NE(raw.read(45398, 1), (Words{125}));
-  device.jam(1, false);
-  ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
-  EXPECT_EQ(raw.read(45398, 1), (Words{125}));
-}
-
 TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
   ModbusDevice device(quietDevice(mpaProfile(), 2));
   const RawModbus raw(device.port());
@@ -167,21 +155,6 @@ TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
   EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
   EXPECT_EQ(device.setPoint()[0], 1e5);
   EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{1000}));
-}
-
-TEST(ModbusDevice, ARestartEndsAllConnectionsAndVents) {
-  ModbusDevice device(quietDevice(mpaProfile(), 1));
-  const int port = device.port();
-  const RawModbus raw(port);
-  ASSERT_TRUE(raw.write(40003, {1000}));
-  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 0.9e5; }));
-  device.setFault(DeviceFault::kRestart);
-  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kNone; }));
-  EXPECT_TRUE(raw.read(40003, 1).empty());
-  EXPECT_EQ(device.port(), port);
-  EXPECT_EQ(device.setPoint()[0], 0);
-  EXPECT_EQ(device.pressure()[0], 0);
-  EXPECT_EQ(RawModbus(port).read(40003, 1), (Words{0}));
 }
 
 TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {

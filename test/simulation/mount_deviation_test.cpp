@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/simulation/rig.hpp"
+#include "support/refusal.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::test {
@@ -106,13 +107,11 @@ TEST_F(Mounts, InvalidDeviationsAreRefused) {
       EXPECT_THROW(deviate(view_, arm_, deviation), std::invalid_argument);
     }
   }
-  try {
-    MountDeviation{0, 0, -0.5, 0}.validate();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "true mounts: the deviation of the tags' places [m] is -0.5; expected a finite "
-                 "value >= 0");
-  }
+  EXPECT_EQ(refusal([] {
+              MountDeviation{0, 0, -0.5, 0}.validate();
+            }),
+            "true mounts: the deviation of the tags' places [m] is -0.5; expected a finite value "
+            ">= 0");
   EXPECT_THROW(deviate(view_, ringArm(helicalRing()), {}), std::invalid_argument);
 }
 

@@ -11,7 +11,9 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
+#include "support/has.hpp"
 #include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
 #include "tag_studio.hpp"
@@ -97,12 +99,10 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
   ArmDeviation loose;
   loose.response = model::Response{-1, 0, 0, {}};
   EXPECT_THROW(loose.validate(), std::invalid_argument);
-  try {
-    ArmDeviation{1, -2, 1}.validate();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "true arm: the factor on K_kappa is -2; expected a finite value > 0");
-  }
+  EXPECT_EQ(refusal([] {
+              ArmDeviation{1, -2, 1}.validate();
+            }),
+            "true arm: the factor on K_kappa is -2; expected a finite value > 0");
 }
 
 TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
@@ -228,14 +228,11 @@ TEST(TrueArm, WithoutAForceAtTheTipNotABitChanges) {
 TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
   const model::Arm arm = ringArm(helicalRing());
   TrueArm unknown(arm, {});
-  try {
-    unknown.setTipForce({0, 0.1, 0});
-    ADD_FAILURE() << "an arm without K_eps takes a force";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
-                 "section, which a force at the tip of the true arm needs");
-  }
+  EXPECT_EQ(refusal([&] {
+              unknown.setTipForce({0, 0.1, 0});
+            }),
+            "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every section, "
+            "which a force at the tip of the true arm needs");
   EXPECT_EQ(unknown.tipForce(), Eigen::Vector3d::Zero());
   TrueArm known(statics::ArmModel(arm, std::nullopt, onlyStiffness()), {});
   known.setTipForce({0, 0.1, 0});
@@ -252,15 +249,8 @@ TEST(TrueArm, AForceThatNoShapeBalancesIsNamed) {
   const model::Arm arm = ringArm(helicalRing());
   TrueArm truth(statics::ArmModel(arm, std::nullopt, onlyStiffness(1, 1e-3)), {});
   truth.setTipForce({-80, 3, 0});
-  try {
-    truth.shape(arm.inputAt(0.3));
-    ADD_FAILURE() << "a shape balances it";
-  } catch (const std::runtime_error& error) {
-    const std::string message = error.what();
-    EXPECT_NE(message.find("no shape balances the force (-80, 3, 0) N at the tip ("),
-              std::string::npos)
-        << message;
-  }
+  EXPECT_TRUE(has(refusal<std::runtime_error>([&] { truth.shape(arm.inputAt(0.3)); }),
+                  "no shape balances the force (-80, 3, 0) N at the tip ("));
 }
 
 TEST(SimulatedRig, AForceAtTheTipBendsTheTrueArmAndThePressuresStay) {

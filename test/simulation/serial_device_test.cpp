@@ -85,23 +85,15 @@ TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
   EXPECT_NEAR(device.setPoint()[1], 20 * 6894.757293168, 1e-6);
 }
 
-TEST(SerialDevice, WithChecksumsEveryFlippedBitOfASetLineIsRefused) {
+// Every flipped bit shows in a checksum: line_format_test.
+TEST(SerialDevice, WithChecksumsALineWithoutOrWithAWrongOneIsRefused) {
   const SerialProfile profile = test::withChecksums(test::genericProfile());
   const SerialDevice device(configOf(profile, {"0"}, 1));
   Terminal terminal(device, "\n");
   const std::string line = regulator::withChecksum("p0=100.00");
-  EXPECT_EQ(terminal.ask("p0=100.00"), regulator::withChecksum("?"));
-  for (std::size_t bit = 0; bit < 8 * line.size(); ++bit) {
-    std::string flipped = line;
-    flipped[bit / 8] ^= static_cast<char>(1U << bit % 8);
-    // A line end that was not sent makes two lines of one.
-    const bool split = flipped.find('\n') != std::string::npos;
-    for (int i = 0; i < (split ? 2 : 1); ++i) {
-      EXPECT_EQ(i == 0 ? terminal.ask(flipped) : terminal.hear().value_or("silence"),
-                regulator::withChecksum("?"))
-          << flipped;
-    }
-    EXPECT_EQ(device.setPoint()[0], 0) << flipped;
+  for (const std::string& wrong : {std::string("p0=100.00"), "p0=101.00" + line.substr(9)}) {
+    EXPECT_EQ(terminal.ask(wrong), regulator::withChecksum("?"));
+    EXPECT_EQ(device.setPoint()[0], 0) << wrong;
   }
   EXPECT_TRUE(regulator::withoutChecksum(terminal.ask(line))) << "the line itself";
   EXPECT_EQ(device.setPoint()[0], 1e5);

@@ -22,6 +22,15 @@
 
 namespace helix_arm::test {
 
+using Line = EmulatedRegulator::Line;
+
+/// In names of nodes and of tests.
+inline std::string nameOf(Line line) { return line == Line::kSerial ? "serial" : "modbus"; }
+inline std::string nameOfLine(const ::testing::TestParamInfo<Line>& line) {
+  return nameOf(line.param);
+}
+inline const auto kEachLine = ::testing::Values(Line::kSerial, Line::kModbus);
+
 /// Of a machine that is busy, beyond what a rule allows: tells late from never. How late it is, is
 /// a figure [s].
 inline constexpr double kSlack = 10;
@@ -100,6 +109,14 @@ class HardwareRig {
           return enabled && (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3;
         },
         60);
+  }
+  /// That nothing moves, though the commander has gone on all the while, until the arm is enabled.
+  void expectNothingMovesUntilEnabled(const Eigen::Vector3d& pressure) {
+    const std::size_t answers = status.all().size();
+    ASSERT_TRUE(waitFor([&] { return status.all().size() >= answers + 10; }));
+    EXPECT_EQ(status.last().fault, "not_enabled");
+    EXPECT_TRUE(regulator.isVented());
+    EXPECT_TRUE(bringTo(pressure)) << safety.last().reason;
   }
   /// Sends these at 50 Hz from now on [Pa].
   void command(const Eigen::Vector3d& pressure) {

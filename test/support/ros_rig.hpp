@@ -23,6 +23,7 @@
 #include "helix_arm/TipTarget.h"
 #include "ros_bridge/names.hpp"
 #include "support/eventually.hpp"
+#include "support/has.hpp"
 
 namespace helix_arm::test {
 
@@ -161,17 +162,23 @@ class Rig {
     return message ? message->pressure : std::vector<double>();
   }
 
+  /// A value of a status in diagnostics, empty without one.
+  static std::string valueIn(const diagnostic_msgs::DiagnosticArray& array,
+                             const std::string& status_name, const std::string& key) {
+    for (const auto& entry : array.status) {
+      if (entry.name != status_name) continue;
+      for (const auto& pair : entry.values) {
+        if (pair.key == key) return pair.value;
+      }
+    }
+    return "";
+  }
   /// True once the node's diagnostics hold such a value.
   bool diagnoses(const std::string& status_name, const std::string& key,
                  const std::function<bool(const std::string&)>& predicate) {
     return nullptr != diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
-      for (const auto& entry : array.status) {
-        if (entry.name != status_name) continue;
-        for (const auto& pair : entry.values) {
-          if (pair.key == key && predicate(pair.value)) return true;
-        }
-      }
-      return false;
+      const std::string value = valueIn(array, status_name, key);
+      return !value.empty() && predicate(value);
     });
   }
   bool diagnoses(const std::string& status_name, const std::string& key, const std::string& value) {

@@ -3,12 +3,20 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
 #include <unistd.h>
 
 namespace helix_arm::test {
+
+/// All of a file; empty where there is none.
+inline std::string contentOf(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path, std::ios::binary).rdbuf();
+  return text.str();
+}
 
 /// A file of given content, and with a name that ends as given, that goes away with the object.
 class TemporaryFile {

@@ -1,24 +1,150 @@
 // launch/two_machines.launch on two machines, each a network namespace of this one: the camera
 // machine commands the arm, its cable is pulled and put back.
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <optional>
+#include <stdexcept>
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <ros/master.h>
 #include <ros/ros.h>
+#include <sched.h>
 #include <std_srvs/Trigger.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/io/scene.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_file.hpp"
-#include "two_networks.hpp"
 
 namespace helix_arm::test {
 namespace {
+
+/// This process may not make network namespaces, or there is no program `ip` to fill them.
+class NoNetworks : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+constexpr int kNotFound = 127;  // exit code
+
+void run(const std::vector<std::string>& command) {
+  Process process(command);
+  const int code = process.exitCode();
+  if (code == 0) return;
+  std::string text;
+  for (const std::string& word : command) text += word + " ";
+  text += "failed: " + process.output();
+  if (code == kNotFound) throw NoNetworks(text);
+  throw std::runtime_error(text);
+}
+
+// The life of a child that holds a namespace: it says how making it went, and waits for its end.
+[[noreturn]] void hold(int report, pid_t parent) {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  const int error = unshare(CLONE_NEWNET) == 0 ? 0 : errno;
+  const bool said = write(report, &error, sizeof error) == sizeof error;
+  close(report);
+  while (said && error == 0 && getppid() == parent) pause();
+  _exit(0);
+}
+
+/// A network namespace without a name, that of a child: it ends with the object or this process.
+class NetworkNamespace {
+ public:
+  /// @throws NoNetworks          where the system refuses it.
+  /// @throws std::runtime_error  where it cannot be made for another reason.
+  NetworkNamespace() {
+    int ends[2];
+    if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("no pipe for a network namespace");
+    const pid_t parent = getpid();
+    child_ = fork();
+    if (child_ == 0) hold(ends[1], parent);
+    close(ends[1]);
+    int error = child_ < 0 ? errno : ECHILD;
+    if (child_ > 0 && read(ends[0], &error, sizeof error) != sizeof error) error = ECHILD;
+    close(ends[0]);
+    if (error == 0) return;
+    if (child_ > 0) waitpid(child_, nullptr, 0);
+    const std::string text = std::string("no network namespace: ") + std::strerror(error);
+    if (error == EPERM || error == EACCES) throw NoNetworks(text);
+    throw std::runtime_error(text);
+  }
+  ~NetworkNamespace() {
+    kill(child_, SIGKILL);
+    waitpid(child_, nullptr, 0);
+  }
+  NetworkNamespace(const NetworkNamespace&) = delete;
+  NetworkNamespace& operator=(const NetworkNamespace&) = delete;
+
+  /// Of the child, by which `ip` knows the namespace.
+  std::string id() const { return std::to_string(child_); }
+  /// A command that runs in it.
+  std::vector<std::string> inside(const std::vector<std::string>& command) const {
+    std::vector<std::string> all = {"nsenter", "--target=" + id(), "--net"};
+    all.insert(all.end(), command.begin(), command.end());
+    return all;
+  }
+  /// Moves this thread there, and all that it starts from now on.
+  void enter() const {
+    const std::string path = "/proc/" + id() + "/ns/net";
+    const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    const bool entered = file >= 0 && setns(file, CLONE_NEWNET) == 0;
+    const int error = errno;
+    if (file >= 0) close(file);
+    if (!entered) throw std::runtime_error(path + " cannot be entered: " + std::strerror(error));
+  }
+
+ private:
+  pid_t child_ = -1;
+};
+
+/// Two machines and the switch between them, as network namespaces of this one.
+class TwoNetworks {
+ public:
+  /// @throws NoNetworks          where this process may not make them.
+  /// @throws std::runtime_error  where they cannot be connected, with what was refused.
+  TwoNetworks() {
+    run(switch_.inside({"ip", "link", "add", "bridge", "type", "bridge"}));
+    run(switch_.inside({"ip", "link", "set", "bridge", "up"}));
+    connect("control", control_, kControl);
+    connect("camera", camera_, kCamera);
+  }
+
+  void enterControl() const { control_.enter(); }
+  /// A command that runs on the camera machine.
+  std::vector<std::string> onCamera(const std::vector<std::string>& command) const {
+    return camera_.inside(command);
+  }
+
+  /// Pulls the camera machine's cable, and puts it back.
+  void cut() const { run(switch_.inside({"ip", "link", "set", "camera", "down"})); }
+  void heal() const { run(switch_.inside({"ip", "link", "set", "camera", "up"})); }
+
+  static constexpr char kControl[] = "10.77.0.1";
+  static constexpr char kCamera[] = "10.77.0.2";
+
+ private:
+  void connect(const char* port, const NetworkNamespace& machine, const char* address) const {
+    run(switch_.inside({"ip", "link", "add", port, "type", "veth", "peer", "name", "eth0", "netns",
+                        machine.id()}));
+    run(switch_.inside({"ip", "link", "set", port, "master", "bridge"}));
+    run(switch_.inside({"ip", "link", "set", port, "up"}));
+    run(machine.inside({"ip", "address", "add", std::string(address) + "/24", "dev", "eth0"}));
+    for (const char* device : {"lo", "eth0"}) {
+      run(machine.inside({"ip", "link", "set", device, "up"}));
+    }
+  }
+
+  NetworkNamespace switch_, control_, camera_;
+};
 
 constexpr double kTargetTimeout = 1.0;  // [s]
 constexpr double kVentTime = 3.0;       // [s]

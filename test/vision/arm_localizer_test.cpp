@@ -1,7 +1,6 @@
 #include "helix_arm/vision/arm_localizer.hpp"
 
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -9,6 +8,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "support/picture_series.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -197,12 +197,8 @@ TEST_F(ArmLocalizerTest, ResetForgetsTheLastPicture) {
 TEST_F(ArmLocalizerTest, PicturesOfAnotherSizeOrTypeAreRefused) {
   ArmLocalizer localizer(view_, {});
   const model::Twists twists = twistsAt(0, 0, 0);
-  try {
-    localizer.locate(cv::Mat::zeros(480, 640, CV_8UC1), twists);
-    FAIL() << "taken";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(), "a picture of 640 x 480 pixels; expected the camera's 1280 x 720");
-  }
+  EXPECT_EQ(test::refusal([&] { localizer.locate(cv::Mat::zeros(480, 640, CV_8UC1), twists); }),
+            "a picture of 640 x 480 pixels; expected the camera's 1280 x 720");
   EXPECT_THROW(localizer.locate(cv::Mat(), twists), std::invalid_argument);
   EXPECT_THROW(localizer.locate(cv::Mat::zeros(720, 1280, CV_8UC3), twists), std::invalid_argument);
 }

@@ -1,7 +1,6 @@
 // Built with the decoder and the sanitizers for addresses and undefined behaviour; libpng itself is
 // built without them.
 #include <iostream>
-#include <string>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>

@@ -4,7 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
 #include "support/random.hpp"
+#include "support/refusal.hpp"
 #include "support/tag_picture.hpp"
 
 namespace helix_arm::test {
@@ -49,14 +51,8 @@ void expectSame(const std::vector<TagDetection>& a, const std::vector<TagDetecti
   }
 }
 
-template <class Call>
-void expectRefused(const Call& call, const std::string& message) {
-  try {
-    call();
-    FAIL() << "accepted; expected: " << message;
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find(message), std::string::npos) << error.what();
-  }
+void expectRefused(const std::function<void()>& call, const std::string& message) {
+  EXPECT_TRUE(has(refusal(call), message));
 }
 
 class EveryFamily : public testing::TestWithParam<std::string> {};
