@@ -10,7 +10,7 @@
 namespace helix_arm::control {
 namespace {
 
-constexpr char kCulprit[] = "pressure observer";
+constexpr char kObserver[] = "pressure observer";
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
 constexpr double kRestlessness =
@@ -27,9 +27,9 @@ bool isPressure(double value) { return kPossibleReading.contains(value); }
 
 PressureObserver::PressureObserver(int channels, double time_constant, double noise)
     : time_constant_(time_constant), noise_(noise) {
-  basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
-  basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
-  basics::requirePositive(kCulprit, "the noise of readings [Pa]", noise);
+  basics::requireValue(channels >= 1, kObserver, "the number of channels", channels, "at least 1");
+  basics::requirePositive(kObserver, "the time constant [s]", time_constant);
+  basics::requirePositive(kObserver, "the noise of readings [Pa]", noise);
   now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
   set_point_ = Eigen::VectorXd::Constant(channels, kUnknown);
   history_.assign(kMostMoments, {0.0, now_});

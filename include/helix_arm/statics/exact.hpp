@@ -7,7 +7,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/solution.hpp"
-#include "statics/loaded/unloaded_change.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 

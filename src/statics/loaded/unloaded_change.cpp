@@ -1,4 +1,4 @@
-#include "unloaded_change.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"

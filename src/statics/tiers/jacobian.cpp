@@ -12,7 +12,7 @@
 #include "statics/loaded/buckling.hpp"
 #include "statics/loaded/gauss_rule.hpp"
 #include "statics/loaded/shape_motion.hpp"
-#include "statics/loaded/unloaded_change.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 namespace {

@@ -3,7 +3,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "statics/loaded/shape_motion.hpp"
-#include "statics/loaded/unloaded_change.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 namespace {
