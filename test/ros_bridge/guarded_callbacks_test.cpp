@@ -118,6 +118,21 @@ TEST(FaultGuard, CatchesAnyExceptionAndReportsTheCulpritOnce) {
 }
 
 // A service that throws answers with the reason.
+// roscpp asks twice for an empty message where a node has two subscriptions of a topic, as actions
+// have: the second time with the buffer that it freed, and what is there now, for a message.
+TEST(GuardedSubscription, AnEmptyMessageIsNotReadFromItsFreedBuffer) {
+  std::string freed = bytesOf(pressures());
+  GuardedSubscription<PressureArray> subscription("pressure", [](const auto&) {});
+  ros::SubscriptionCallbackHelperDeserializeParams params;
+  params.buffer = reinterpret_cast<std::uint8_t*>(freed.data());
+  params.length = static_cast<std::uint32_t>(freed.size());
+  EXPECT_NE(subscription.deserialize(params), nullptr);
+  params.length = 0;
+  EXPECT_EQ(subscription.deserialize(params), nullptr);
+  params.length = static_cast<std::uint32_t>(0 - reinterpret_cast<std::uintptr_t>(params.buffer));
+  EXPECT_EQ(subscription.deserialize(params), nullptr);
+}
+
 TEST(GuardedService, WhatItThrowsIsTheAnswer) {
   GuardedService<Calibrate::Request, Calibrate::Response> service(
       "/s",

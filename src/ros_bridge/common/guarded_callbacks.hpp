@@ -130,6 +130,7 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
 
   ros::VoidConstPtr deserialize(
       const ros::SubscriptionCallbackHelperDeserializeParams& params) override {
+    if (wasRefusedEmpty(params)) return nullptr;
     boost::shared_ptr<Message> message;
     const auto& header = params.connection_header;
     const bool sound = guard_.run(header ? (*header)["callerid"] : "", [&] {
@@ -150,6 +151,13 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
   bool hasHeader() override { return ros::message_traits::hasHeader<Message>(); }
 
  private:
+  // Where a node has two subscriptions of a topic, roscpp asks a second time for an empty message
+  // that was refused: with its freed buffer, whose address it has subtracted from the length 0.
+  static bool wasRefusedEmpty(const ros::SubscriptionCallbackHelperDeserializeParams& params) {
+    const auto address = reinterpret_cast<std::uintptr_t>(params.buffer);
+    return address != 0 && params.length == static_cast<std::uint32_t>(0 - address);
+  }
+
   FaultGuard guard_;
   const Callback callback_;
 };
