@@ -86,12 +86,6 @@ std::string commaList(const std::vector<double>& numbers, double factor) {
   return text.str();
 }
 
-std::string contentOf(const std::string& path) {
-  std::ostringstream content;
-  content << std::ifstream(path, std::ios::binary).rdbuf();
-  return content.str();
-}
-
 std::vector<std::vector<std::string>> csvRows(const std::string& text) {
   std::vector<std::vector<std::string>> rows;
   std::istringstream lines(text);

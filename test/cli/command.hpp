@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "nlohmann/json.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 
@@ -47,9 +48,6 @@ std::vector<double> numbersOf(const nlohmann::json& array);
 
 /// "1,2.5,-3" with all digits, each multiplied by a factor.
 std::string commaList(const std::vector<double>& numbers, double factor = 1.0);
-
-/// The bytes of a file.
-std::string contentOf(const std::string& path);
 
 /// A CSV as rows of cells; `#` lines are left out.
 std::vector<std::vector<std::string>> csvRows(const std::string& text);

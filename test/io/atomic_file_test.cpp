@@ -27,13 +27,8 @@ namespace helix_arm::io {
 namespace {
 
 namespace fs = std::filesystem;
+using test::contentOf;
 using test::TemporaryFolder;
-
-std::string contentOf(const std::string& path) {
-  std::ostringstream content;
-  content << std::ifstream(path, std::ios::binary).rdbuf();
-  return content.str();
-}
 
 std::set<std::string> namesIn(const std::string& folder) {
   std::set<std::string> names;
