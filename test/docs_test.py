@@ -24,7 +24,7 @@ FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include
            "srv", "test")
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
-CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "cmake", "config", "docs", "examples", "firmware", "include",
+CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "CMakeLists.txt", "action", "cmake", "config", "docs", "examples", "firmware", "include",
            "launch", "LICENSE", "msg", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))

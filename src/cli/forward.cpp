@@ -145,6 +145,19 @@ std::string helixText(const lie::Vector6& twist) {
   return text.str();
 }
 
+// What a row of csv has besides vectors; tables of many rows build no more of the report.
+json summaryOf(const ForwardResult& result) {
+  const statics::TierSetting& setting = result.choice.setting;
+  return {{"tier", statics::nameOf(setting.tier)},
+          {"order", setting.order > 0 ? json(setting.order) : json()},
+          {"tip_error_percent", toJson(result.tipErrorPercent())},
+          {"status", statics::nameOf(result.solution.status)},
+          {"relative_residual", result.solution.residual},
+          {"iterations", result.solution.iterations},
+          {"rank", result.rank()},
+          {"condition", result.condition()}};
+}
+
 json reportOf(const io::Scene& scene, const ForwardResult& result) {
   json sections = json::array();
   for (std::size_t k = 0; k < result.sections.size(); ++k) {
@@ -156,23 +169,15 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
-  const statics::TierSetting& setting = result.choice.setting;
-  json document{{"scene", scene.name},
-                {"tier", statics::nameOf(setting.tier)},
-                {"order", setting.order > 0 ? json(setting.order) : json()},
-                {"tier_reason", result.choice.reason},
-                {"tip_error_percent", toJson(result.tipErrorPercent())},
-                {"status", statics::nameOf(result.solution.status)},
-                {"failure", textOrNull(failureOf(result))},
-                {"relative_residual", result.solution.residual},
-                {"iterations", result.solution.iterations},
-                {"twist", toJson(result.twists)},
-                {"tip", toJson(result.solution.tip)},
-                {"lengths_m", toJson(result.lengths)},
-                {"rank", result.rank()},
-                {"full_rank", result.full_rank},
-                {"condition", result.condition()},
-                {"sections", sections}};
+  json document = summaryOf(result);
+  document.update({{"scene", scene.name},
+                   {"tier_reason", result.choice.reason},
+                   {"failure", textOrNull(failureOf(result))},
+                   {"twist", toJson(result.twists)},
+                   {"tip", toJson(result.solution.tip)},
+                   {"lengths_m", toJson(result.lengths)},
+                   {"full_rank", result.full_rank},
+                   {"sections", sections}});
   addInputs(scene.arm, result.measured, document);
   addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
   if (!result.rows.empty()) {
@@ -201,23 +206,24 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result, const json& report) {
-  CsvTable::Row row = cellsOf(report, {"tier", "order", "status"});
+CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
+  const json summary = summaryOf(result);
+  CsvTable::Row row = cellsOf(summary, {"tier", "order", "status"});
   appendInputs(scene.arm, result.inputs, row);
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
   appendTwists(result.twists, row);
   appendPose("tip_", result.solution.tip, row);
-  for (auto& cell : cellsOf(
-           report, {"rank", "condition", "relative_residual", "iterations", "tip_error_percent"})) {
+  for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
+                                      "tip_error_percent"})) {
     row.push_back(std::move(cell));
   }
   return row;
 }
 
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-CsvTable csvTable(const io::Scene& scene, const ForwardResult& result, const json& report) {
+CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
   CsvTable table;
   for (const auto& point : result.curve) {
     CsvTable::Row row{{"s", exact(point.s)}};
@@ -236,7 +242,7 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result, const jso
     appendPose("tip_", row.tip.tip, cells);
     table.add(cells);
   }
-  if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result, report));
+  if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result));
   return table;
 }
 
@@ -299,8 +305,7 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     const ForwardResult result = forward(model, inputs.row(row), 0);
     all_converged = all_converged && result.solution.converged();
-    rows.add([&] { return reportOf(scene, result); },
-             [&](const json& report) { return rowOf(scene, result, report); });
+    rows.add([&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); });
     if (global.format == Format::kText) {
       std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
                 << statics::nameOf(result.solution.status) << ", tip "
@@ -334,7 +339,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
           : forward(model, historyOfFile(scene, options.history), options.samples);
   const json report = reportOf(scene, result);
   printResult(
-      global.format, report, [&] { return csvTable(scene, result, report); },
+      global.format, report, [&] { return csvTable(scene, result); },
       [&] { printText(scene, result); });
   return result.solution.converged() ? kDone : kNotPossible;
 }

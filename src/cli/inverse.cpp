@@ -116,42 +116,49 @@ struct InverseAnswer {
   Eigen::Index history_rows = 0;
 };
 
+// What a row of csv has besides numbers; tables of many rows build no more of the report.
+json summaryOf(const io::Scene& scene, const statics::TierSetting& tier,
+               const InverseAnswer& answer) {
+  return {{"tier", nameOf(tier.tier)},
+          {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
+          {"status", statusName(answer.result.status)},
+          {"converged", answer.result.converged()},
+          {"active_limits", activeLimits(scene.arm, answer.result)}};
+}
+
 json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
               const statics::Solution& reached) {
   const InverseResult& result = answer.result;
-  json document{{"scene", scene.name},
-                {"tier", nameOf(tier.tier)},
-                {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
-                {"status", statusName(result.status)},
-                {"reason", textOrNull(reasonFor(result))},
-                {"converged", result.converged()},
-                {"residual", finite(result.residual)},
-                {"position_error_m", finite(result.position_error)},
-                {"active_limits", activeLimits(scene.arm, result)},
-                {"iterations", result.iterations},
-                {"tip", reached.converged() ? toJson(reached.tip) : json()},
-                {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}};
+  json document = summaryOf(scene, tier, answer);
+  document.update({{"scene", scene.name},
+                   {"reason", textOrNull(reasonFor(result))},
+                   {"residual", finite(result.residual)},
+                   {"position_error_m", finite(result.position_error)},
+                   {"iterations", result.iterations},
+                   {"tip", reached.converged() ? toJson(reached.tip) : json()},
+                   {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}});
   addInputs(scene.arm, answer.pressure, document);
   addResponse(scene.arm, answer.response, answer.history_rows, document);
   if (answer.history_rows > 0) document["effective_pressure_pa"] = toJson(result.input);
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const InverseAnswer& answer,
-                    const statics::Solution& reached, const json& report) {
-  CsvTable::Row row = cellsOf(report, {"status", "converged"});
+CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
+                    const InverseAnswer& answer, const statics::Solution& reached) {
+  const json summary = summaryOf(scene, tier, answer);
+  CsvTable::Row row = cellsOf(summary, {"status", "converged"});
   appendInputs(scene.arm, answer.pressure, row);
   row.emplace_back("residual", exact(answer.result.residual));
   row.emplace_back("position_error_m", exact(answer.result.position_error));
   std::string limits;  // one cell: actuator=limit, separated by spaces
-  for (const json& limit : report["active_limits"]) {
+  for (const json& limit : summary["active_limits"]) {
     limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
               limit["limit"].get<std::string>();
   }
   row.emplace_back("active_limits", limits);
   appendTwists(reached.shape.twists(), row);
   appendPose("tip_", reached.tip, row);
-  for (auto& cell : cellsOf(report, {"tier", "order"})) row.push_back(std::move(cell));
+  for (auto& cell : cellsOf(summary, {"tier", "order"})) row.push_back(std::move(cell));
   return row;
 }
 
@@ -208,7 +215,7 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
     rows.add([&] { return reportOf(scene, tier, answer, reached); },
-             [&](const json& report) { return rowOf(scene, answer, reached, report); });
+             [&] { return rowOf(scene, tier, answer, reached); });
     if (global.format == Format::kText) {
       std::cout << line << " ";
       printTextResult(scene, tier, answer, reached);
@@ -262,7 +269,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);
   printResult(
-      global.format, report, [&] { return rowOf(scene, answer, reached, report); },
+      global.format, report, [&] { return rowOf(scene, tier, answer, reached); },
       [&] { printTextResult(scene, tier, answer, reached); });
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }

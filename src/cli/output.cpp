@@ -268,12 +268,12 @@ RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format
 }
 
 void RowPrinter::add(const std::function<json()>& report,
-                     const std::function<CsvTable::Row(const json&)>& cells) {
+                     const std::function<CsvTable::Row()>& cells) {
   if (format_ == Format::kJson) {
     std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
   }
   if (format_ == Format::kCsv) {
-    const CsvTable::Row row = cells(report());
+    const CsvTable::Row row = cells();
     if (!any_) CsvTable::printNames(row, std::cout);
     CsvTable::printValues(row, std::cout);
   }

@@ -96,7 +96,7 @@ class RowPrinter {
   RowPrinter(Format format, const std::string& scene);
   /// @param report, cells  give the row in each format; they are called where it needs them.
   void add(const std::function<nlohmann::json()>& report,
-           const std::function<CsvTable::Row(const nlohmann::json&)>& cells);
+           const std::function<CsvTable::Row()>& cells);
   void end();
 
  private:

@@ -49,6 +49,7 @@ constexpr std::array<Cause, kSafetyCauseCount> kCauses = {{
     {"guard_lost", true, false,
      "find out what ended or stopped it (a kill, too little memory), then call enable"},
 }};
+static_assert(kCauses.back().name != nullptr, "each cause has a row, in the order of SafetyCause");
 const Cause& rowOf(SafetyCause cause) { return kCauses[static_cast<std::size_t>(cause)]; }
 bool isGrave(SafetyCause cause) { return rowOf(cause).grave; }
 

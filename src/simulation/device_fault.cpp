@@ -6,6 +6,7 @@ namespace {
 constexpr const char* kFaultNames[kDeviceFaultCount] = {
     "none",     "silence",     "garbage", "half_line",  "wrong_unit", "slow",      "restart",
     "nan_text", "stuck_value", "burst",   "stuck_open", "stuck_shut", "low_supply"};
+static_assert(kFaultNames[kDeviceFaultCount - 1] != nullptr, "each fault has a name");
 
 }  // namespace
 

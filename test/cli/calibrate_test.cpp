@@ -372,5 +372,30 @@ TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
   std::printf("spatial_50: %s\n", in_arm["reason"].get<std::string>().c_str());
 }
 
+// Simulated data whose truth is known: K_gamma 70 of the helical arm, 60 of the demo's.
+TEST(CalibrateSimulated, AValleyBetweenBendingAndShearHidesNothing) {
+  struct Case {
+    const char *scene, *data, *fit;
+    double K_gamma;
+  };
+  for (const Case& one :
+       {Case{"helical_50", "refused_helical_stiffness.csv", "stiffness", 70},
+        Case{"helical_50", "refused_helical_stiffness.csv", "K_gamma", 70},
+        Case{"demo", "refused_demo_placement.csv", "stiffness,length_scale,placement", 60},
+        Case{"demo", "refused_demo_placement.csv", "K_gamma,length_scale,placement", 60}}) {
+    const std::string data = measured(one.data);
+    if (!std::filesystem::exists(data)) GTEST_SKIP() << "no data set at " << data;
+    const Outcome outcome = calibrate(scenePath(one.scene), {data}, {"--fit", one.fit});
+    ASSERT_EQ(outcome.exit_code, 0) << one.fit << ": " << outcome.out;
+    const json gamma = outcome.json()["parameters"]["K_gamma"];
+    const double error = gamma["standard_error"].get<double>();
+    EXPECT_TRUE(gamma["identifiable"].get<bool>()) << one.fit;
+    EXPECT_LT(std::abs(gamma["value"].get<double>() - one.K_gamma), 2 * error) << one.fit;
+    EXPECT_LT(error, 0.3 * one.K_gamma) << one.fit;
+    std::printf("%s, --fit %s: K_gamma %.1f +- %.1f\n", one.data, one.fit,
+                gamma["value"].get<double>(), error);
+  }
+}
+
 }  // namespace
 }  // namespace helix_arm::test

@@ -111,6 +111,14 @@ TEST(Inverse, CsvHasTheSameBitsAsJson) {
   EXPECT_EQ(std::stod(rows[1][2]), result["pressure_pa"][0].get<double>());
 }
 
+TEST(Inverse, AQuaternionThatIsRoundedGivesTheAnswerOfTheUnitOne) {
+  const auto pressure = [&](const std::string& q) {
+    return numbersOf(inverse("spatial_50", {"--pose", "0.4,0,0," + q}).json()["pressure_pa"]);
+  };
+  const std::vector<double> rounded = pressure("0,0,0,1.0009"), unit = pressure("0,0,0,1");
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(rounded[i], unit[i], 1e-3);
+}
+
 TEST(Inverse, WrongTargetsAndOptionsAreRefused) {
   expectCallerErrors({"inverse", scenePath("spatial_50")},
                      {{{}, "give exactly one target: --tip, --pose, --twist or --targets"},

@@ -47,6 +47,13 @@ TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
   EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
 }
 
+TEST(Response, AMemoryIsKnownAfterAStroke) {
+  const TemporaryFile both("pressure_1_kpa,pressure_2_kpa\n0,0\n300,300\n200,50\n");
+  const nlohmann::json result = run("forward", {"--history", both.path()}).json();
+  EXPECT_EQ(result["response"]["memory_known"], true);
+  EXPECT_EQ(result["history"][0]["memory_known"], false);
+}
+
 TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
   const TemporaryFile series(
       "trial,time_s,pressure_1_kpa\n1,10,0\n1,10.5,100\n1,11.5,100\n2,3,80\n");

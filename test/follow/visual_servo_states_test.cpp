@@ -512,6 +512,32 @@ TEST_P(EachWrongClock, NeverClosesTheLoop) {
   EXPECT_EQ(bench_.faults.size(), 1U) << "each picture is refused for that";
 }
 
+// The loop goes on as without pictures: it neither swings nor jumps, and sees again at once when
+// the clock is right.
+TEST_P(EachWrongClock, LetsTheLoopCoastAndOpen) {
+  close();
+  bench_.options.stamp_shift = GetParam().shift;
+  bench_.faults.clear();
+  bench_.loop.aimAt(there_);
+  bench_.run(1.5);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  bench_.run(2.0);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
+  for (int k = 0; k < 500; ++k) {
+    bench_.step();
+    ASSERT_LE((bench_.loop.turn().pressure - held).norm(), 1.0) << k;
+  }
+  EXPECT_LT(bench_.error(), 0.01) << "it keeps what it had learnt";
+  EXPECT_EQ(bench_.faults.size(), 1U);
+  EXPECT_GT(bench_.faults[GetParam().fault], 250);
+  bench_.options.stamp_shift = 0.0;
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  bench_.run(3);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
 // A sudden force is a load that is carried, and what grows after it is none.
 TEST_F(LoopStates, AForceAtOnceIsNotDoubtedAndOneThatGrowsSlowlyIs) {
   bench_.loop.setOnContact(OnContact::kReport);

@@ -77,10 +77,11 @@ void expectFault(const std::string& text, const BrokenValue& rule, const FaultsO
   const std::string given = rule.given, value = rule.value, expected = rule.expected;
   const bool is_other = !keyIn(value).empty(), is_all = expected.find_first_of(" .[") == 0;
   const std::string to = is_other ? value : keyIn(given) + ": " + value, key = keyIn(to);
+  const std::string changed = replaced(text, given, to);  // throws where there is no `given`
   const auto line = 1 + std::count(text.begin(), text.begin() + text.find(given), '\n');
   const std::string said =
       is_all ? expected : " is " + to.substr(key.size() + 2) + "; expected " + expected;
-  EXPECT_EQ(faults_of(replaced(text, given, to)),
+  EXPECT_EQ(faults_of(changed),
             Faults{file + ":" + std::to_string(line) + " " + rule.map + key + said})
       << to;
 }

@@ -62,6 +62,16 @@ class InverseTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "K_eps_n"):
             helix_arm.Scene.load("spatial_50").inverse(tip, prefer="stiff")
 
+    def test_preferences_choose_among_redundant_pressures(self):
+        scene = helix_arm.Scene.load("planar_50") if len(self.scene.actuators) < 3 else self.scene
+        tip = scene.tips(np.mean(scene.limits_pa, axis=1))
+        low = scene.inverse(tip, prefer="min-pressure")
+        start = scene.limits_pa[:, 1]
+        near = scene.inverse(tip, prefer="min-change", start=start)
+        for found in [low, near]:
+            self.assertTrue(found.reached)
+        self.assertLessEqual(low.pressures_pa.sum(), near.pressures_pa.sum() + 1)
+
     def test_no_rows_are_no_results(self):
         found = self.scene.inverse(np.zeros((0, 3)))
         self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))

@@ -178,7 +178,7 @@ class MapReader {
   }
   /// Reports a message that names the key itself, at the same place.
   void report(const std::string& key, const std::string& message) const {
-    io::report(faults_, (has(key) ? *find(key) : map_).place, message);
+    io::report(faults_, (!key.empty() && has(key) ? *find(key) : map_).place, message);
   }
   /// Reports `key has count entries; expected rule`.
   void complainOfSize(const std::string& key, std::size_t count, const std::string& rule) const {
