@@ -260,10 +260,9 @@ TEST_F(TipComplianceTest, TagsAndViewsOfOtherArmsAreRefused) {
               compliance.moveTo(pressure_, Correction(arm_), std::vector<int>{0, 32});
             }),
             "compliance of the arm: the index of a tag is 32; expected one of the layout");
-  EXPECT_EQ(
-      test::refusal([&] { TipCompliance(modelOf(2), view_, {}); }),
-      "compliance of the arm: the number of sections in the camera's view is 1; expected as "
-      "many as the arm has");
+  EXPECT_EQ(test::refusal([&] { TipCompliance(modelOf(2), view_, {}); }),
+            "compliance of the arm: the number of sections in the camera's view is 1; expected as "
+            "many as the arm has");
 }
 
 }  // namespace

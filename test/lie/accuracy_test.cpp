@@ -5,12 +5,12 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
 #include "basics/vector_clones.hpp"
-#include "lie/coefficients.hpp"
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/lie/so3.hpp"
+#include "lie/coefficients.hpp"
 #include "lie/so3_switch.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"

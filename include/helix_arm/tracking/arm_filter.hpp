@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/localization/gaussian.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/correction.hpp"
-#include "helix_arm/localization/gaussian.hpp"
 #include "helix_arm/tracking/tracking_options.hpp"
 
 namespace helix_arm::estimation {

@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "gauss_rule.hpp"
-#include "lie/jacobian_slope.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
+#include "lie/jacobian_slope.hpp"
 #include "linear_chain.hpp"
 #include "shape_motion.hpp"
-#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 

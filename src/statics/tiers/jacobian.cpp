@@ -9,10 +9,10 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 #include "statics/loaded/buckling.hpp"
 #include "statics/loaded/gauss_rule.hpp"
 #include "statics/loaded/shape_motion.hpp"
-#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 namespace {

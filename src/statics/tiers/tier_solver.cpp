@@ -2,8 +2,8 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
-#include "statics/loaded/shape_motion.hpp"
 #include "helix_arm/statics/unloaded_change.hpp"
+#include "statics/loaded/shape_motion.hpp"
 
 namespace helix_arm::statics {
 namespace {
