@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/text.hpp"
+
 namespace helix_arm::estimation {
 namespace {
 
@@ -104,16 +106,7 @@ std::string membersOf(FitGroup group) {
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.group == group) members.emplace_back(info.word);
   }
-  const char* const between = members.size() == 2 ? " and " : ", ";
-  std::string text;
-  for (const std::string& word : members) text += (text.empty() ? "" : between) + word;
-  return text;
-}
-
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
+  return basics::joined(members, members.size() == 2 ? " and " : ", ");
 }
 
 }  // namespace
@@ -176,7 +169,7 @@ std::string fitWordsText() {
       if (word == info.word && info.need == FitNeed::kLoad) word += " (under load)";
     }
   }
-  return joined(words);
+  return basics::joined(words);
 }
 
 std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bool corners) {
@@ -186,7 +179,7 @@ std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bo
   for (const std::string& word : asked) {
     if (std::find(known.begin(), known.end(), word) != known.end()) continue;
     throw std::invalid_argument("\"" + word + "\" is not a parameter to fit; expected some of " +
-                                joined(known));
+                                basics::joined(known));
   }
   std::set<FitParameter> out;
   for (const FitParameterInfo& info : fitParameters()) {

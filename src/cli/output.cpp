@@ -12,6 +12,7 @@
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/lie/so3.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
@@ -122,7 +123,7 @@ json textOrNull(const std::string& text) { return text.empty() ? json() : json(t
 
 json toJson(const lie::SE3& pose) {
   return {{"position_m", toJson(pose.translation)},
-          {"quaternion_xyzw", toJson(quaternionXyzw(pose.rotation))}};
+          {"quaternion_xyzw", toJson(lie::quaternionXyzw(pose.rotation))}};
 }
 
 json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
@@ -163,11 +164,6 @@ void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& resul
     result["input"] = toJson(inputs);
     result["input_unit"] = units;
   }
-}
-
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
-  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
 }
 
 CsvTable::CsvTable(const json& reports, const std::vector<const char*>& keys) {
@@ -243,7 +239,7 @@ void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
 
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
   const std::string position[] = {"x_m", "y_m", "z_m"}, quaternion[] = {"qx", "qy", "qz", "qw"};
-  const Eigen::Vector4d q = quaternionXyzw(pose.rotation);
+  const Eigen::Vector4d q = lie::quaternionXyzw(pose.rotation);
   for (int i = 0; i < 3; ++i) row.emplace_back(prefix + position[i], exact(pose.translation[i]));
   for (int i = 0; i < 4; ++i) row.emplace_back(prefix + quaternion[i], exact(q[i]));
 }
@@ -258,7 +254,7 @@ std::string bracketed(const Eigen::VectorXd& vector) {
 
 std::string poseText(const lie::SE3& pose) {
   return "position " + bracketed(pose.translation) + " m, quaternion xyzw " +
-         bracketed(quaternionXyzw(pose.rotation));
+         bracketed(lie::quaternionXyzw(pose.rotation));
 }
 
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {

@@ -42,9 +42,6 @@ nlohmann::json readingsJson(const Eigen::VectorXd& pressure);
 /// Adds the inputs: `pressure_pa`, or, where there are tendons, `input` and `input_unit`.
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, nlohmann::json& result);
 
-/// x, y, z, w of a rotation, w >= 0.
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation);
-
 /// A CSV table under construction: columns with names, rows of numbers with all digits or of words.
 class CsvTable {
  public:

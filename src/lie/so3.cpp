@@ -22,4 +22,9 @@ Eigen::Vector3d SO3::log() const {
   return (sine > kSo3LogSwitch ? 2.0 * std::atan2(sine, q.w()) / sine : 2.0) * q.vec();
 }
 
+Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& R) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(R).normalized();
+  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
+}
+
 }  // namespace helix_arm::lie

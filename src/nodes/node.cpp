@@ -1,5 +1,5 @@
 // One program for each node, compiled with its name.
-#include "nodes.hpp"
+#include "ros_bridge/common/run_node.hpp"
 
 int main(int argc, char** argv) {
   using namespace helix_arm::ros_bridge;

@@ -1,7 +1,6 @@
-#include "nodes.hpp"
-
 #include <map>
 
+#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/lie/so3.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -205,16 +206,11 @@ py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
   return out;
 }
 
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
-  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
-}
-
 void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion) {
   constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
   Eigen::Vector3d::Map(position) = found ? pose.translation : Eigen::Vector3d::Constant(kNoNumber);
   Eigen::Vector4d::Map(quaternion) =
-      found ? quaternionXyzw(pose.rotation) : Eigen::Vector4d::Constant(kNoNumber);
+      found ? lie::quaternionXyzw(pose.rotation) : Eigen::Vector4d::Constant(kNoNumber);
 }
 
 }  // namespace helix_arm::python

@@ -113,9 +113,6 @@ py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector);
 /// New array (rows, columns), in the order of C.
 py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
 
-/// Unit quaternion (x, y, z, w), w >= 0.
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation);
-
 /// Writes a position (3) [m] and a quaternion (4); NaN unless it was found.
 void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion);
 

@@ -9,6 +9,7 @@
 #include "bindings.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -46,14 +47,8 @@ enum By { kPressures, kLengths, kStiffness, kLoad };
 constexpr std::array<const char*, 4> kByWords{"pressures", "lengths", "stiffness", "load"};
 using Wanted = std::array<bool, kByWords.size()>;
 
-std::string allWords() {
-  std::string out;
-  for (const char* word : kByWords) out += (out.empty() ? "" : ", ") + std::string(word);
-  return out;
-}
-
 Wanted wantedOf(const py::list& by) {
-  static const std::string words = allWords();
+  static const std::string words = basics::joined(kByWords);
   basics::require(!by.empty(), "by is empty; expected one or several of ", words);
   Wanted wanted{};
   for (std::size_t i = 0; i < by.size(); ++i) {

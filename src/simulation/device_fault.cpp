@@ -1,3 +1,4 @@
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 
 namespace helix_arm::simulation {
@@ -12,11 +13,7 @@ static_assert(kFaultNames[kDeviceFaultCount - 1] != nullptr, "each fault has a n
 
 const char* nameOf(DeviceFault fault) { return kFaultNames[static_cast<std::size_t>(fault)]; }
 
-std::string deviceFaultNames() {
-  std::string names;
-  for (const char* name : kFaultNames) names += (names.empty() ? "" : ", ") + std::string(name);
-  return names;
-}
+std::string deviceFaultNames() { return basics::joined(kFaultNames); }
 
 std::optional<DeviceFault> parseDeviceFault(const std::string& name) {
   for (int i = 0; i < kDeviceFaultCount; ++i) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {
@@ -91,14 +92,6 @@ bool hasExtension(const fs::path& path, const std::array<const char*, kSize>& ex
   return std::find(extensions.begin(), extensions.end(), extension) != extensions.end();
 }
 
-template <std::size_t kSize>
-std::string listOf(const std::array<const char*, kSize>& extensions) {
-  std::string list;
-  for (const char* extension : extensions)
-    list += (list.empty() ? "" : " ") + std::string(extension);
-  return list;
-}
-
 std::vector<fs::path> picturesIn(const fs::path& folder) {
   std::vector<fs::path> pictures;
   std::error_code error, ignored;
@@ -131,7 +124,7 @@ void WebcamConfig::validate() const {
   require(!device.empty(), "device is empty; expected a path such as /dev/video0");
   require(width > 0 && height > 0, "size is ", width, " x ", height, "; expected > 0 px");
   require(std::find(kFormats.begin(), kFormats.end(), fourcc) != kFormats.end(), "fourcc is \"",
-          fourcc, "\"; expected one of ", listOf(kFormats));
+          fourcc, "\"; expected one of ", basics::joined(kFormats, " "));
   require(fps > 0 && std::isfinite(fps), "fps is ", fps, "; expected a finite value > 0");
   require(focus >= 0, "focus is ", focus, "; expected >= 0");
   require(exposure >= 0, "exposure is ", exposure, "; expected >= 0");
@@ -172,7 +165,7 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
     std::vector<fs::path> pictures = picturesIn(path);
     if (pictures.empty()) {
       throw std::invalid_argument(path + " holds no pictures; expected files ending in " +
-                                  listOf(kPictures));
+                                  basics::joined(kPictures, " "));
     }
     return pictureFiles(std::move(pictures), expected);
   }
@@ -184,8 +177,8 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
     return pictureFiles({path}, expected);
   }
   if (hasExtension(path, kVideos)) return media().video(path, expected);
-  throw std::invalid_argument(path + " is neither a picture (" + listOf(kPictures) +
-                              ") nor a video (" + listOf(kVideos) + ")");
+  throw std::invalid_argument(path + " is neither a picture (" + basics::joined(kPictures, " ") +
+                              ") nor a video (" + basics::joined(kVideos, " ") + ")");
 }
 
 bool FrozenWatch::isFrozen(const cv::Mat& gray, const Eigen::Vector3d& model_tip) {

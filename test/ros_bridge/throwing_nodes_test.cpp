@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 
-#include "nodes/nodes.hpp"
+#include "ros_bridge/common/run_node.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 

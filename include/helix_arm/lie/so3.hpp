@@ -23,4 +23,7 @@ struct SO3 {
   Eigen::Vector3d log() const;
 };
 
+/// Unit quaternion (x, y, z, w) of a rotation, w >= 0.
+Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& R);
+
 }  // namespace helix_arm::lie

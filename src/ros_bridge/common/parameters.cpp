@@ -6,6 +6,7 @@
 
 #include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "log.hpp"
 
@@ -106,10 +107,7 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
   }
   std::string path = *filePath(given, folder, extension);
   if (std::filesystem::exists(path)) return path;
-  std::string names;
-  for (const std::string& one : io::shippedNames(folder, extension)) {
-    names += (names.empty() ? "" : ", ") + one;
-  }
+  const std::string names = basics::joined(io::shippedNames(folder, extension));
   fault(name, XmlRpc::XmlRpcValue(given),
         join("a path, or the name of a file in ", folder, " of the package: ", names));
   return "";

@@ -56,6 +56,8 @@ std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
                                           const ros::NodeHandle& private_node);
 std::unique_ptr<Node> makeVisualServo();
 std::unique_ptr<Node> makeWorkspaceCloud();
+/// That of a program, by its name.
+std::unique_ptr<Node> makeNode(const std::string& program);
 
 /// A thread whose exceptions do not end the process silently: they are printed and reported.
 class GuardedThread {

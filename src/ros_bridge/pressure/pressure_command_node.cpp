@@ -14,6 +14,7 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/lie/so3.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
@@ -155,11 +156,6 @@ void appendNumbers(const Numbers& numbers, bool found, std::vector<double>& to) 
   }
 }
 
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
-  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
-}
-
 // Runs the body, whose exceptions are the answer.
 template <class Response, class Body>
 bool answer(Response& response, const Body& body) {
@@ -227,7 +223,7 @@ class ModelServer {
         const bool converged = found.converged();
         response.converged.push_back(converged);
         appendNumbers(found.tip.translation, converged, response.position);
-        appendNumbers(quaternionXyzw(found.tip.rotation), converged, response.orientation);
+        appendNumbers(lie::quaternionXyzw(found.tip.rotation), converged, response.orientation);
         appendNumbers(found.shape.twists(), converged, response.twist);
       }
     });

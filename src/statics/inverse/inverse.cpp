@@ -15,6 +15,7 @@
 #include "box_levenberg_marquardt.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "inverse_task.hpp"
 #include "statics/loaded/buckling.hpp"
 
@@ -408,13 +409,11 @@ InverseOptions checked(InverseOptions options, bool loaded) {
 }  // namespace
 
 Preference preferenceOf(const std::string& word) {
-  std::string list;
   for (std::size_t i = 0; i < kPreferenceWords.size(); ++i) {
     if (word == kPreferenceWords[i]) return static_cast<Preference>(i);
-    list += (list.empty() ? "" : ", ") + std::string(kPreferenceWords[i]);
   }
   throw std::invalid_argument("prefer is \"" + basics::quoted(word) + "\"; expected one of " +
-                              list);
+                              basics::joined(kPreferenceWords));
 }
 
 class InverseSolver::Workspace {
