@@ -137,13 +137,13 @@ class Package:
         self.types |= {name for path in root.glob("*_plugins.xml")
                        for name in re.findall(r'class name="helix_arm/(\w+)"', path.read_text(encoding="utf-8"))}
         build = (root / "CMakeLists.txt").read_text(encoding="utf-8")
-        self.nodes = set(re.search(r"set\(helix_arm_nodes\s+([^)]+)\)", build).group(1).split())
+        self.nodes = set(" ".join(re.findall(r"set\(helix_arm_(?:python_)?nodes\s+([^)]+)\)", build)).split())
         self.topics, self.services = self.ros_names()
         self.cases = set()
         for path in (root / "test").rglob("*.cpp"):
             self.cases |= set(re.findall(r"^(?:TYPED_)?TEST(?:_[FP])?\((\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.M))
         self.parameters = set()
-        for path in (root / "src/ros_bridge").rglob("*.cpp"):
+        for path in (*(root / "src/ros_bridge").rglob("*.cpp"), *(root / "python/helix_arm").glob("*.py")):
             self.parameters |= set(re.findall(r'reader\.\w+\(\s*"(\w+)"', path.read_text(encoding="utf-8")))
 
     def ros_names(self):

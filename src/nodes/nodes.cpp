@@ -9,13 +9,11 @@ std::unique_ptr<Node> makeNode(const std::string& program) {
   static const std::map<std::string, std::unique_ptr<Node> (*)()> kNodes = {
       {names::kCalibrationNode, makeCalibration},
       {names::kFollowPathNode, makeFollowPath},
-      {names::kMonitorNode, makeMonitor},
       {names::kPressureCommandNode, makePressureCommand},
       {names::kPressureSeriesNode, makePressureSeries},
       {names::kSimulatedRigNode, makeSimulatedRig},
       {names::kVisionNode, makeVision},
-      {names::kVisualServoNode, makeVisualServo},
-      {names::kWorkspaceCloudNode, makeWorkspaceCloud}};
+      {names::kVisualServoNode, makeVisualServo}};
   return kNodes.at(program)();
 }
 

@@ -73,6 +73,9 @@ class Scene {
   const model::Arm& arm() const { return scene_.arm; }
   /// Whether shapes are solved, under a load or along tapered sections.
   bool isLoaded() const { return !model().isLinear(); }
+  bool isPneumatic() const {
+    return pressures_.size() == static_cast<std::size_t>(arm().actuatorCount());
+  }
   /// Solvers that calls leave for the next ones.
   Solvers& solvers() const { return solvers_; }
 

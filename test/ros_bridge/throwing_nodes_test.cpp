@@ -62,14 +62,12 @@ struct Kind {
 const Kind kKinds[] = {
     {"calibration", "calibration", {kScene}},
     {kPathKind, "follow_path", {}},
-    {"monitor", "monitor", {}},
     {"pressure_command", "pressure_command", {kScene}},
     {"pressure_command_on_a_topic", "pressure_command", {kScene, "_regulator:=topic"}},
     {"pressure_series", "pressure_series", {kScene}},
     {"visual_servo", "visual_servo", {kScene}},
     {"simulated_rig", "simulated_rig", {kScene}},
     {"vision", "vision", {kScene}},
-    {"workspace_cloud", "workspace_cloud", {kScene, "_count:=100"}},
 };
 
 TEST(ThrowingNodes, EndInOrderWith1) {

@@ -96,6 +96,10 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides 
 /// @param name  file name used in faults. @throws as loadScene() does.
 Scene sceneOfText(const std::string& text, const std::string& name);
 
+/// @throws std::invalid_argument naming the difference if the scenes are not of the same rig: other
+/// sections, other actuators, or another geometry.
+void requireSameRig(const Scene& at_hand, const Scene& next);
+
 /// The text of a scene file with the overrides applied: loading it gives the same scene without
 /// them. The text is unchanged if there are none; otherwise it loses its comments.
 /// @throws DocumentError if the file cannot be read, is not YAML or an override does not apply.

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -92,6 +93,36 @@ Scene makeScene(const Value& document, FaultList& faults) {
   scene.follow = follow;
   scene.calibration = std::move(calibration);
   return scene;
+}
+
+void requireSameRig(const Scene& at_hand, const Scene& next) {
+  const model::Arm &now = at_hand.arm, &then = next.arm;
+  const auto namesOf = [](const model::Arm& arm, int section) {
+    std::string out;
+    for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
+      out += (out.empty() ? "" : ", ") + arm.actuator(i).name;
+    }
+    return out;
+  };
+  const auto require = [&](bool holds, const auto&... what) {
+    basics::require(holds, "scene ", next.name, " is not of the running rig: ", what...,
+                    "; restart the nodes to change the rig");
+  };
+  require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
+          " sections, expected ", now.sectionCount());
+  for (int k = 0; k < now.sectionCount(); ++k) {
+    require(namesOf(now, k) == namesOf(then, k), "section ", k + 1, " has the actuators ",
+            namesOf(then, k), ", expected ", namesOf(now, k));
+  }
+  for (int i = 0; i < now.actuatorCount(); ++i) {
+    require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
+            " has another drive");
+  }
+  require(at_hand.camera.has_value() == next.camera.has_value() &&
+              at_hand.tags.has_value() == next.tags.has_value(),
+          "only one of the two has `camera` and `tags`");
+  require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
+          next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
 }
 
 }  // namespace helix_arm::io

@@ -13,11 +13,8 @@
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
 
 using io::kShippedScenes;
-
-}  // namespace
 
 ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
                            Adopt adopt)
@@ -65,36 +62,6 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     logWarning("reload refused, nothing changed: %s", response.message.c_str());
   }
   return true;
-}
-
-void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
-  const model::Arm &now = at_hand.arm, &then = next.arm;
-  const auto namesOf = [](const model::Arm& arm, int section) {
-    std::string out;
-    for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
-      out += (out.empty() ? "" : ", ") + arm.actuator(i).name;
-    }
-    return out;
-  };
-  const auto require = [&](bool holds, const auto&... what) {
-    basics::require(holds, "scene ", next.name, " is not of the running rig: ", what...,
-                    "; restart the nodes to change the rig");
-  };
-  require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
-          " sections, expected ", now.sectionCount());
-  for (int k = 0; k < now.sectionCount(); ++k) {
-    require(namesOf(now, k) == namesOf(then, k), "section ", k + 1, " has the actuators ",
-            namesOf(then, k), ", expected ", namesOf(now, k));
-  }
-  for (int i = 0; i < now.actuatorCount(); ++i) {
-    require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
-            " has another drive");
-  }
-  require(at_hand.camera.has_value() == next.camera.has_value() &&
-              at_hand.tags.has_value() == next.tags.has_value(),
-          "only one of the two has `camera` and `tags`");
-  require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
-          next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
 }
 
 }  // namespace helix_arm::ros_bridge

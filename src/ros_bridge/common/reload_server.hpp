@@ -51,8 +51,4 @@ class ReloadServer {
   ros::ServiceServer server_;
 };
 
-/// @throws std::invalid_argument naming the difference if the scenes are not of the same rig: other
-/// sections, other actuators, or another geometry.
-void requireSameRig(const io::Scene& at_hand, const io::Scene& next);
-
 }  // namespace helix_arm::ros_bridge

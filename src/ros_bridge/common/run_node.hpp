@@ -46,7 +46,6 @@ int runNode(int argc, char** argv, const std::string& name,
 // fault of its parameters and files.
 std::unique_ptr<Node> makeCalibration();
 std::unique_ptr<Node> makeFollowPath();
-std::unique_ptr<Node> makeMonitor();
 std::unique_ptr<Node> makePressureCommand();
 std::unique_ptr<Node> makePressureSeries();
 std::unique_ptr<Node> makeSimulatedRig();
@@ -55,7 +54,6 @@ std::unique_ptr<Node> makeVision();
 std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
                                           const ros::NodeHandle& private_node);
 std::unique_ptr<Node> makeVisualServo();
-std::unique_ptr<Node> makeWorkspaceCloud();
 /// That of a program, by its name.
 std::unique_ptr<Node> makeNode(const std::string& program);
 
