@@ -7,7 +7,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "completion.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
@@ -90,14 +89,9 @@ void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
       command, "--marker-size-m", arguments.marker_size,
       "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
       TypeName{"S"});
-  std::vector<std::string> dictionaries;
-  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
-    dictionaries.emplace_back(known.name);
-  }
-  offer(addOption(command, "--dictionary", arguments.dictionary,
-                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
-                  TypeName{"NAME"}),
-        Offer::kWords, dictionaries);
+  addOption(command, "--dictionary", arguments.dictionary,
+            "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+            TypeName{"NAME"});
   command.add_flag("--legacy-pattern", arguments.legacy_pattern,
                    "of a ChArUco board with an even number of squares down: its top left square is "
                    "white, as OpenCV before 4.6 drew it");
@@ -152,14 +146,13 @@ void requireYaml(const std::string& out) {
 
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
                       const std::string& what) {
-  CLI::Option* const out = addOption(command, option, scene, what + ", or name of a shipped scene");
   // A name that is not known is refused when the scene is loaded, so that --help still works.
   const auto resolve = [](std::string& given) -> std::string {
     given = io::findScene(given).value_or(given);
     return {};
   };
-  offer(out, Offer::kScene);
-  return out->transform(CLI::Validator(resolve, ""));
+  return addOption(command, option, scene, what + ", or name of a shipped scene")
+      ->transform(CLI::Validator(resolve, ""));
 }
 
 io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
@@ -295,9 +288,7 @@ void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::str
 }
 
 void addBoardFlag(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  offer(command.add_flag("--board{tags}", arguments.kind, what)
-            ->check(CLI::IsMember({kTags, kCharuco})),
-        Offer::kWords, {kTags, kCharuco});
+  command.add_flag("--board{tags}", arguments.kind, what)->check(CLI::IsMember({kTags, kCharuco}));
   addCharucoOptions(command, arguments);
 }
 

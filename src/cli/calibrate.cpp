@@ -10,7 +10,6 @@
 #include "arguments.hpp"
 #include "bag/bag_captures.hpp"
 #include "command.hpp"
-#include "completion.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
@@ -430,10 +429,9 @@ Subcommand addCalibrate(CLI::App& app) {
             "z_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
             "time the arm is at rest is one capture",
             kRequired);
-  offer(addOption(*command, "--fit", options->fit,
-                  "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
-                      estimation::wordOf(estimation::kDefaultFitGroup)),
-        Offer::kList, estimation::fitWords());
+  addOption(*command, "--fit", options->fit,
+            "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
+                estimation::wordOf(estimation::kDefaultFitGroup));
   addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
   addOption(*command, "--also", options->also,
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "

@@ -6,9 +6,10 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "completion.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/shipped_files.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
@@ -21,6 +22,19 @@ const char* const kFooter =
     "json and csv stand alone on stdout, with all digits; messages go to stderr.\n"
     "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
     "call or a document is wrong (the reason is on stderr).";
+
+// Asks, in place of work, for names that the help does not list: python/helix_arm/completion.py
+// offers them.
+const std::string kNamesOption = "--names";
+
+// @param what  "dictionaries" of a ChArUco board, or a folder of shipped files.
+void printNames(const std::string& what) {
+  if (what == "dictionaries") {
+    for (const auto& known : vision::markerDictionaries()) std::cout << known.name << "\n";
+  } else {
+    for (const std::string& name : io::shippedNames(what)) std::cout << name << "\n";
+  }
+}
 
 // Those that may follow what was parsed, on stderr; nothing where none may.
 void tellSubcommands(const CLI::App& app) {
@@ -96,8 +110,8 @@ int run(int argc, char** argv) {
       addCalibrate(app), addLocalize(app), addSimulate(app), addTrade(app),
       addWorkspace(app), addPath(app),     addFollow(app),   addTags(app),
       addCamera(app),    addCheck(app),    addNew(app),      addRegulator(app)};
-  if (argc > 1 && std::string(argv[1]) == kCompleteOption) {
-    printCompletions(app, {argv + 2, argv + argc}, std::cout);
+  if (argc == 3 && argv[1] == kNamesOption) {
+    printNames(argv[2]);
     return kDone;
   }
   if (const auto exit_code = parse(app, {argv + 1, argv + argc})) return *exit_code;

@@ -13,7 +13,6 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "completion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
@@ -319,7 +318,6 @@ Subcommand addNew(CLI::App& app) {
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", scene.regulator,
       "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
-  offer(command->get_option("--regulator"), Offer::kProfile, {"simulated", "none"});
   add("--device", scene.device, "serial device of a regulator on a serial line");
   add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,
