@@ -14,6 +14,7 @@
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
 #include "nlohmann/json.hpp"
 #include "output.hpp"
 
@@ -377,7 +378,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   }
   if (!arguments.out.empty()) io::writeFileAtomically(arguments.out, csvOf(report));
   if (!arguments.png.empty()) {
-    drawJsonReport(plotOf(report, open ? &*open : nullptr), arguments.png, "leave out --png");
+    procedures::drawReportText(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
+                               "leave out --png");
   }
   if (global.format == Format::kCsv) {
     std::cout << csvOf(report);

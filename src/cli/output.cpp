@@ -13,7 +13,6 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/lie/so3.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
 
@@ -285,11 +284,6 @@ void printResult(Format format, const json& report, const std::function<CsvTable
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
   if (format == Format::kCsv) table().print(std::cout);
   if (format == Format::kText) text();
-}
-
-void drawJsonReport(const nlohmann::json& report, const std::string& picture,
-                    const std::string& without) {
-  procedures::drawReportText(report.dump(), picture, without);
 }
 
 void checkPicture(const std::string& png, const std::string& out) {

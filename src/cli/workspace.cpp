@@ -8,11 +8,9 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstring>
 #include <deque>
 #include <exception>
 #include <filesystem>
-#include <functional>
 #include <future>
 #include <iomanip>
 #include <iostream>
@@ -32,6 +30,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "measurements.hpp"
 #include "nlohmann/json.hpp"
@@ -68,48 +67,25 @@ std::string oneLine(std::string text) {
   return text;
 }
 
-void append(float value, std::string& out) {
-  char bytes[sizeof value];
-  std::memcpy(bytes, &value, sizeof value);
-  out.append(bytes, sizeof value);
-}
-
-void append(double value, int digits, char end, std::string& out) {
-  char text[32];
-  out.append(text, static_cast<std::size_t>(
-                       std::snprintf(text, sizeof text, "%.*g%c", digits, value, end)));
-}
-
 // Points as a PLY (binary, little-endian; tips and sensitivity as float32) or a CSV (inputs, tips
-// and sensitivity, with units in the header), by the end of its name; written piece by piece.
-class CloudFile {
+// and sensitivity, with units in the header).
+class CloudFormat {
  public:
-  // @throws CallerError on another end of the name, io::FileError where it cannot be written.
-  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
-      : arm_(arm), origin_(origin), ply_(isPly(path)), file_(path) {
-    file_.write(ply_ ? plyHeader() : csvHeader());
-  }
+  CloudFormat(const model::Arm& arm, CloudOrigin origin, bool ply)
+      : arm_(arm), origin_(std::move(origin)), ply_(ply) {}
 
-  // Points as they stand in the file. From any thread.
+  bool tellsCount() const { return ply_; }
+  // Its length does not depend on the number of points.
+  std::string header(std::uint64_t points) const { return ply_ ? plyHeader(points) : csvHeader(); }
+
+  // Points as they stand behind the header. From any thread.
   std::string encode(const statics::WorkspacePoints& points) const {
     return ply_ ? encodePly(points) : encodeCsv(points);
   }
 
-  // Appends so many encoded points. @throws io::FileError.
-  void write(const std::string& encoded, std::uint64_t points) {
-    file_.write(encoded);
-    points_ += points;
-  }
-
-  // Puts the file in its place, not before. @throws io::FileError.
-  void finish() {
-    if (ply_) file_.writeOver(0, plyHeader());
-    file_.commit();
-  }
-
  private:
-  std::string plyHeader() const {
-    const std::string count = std::to_string(points_);
+  std::string plyHeader(std::uint64_t points) const {
+    const std::string count = std::to_string(points);
     std::ostringstream out;
     // The count is only known at the end; padding keeps the length of the header constant.
     out << "ply\nformat binary_little_endian 1.0\n"
@@ -146,16 +122,15 @@ class CloudFile {
   }
 
   std::string encodePly(const statics::WorkspacePoints& points) const {
-    std::string out;
-    const auto columns = points.tips.cols() + (origin_.sensitivity ? points.sensitivity.cols() : 0);
-    out.reserve(static_cast<std::size_t>(points.count() * columns) * sizeof(float));
-    for (int row = 0; row < points.count(); ++row) {
-      for (int k = 0; k < 3; ++k) append(static_cast<float>(points.tips(row, k)), out);
-      for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-        append(static_cast<float>(points.sensitivity(row, k)), out);
-      }
+    const Eigen::Index columns = origin_.sensitivity ? 3 + statics::kSensitivities : 3;
+    Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> out(points.count(),
+                                                                              columns);
+    out.leftCols(3) = points.tips.cast<float>();
+    if (origin_.sensitivity) {
+      out.rightCols(statics::kSensitivities) = points.sensitivity.cast<float>();
     }
-    return out;
+    return {reinterpret_cast<const char*>(out.data()),
+            static_cast<std::size_t>(out.size()) * sizeof(float)};
   }
 
   std::string encodeCsv(const statics::WorkspacePoints& points) const {
@@ -163,18 +138,20 @@ class CloudFile {
     constexpr int kTipDigits = 12;
     constexpr int kSensitivityDigits = 9;
     std::string out;
+    const auto put = [&out](double value, int digits) {
+      char text[32];
+      const int size = std::snprintf(text, sizeof text, "%.*g,", digits, value);
+      out.append(text, static_cast<std::size_t>(size));
+    };
     for (int row = 0; row < points.count(); ++row) {
       for (int i = 0; i < arm_.actuatorCount(); ++i) {
-        const double scale = model::unitOf(arm_.actuator(i).drive).scale;
-        append(points.inputs(row, i) / scale, kInputDigits, ',', out);
+        put(points.inputs(row, i) / model::unitOf(arm_.actuator(i).drive).scale, kInputDigits);
       }
-      for (int k = 0; k < 3; ++k) {
-        append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);
-      }
+      for (int k = 0; k < 3; ++k) put(points.tips(row, k), kTipDigits);
       for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
-        append(points.sensitivity(row, k), kSensitivityDigits,
-               k + 1 == statics::kSensitivities ? '\n' : ',', out);
+        put(points.sensitivity(row, k), kSensitivityDigits);
       }
+      out.back() = '\n';
     }
     return out;
   }
@@ -182,123 +159,36 @@ class CloudFile {
   const model::Arm& arm_;
   const CloudOrigin origin_;
   const bool ply_;
-  std::uint64_t points_ = 0;
-  io::AtomicFile file_;
 };
 
-// A tip and, where it was asked for, its sensitivity.
-struct CloudPoint {
-  Eigen::Vector3d tip;          // base frame [m]
-  Eigen::Vector3d sensitivity;  // [m]
-};
-
-constexpr int kMostCells = 80;        // along the longest side
-constexpr double kLeastWidth = 1e-3;  // of a plane, as a part of the longest side
-constexpr double kKeptDigits = 1e4;   // of a cell's value
-
-struct Plane {
-  int across, up;
-};
-constexpr Plane kPlanes[] = {{0, 2}, {1, 2}, {0, 1}};
-const char* const kAxes[] = {"x", "y", "z"};
-const char* const kTitles[] = {"Tip displacement per kPa of pressure error",
-                               "Tip displacement per mm of free length error",
-                               "Tip displacement per % of stiffness error"};
-
-double rounded(double value) {
-  if (value == 0) return 0;
-  const double scale = std::pow(10.0, std::floor(std::log10(std::abs(value)))) / kKeptDigits;
-  return std::round(value / scale) * scale;
-}
-
-// Square cells over a plane, and the points in each.
-class Grid {
+// A file of points, written piece by piece.
+class CloudFile {
  public:
-  Grid(const Plane& plane, const Eigen::AlignedBox3d& bounds, double cell)
-      : plane_(plane), cell_(cell) {
-    for (const int side : {0, 1}) {
-      const int axis = side == 0 ? plane.across : plane.up;
-      const double width = bounds.sizes()[axis];
-      count_[side] = static_cast<int>(width / cell) + 1;
-      least_[side] = bounds.center()[axis] - 0.5 * cell * count_[side];
-    }
-    members_.resize(static_cast<std::size_t>(count_[0]) * static_cast<std::size_t>(count_[1]));
+  // @throws CallerError on another end of the name, io::FileError where it cannot be written.
+  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
+      : format_(arm, origin, isPly(path)), file_(path) {
+    file_.write(format_.header(0));
   }
 
-  void add(const Eigen::Vector3d& tip, int point) {
-    const int column = indexOf(tip[plane_.across], 0), row = indexOf(tip[plane_.up], 1);
-    members_[static_cast<std::size_t>(row * count_[0] + column)].push_back(point);
+  const CloudFormat& format() const { return format_; }
+
+  // Appends so many encoded points. @throws io::FileError.
+  void write(const std::string& encoded, std::uint64_t points) {
+    file_.write(encoded);
+    points_ += points;
   }
 
-  json map(const std::function<double(const std::vector<int>&)>& valueOf) const {
-    json rows = json::array();
-    for (int row = 0; row < count_[1]; ++row) {
-      json cells = json::array();
-      for (int column = 0; column < count_[0]; ++column) {
-        const auto& members = members_[static_cast<std::size_t>(row * count_[0] + column)];
-        cells.push_back(members.empty() ? json() : json(rounded(valueOf(members))));
-      }
-      rows.push_back(std::move(cells));
-    }
-    return {{"across", kAxes[plane_.across]},
-            {"up", kAxes[plane_.up]},
-            {"extent",
-             {least_[0], least_[0] + cell_ * count_[0], least_[1], least_[1] + cell_ * count_[1]}},
-            {"cells", std::move(rows)}};
+  // Puts the file in its place, not before. @throws io::FileError.
+  void finish() {
+    if (format_.tellsCount()) file_.writeOver(0, format_.header(points_));
+    file_.commit();
   }
 
  private:
-  int indexOf(double value, int side) const {
-    const int index = static_cast<int>(std::floor((value - least_[side]) / cell_));
-    return std::clamp(index, 0, count_[side] - 1);
-  }
-
-  Plane plane_;
-  double cell_;
-  int count_[2];
-  double least_[2];
-  std::vector<std::vector<int>> members_;
+  const CloudFormat format_;
+  std::uint64_t points_ = 0;
+  io::AtomicFile file_;
 };
-
-json named(json map, const char* quantity, const char* title, const char* unit) {
-  map["quantity"] = quantity;
-  map["title"] = title;
-  map["unit"] = unit;
-  return map;
-}
-
-// What plot_report draws of points: their number and, with sensitivity, the medians of it, over
-// square cells of the planes x-z, y-z and x-y; planes that they have no width in are left out.
-//
-// One entry a map: {quantity, title, unit, across, up, extent [left, right, bottom, top] in m,
-// cells (rows from the bottom; null where there is no point)}.
-json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
-  json maps = json::array();
-  Eigen::AlignedBox3d bounds;
-  for (const CloudPoint& point : points) bounds.extend(point.tip);
-  const double longest = points.empty() ? 0.0 : bounds.sizes().maxCoeff();
-  for (const Plane& plane : kPlanes) {
-    const double width = std::min(bounds.sizes()[plane.across], bounds.sizes()[plane.up]);
-    if (!(longest > 0) || width < kLeastWidth * longest) continue;
-    Grid grid(plane, bounds, longest / kMostCells);
-    for (std::size_t i = 0; i < points.size(); ++i) grid.add(points[i].tip, static_cast<int>(i));
-    maps.push_back(named(grid.map([](const std::vector<int>& members) {
-      return static_cast<double>(members.size());
-    }),
-                         "points", "Tip positions per cell", "points"));
-    for (int k = 0; k < statics::kSensitivities && sensitivity; ++k) {
-      const auto median = [&points, k](const std::vector<int>& members) {
-        std::vector<double> values;
-        for (const int i : members) {
-          values.push_back(points[static_cast<std::size_t>(i)].sensitivity[k]);
-        }
-        return basics::medianOf(std::move(values));
-      };
-      maps.push_back(named(grid.map(median), statics::kSensitivityNames[k], kTitles[k], "m"));
-    }
-  }
-  return maps;
-}
 
 constexpr std::uint64_t kUsualCount = 10000000;
 constexpr std::uint64_t kUsualSensitiveCount = 200000;
@@ -324,15 +214,14 @@ struct WorkspaceSummary {
   statics::WorkspaceExtremes sampled;   // of the points
   statics::WorkspaceExtremes extremes;  // that a search found from there
   Eigen::Vector3d worst = Eigen::Vector3d::Zero();
-  std::vector<CloudPoint> kept;
-  bool whole = false;  // not interrupted
+  statics::WorkspacePoints kept;  // tips and sensitivity, for medians and maps
+  bool whole = false;             // not interrupted
 
   std::uint64_t points() const { return inputs - unbalanced; }
   // Of sensitivity k over the kept points [m]; there is at least one.
   double median(int k) const {
-    std::vector<double> values;
-    for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
-    return basics::medianOf(std::move(values));
+    const auto column = kept.sensitivity.col(k);
+    return basics::medianOf({column.begin(), column.end()});
   }
 };
 
@@ -413,23 +302,24 @@ class Progress {
 
 // Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
 // represent all.
-constexpr std::size_t kMostKept = 2000000;
+constexpr std::uint64_t kMostKept = 2000000;
 
-void add(const statics::WorkspacePoints& points, bool keep, WorkspaceSummary& summary) {
+// @param kept  rows of summary.kept that are points already.
+void add(const statics::WorkspacePoints& points, Eigen::Index& kept, WorkspaceSummary& summary) {
   summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
   summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
   if (points.count() == 0) return;
   summary.sampled.add(points);
-  const bool sensitive = points.sensitivity.rows() > 0;
-  if (sensitive) {
+  if (points.sensitivity.rows() > 0) {
     summary.worst =
         summary.worst.cwiseMax(points.sensitivity.colwise().maxCoeff().transpose()).eval();
   }
-  for (int row = 0; keep && row < points.count() && summary.kept.size() < kMostKept; ++row) {
-    CloudPoint point{points.tips.row(row), Eigen::Vector3d::Zero()};
-    if (sensitive) point.sensitivity = points.sensitivity.row(row);
-    summary.kept.push_back(point);
+  const Eigen::Index more = std::min<Eigen::Index>(points.count(), summary.kept.count() - kept);
+  summary.kept.tips.middleRows(kept, more) = points.tips.topRows(more);
+  if (points.sensitivity.rows() > 0) {
+    summary.kept.sensitivity.middleRows(kept, more) = points.sensitivity.topRows(more);
   }
+  kept += more;
 }
 
 // Samples on all threads and takes the pieces in their order, so that the result does not tell how
@@ -447,13 +337,19 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
   const auto make = [&workspace, file, total, size](std::uint64_t first) {
     const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
     Piece piece{workspace.sample(first, count), {}};
-    if (file != nullptr) piece.encoded = file->encode(piece.points);
+    if (file != nullptr) piece.encoded = file->format().encode(piece.points);
     return piece;
   };
   const std::size_t threads = arguments.threads > 0
                                   ? static_cast<std::size_t>(arguments.threads)
                                   : std::max(1u, std::thread::hardware_concurrency());
   WorkspaceSummary summary;
+  Eigen::Index kept = 0;
+  if (arguments.sensitivity || !arguments.png.empty()) {
+    const auto most = static_cast<Eigen::Index>(std::min(total, kMostKept));
+    summary.kept.tips.resize(most, 3);
+    summary.kept.sensitivity.resize(arguments.sensitivity ? most : 0, 3);
+  }
   Progress progress(total);
   std::deque<std::future<Piece>> pieces;
   std::uint64_t begun = 0;
@@ -467,10 +363,12 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     if (file != nullptr) {
       file->write(piece.encoded, static_cast<std::uint64_t>(piece.points.count()));
     }
-    add(piece.points, arguments.sensitivity || !arguments.png.empty(), summary);
+    add(piece.points, kept, summary);
     progress.reached(summary.inputs);
   }
   summary.whole = !interrupted();
+  summary.kept.tips.conservativeResize(kept, 3);
+  summary.kept.sensitivity.conservativeResize(arguments.sensitivity ? kept : 0, 3);
   if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
   summary.seconds = progress.seconds();
   return summary;
@@ -524,7 +422,7 @@ CsvTable csvTable(const json& report) {
     const json& bounds = report[prefix + "bounds_m"];
     for (std::size_t i = 0; i < 3; ++i) {
       for (const char* const end : {"min", "max"}) {
-        row.emplace_back(prefix + end + "_" + kAxes[i] + "_m",
+        row.emplace_back(prefix + end + "_" + "xyz"[i] + "_m",
                          bounds.is_null() ? "" : exact(bounds[end][i].get<double>()));
       }
     }
@@ -581,24 +479,28 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
   }
 }
 
+constexpr double kLeastWidth = 1e-3;  // of a map, as a part of its length; plot_report has it too
 constexpr std::uint64_t kMostCount = 10000000000;
 constexpr int kMostThreads = 256;
 
-void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
-              const std::string& tier, const WorkspaceSummary& summary) {
-  const json maps = mapsJson(summary.kept, arguments.sensitivity);
-  if (maps.empty()) {
+void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
+              const CloudOrigin& origin, const WorkspaceSummary& summary) {
+  Eigen::Array3d sides =
+      summary.kept.tips.colwise().maxCoeff() - summary.kept.tips.colwise().minCoeff();
+  std::sort(sides.begin(), sides.end());
+  if (!(sides[2] > 0) || sides[1] < kLeastWidth * sides[2]) {
     throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
                       std::to_string(summary.points()) +
                       (summary.points() == 1 ? " tip is" : " tips lie on") +
                       " a line or a point; sample more with --count, or leave out --png");
   }
-  const json report{{"scene", scene},
-                    {"tier", tier},
-                    {"points", summary.kept.size()},
+  const auto count = static_cast<std::uint64_t>(summary.kept.count());
+  const json report{{"scene", origin.scene},
+                    {"tier", origin.tier},
                     {"reach_m", summary.extremes.reach()},
-                    {"maps", maps}};
-  drawJsonReport(report, arguments.png, "leave out --png");
+                    {"cloud", "cloud.ply"}};
+  procedures::drawReportText(report.dump(), arguments.png, "leave out --png",
+                             {"cloud.ply", format.header(count) + format.encode(summary.kept)});
 }
 
 // Fault of a --count; empty if it is valid.
@@ -624,14 +526,12 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
   checkPicture(arguments.png, arguments.out);
+  const CloudOrigin origin{scene.name, setting.name(), arguments.seed, arguments.sensitivity};
   WorkspaceSummary summary;
   {
     const InterruptWatch watch;
     std::optional<CloudFile> file;
-    if (!arguments.out.empty()) {
-      file.emplace(arguments.out, scene.arm,
-                   CloudOrigin{scene.name, setting.name(), arguments.seed, arguments.sensitivity});
-    }
+    if (!arguments.out.empty()) file.emplace(arguments.out, scene.arm, origin);
     summary = sampleWorkspace(workspace, arguments, file ? &*file : nullptr);
   }
   if (summary.whole && summary.points() > 0) {
@@ -646,7 +546,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   std::exception_ptr fault;
   try {
     if (!arguments.png.empty() && summary.points() > 0) {
-      drawMaps(arguments, scene.name, setting.name(), summary);
+      drawMaps(arguments, CloudFormat(scene.arm, origin, true), origin, summary);
     }
   } catch (const CallerError&) {
     fault = std::current_exception();

@@ -16,6 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr char kReport[] = "report.json";
 constexpr std::size_t kLargestPicture = 64U << 20U;  // [bytes]
 
 // Where plot_report is: beside the program where it is installed, else among the sources.
@@ -45,10 +46,10 @@ class Folder {
   std::string path_;
 };
 
-fs::path written(const std::string& report, const Folder& folder) {
-  fs::path path = folder / "report.json";
-  std::ofstream stream(path);
-  stream << report;
+fs::path written(const ReportPart& part, const Folder& folder) {
+  fs::path path = folder / part.name.c_str();
+  std::ofstream stream(path, std::ios::binary);
+  stream << part.content;
   if (!stream.flush()) {
     throw io::FileError(path.string() + " cannot be written; set TMPDIR to a folder with room");
   }
@@ -70,16 +71,17 @@ void drawReport(const fs::path& report, const fs::path& picture, const std::stri
                       "; install python3-matplotlib, or " + without);
 }
 
-void drawReportText(const std::string& report, const fs::path& picture,
-                    const std::string& without) {
+void drawReportText(const std::string& report, const fs::path& picture, const std::string& without,
+                    const ReportPart& beside) {
   const Folder folder;
-  drawReport(written(report, folder), picture, without);
+  if (!beside.name.empty()) written(beside, folder);
+  drawReport(written({kReport, report}, folder), picture, without);
 }
 
 std::string drawnReport(const std::string& report, const std::string& without) {
   const Folder folder;
   const fs::path picture = folder / "report.png";
-  drawReport(written(report, folder), picture, without);
+  drawReport(written({kReport, report}, folder), picture, without);
   basics::RegularFile file(picture.string());
   auto bytes = file.isOpen() ? file.readAll(kLargestPicture) : std::nullopt;
   if (!bytes) throw io::FileError(picture.string() + " " + file.fault());

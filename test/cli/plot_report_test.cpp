@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -152,23 +153,26 @@ TEST_F(PlotReport, ManyCapturesAndGroupsAndParametersHaveTheirPlace) {
   EXPECT_LT(picture().rows, 2400);
 }
 
-json map(const std::string& quantity, const std::string& unit, const std::string& up) {
-  json out{{"quantity", quantity}, {"title", "Map of " + quantity}, {"unit", unit}, {"up", up}};
-  out["across"] = "x";
-  out["extent"] = {0.1, 0.4, -0.1, 0.1};
-  for (int row = 0; row < 20; ++row) {
-    for (int column = 0; column < 30; ++column) {
-      out["cells"][row].push_back(column < row ? json() : json(1 + row * column));
-    }
+// Points in a box as helix_arm workspace writes them, of which some may be missing.
+void writeCloud(const std::string& path, float width, int missing = 0) {
+  constexpr int kCount = 4000;
+  std::ofstream file(path, std::ios::binary);
+  file << "ply\nformat binary_little_endian 1.0\ncomment of $50\nelement vertex " << kCount
+       << "\nproperty float x\nproperty float y\nproperty float z\nproperty float per_kpa_m\n"
+          "end_header\n";
+  std::mt19937 generator(1);
+  std::uniform_real_distribution<float> part(0, 1);
+  for (int i = missing; i < kCount; ++i) {
+    const float point[] = {0.1F + 0.3F * part(generator), width * part(generator),
+                           0.2F * part(generator), 1e-4F * part(generator)};
+    file.write(reinterpret_cast<const char*>(point), sizeof point);
   }
-  return out;
 }
 
 TEST_F(PlotReport, MapsStandInARowAQuantity) {
-  json maps{{"scene", "helical $50"}, {"tier", "linear"}, {"points", 5000}, {"reach_m", 0.41}};
-  for (const char* quantity : {"points", "per_kpa_m"}) {
-    for (const char* up : {"y", "z", "w"}) maps["maps"].push_back(map(quantity, "m", up));
-  }
+  const json maps{
+      {"scene", "helical $50"}, {"tier", "linear"}, {"reach_m", 0.41}, {"cloud", "cloud.ply"}};
+  writeCloud(folder_ / "cloud.ply", 0.2F);
   ASSERT_EQ(draw(maps), 0) << errors();
   EXPECT_EQ(errors(), "");
   const cv::Mat all = picture();
@@ -180,22 +184,17 @@ TEST_F(PlotReport, MapsStandInARowAQuantity) {
       EXPECT_GT(inked(all(panel)), 0.1) << row << " " << column;
     }
   }
-  const int two_rows = all.rows;
-  json one = maps;
-  one["maps"] = {map("points", "points a cell", "y"), map("per_kpa_m", "m", "y")};
-  ASSERT_EQ(draw(one), 0) << errors();
-  EXPECT_LT(picture().rows, two_rows) << "of one plane, side by side";
+  writeCloud(folder_ / "cloud.ply", 0);
+  ASSERT_EQ(draw(maps), 0) << errors();
+  EXPECT_LT(picture().rows, all.rows) << "of one plane, side by side";
 
   std::filesystem::remove(target_);
-  json wrong = maps;
-  wrong["maps"][1]["extent"] = {0.4, 0.1, 0, 1};
-  expectRefused(wrong, "maps[1].extent is [0.4, 0.1, 0, 1]; expected left < right, bottom < top");
-  wrong = maps;
-  wrong["maps"][2]["cells"][3].push_back(1);
-  expectRefused(wrong, "maps[2].cells is malformed; expected rows of equal length");
-  wrong = maps;
-  wrong["maps"][0].erase("unit");
-  expectRefused(wrong, "maps[0] has no unit");
+  writeCloud(folder_ / "cloud.ply", 0.2F, 1);
+  expectRefused(maps, "expected a PLY file of points");
+  std::ofstream(folder_ / "cloud.ply") << "ply\nproperty";
+  expectRefused(maps, "expected a PLY file of points");
+  std::filesystem::remove(folder_ / "cloud.ply");
+  expectRefused(maps, "cannot be read");
 }
 
 // A run around a circle in the y-z plane, closed beside open.
@@ -289,7 +288,7 @@ TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {
   EXPECT_EQ(draw(std::string("{\"arms\": [")), 2);
   EXPECT_NE(errors().find("report.json is not valid JSON: "), std::string::npos) << errors();
   expectRefused(json::array({1}), "is not a JSON object");
-  expectRefused(json::object(), "has nothing to plot; expected rows, maps, arms, contractions");
+  expectRefused(json::object(), "has nothing to plot; expected rows, cloud, arms, contractions");
   json wrong = report();
   wrong["arms"][1]["captures"][2]["rms"] = "small";
   expectRefused(wrong, R"(arms[1].captures[2].rms is "small"; expected a finite number)");

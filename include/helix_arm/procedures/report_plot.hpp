@@ -12,9 +12,13 @@ namespace helix_arm::procedures {
 /// @throws io::FileError naming the picture and the remedy.
 void drawReport(const std::filesystem::path& report, const std::filesystem::path& picture,
                 const std::string& without);
-/// The same of a report that is in no file.
+/// A file that a report names, in its folder.
+struct ReportPart {
+  std::string name, content;
+};
+/// The same of a report that is in no file. @param beside  without a name: none.
 void drawReportText(const std::string& report, const std::filesystem::path& picture,
-                    const std::string& without);
+                    const std::string& without, const ReportPart& beside = {});
 /// The same, as the bytes of a PNG file.
 std::string drawnReport(const std::string& report, const std::string& without);
 
