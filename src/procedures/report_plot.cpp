@@ -8,15 +8,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::size_t kLargestPicture = 64U << 20U;  // [bytes]
 
 // Where plot_report is: beside the program where it is installed, else among the sources.
 fs::path plotReport() {
@@ -74,16 +71,6 @@ void drawReportText(const std::string& report, const fs::path& picture,
                     const std::string& without) {
   const Folder folder;
   drawReport(written(report, folder), picture, without);
-}
-
-std::string drawnReport(const std::string& report, const std::string& without) {
-  const Folder folder;
-  const fs::path picture = folder / "report.png";
-  drawReport(written(report, folder), picture, without);
-  basics::RegularFile file(picture.string());
-  auto bytes = file.isOpen() ? file.readAll(kLargestPicture) : std::nullopt;
-  if (!bytes) throw io::FileError(picture.string() + " " + file.fault());
-  return std::move(*bytes);
 }
 
 }  // namespace helix_arm::procedures

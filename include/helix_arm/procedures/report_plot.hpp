@@ -15,7 +15,5 @@ void drawReport(const std::filesystem::path& report, const std::filesystem::path
 /// The same of a report that is in no file.
 void drawReportText(const std::string& report, const std::filesystem::path& picture,
                     const std::string& without);
-/// The same, as the bytes of a PNG file.
-std::string drawnReport(const std::string& report, const std::string& without);
 
 }  // namespace helix_arm::procedures
