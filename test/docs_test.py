@@ -137,7 +137,7 @@ class Package:
         self.types |= {name for path in root.glob("*_plugins.xml")
                        for name in re.findall(r'class name="helix_arm/(\w+)"', path.read_text(encoding="utf-8"))}
         build = (root / "CMakeLists.txt").read_text(encoding="utf-8")
-        self.nodes = set(" ".join(re.findall(r"set\(helix_arm_(?:python_)?nodes\s+([^)]+)\)", build)).split())
+        self.nodes = set(" ".join(re.findall(r"set\(helix_arm_(?:nodes|scripts)\s+([^)]+)\)", build)).split())
         self.topics, self.services = self.ros_names()
         self.cases = set()
         for path in (root / "test").rglob("*.cpp"):

@@ -1,5 +1,6 @@
 """The node monitor: watches a running arm from outside, prints one line per second, and a verdict at the end."""
 import collections
+import functools
 import math
 import re
 import statistics
@@ -11,11 +12,11 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from helix_arm.msg import ArmShape, ModelError, PressureArray, SafetyState, VisionStatus
-from helix_arm.node import DONE, FAILED, Parameters, ReloadServer, default_folder, quoted, run
+from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, Node, Parameters, end, listen, quoted, run
+from helix_arm.reload import SCENES, ReloadServer
 
 MOST_ERRORS = 100000  # an hour's at 30 Hz
 MOST_PRESSURES = 100  # printed per line
-LONGEST_MESSAGE = 1000
 SILENCE = 2.0  # a topic silent for this long at the end has stopped [s]
 STATES = ("measured", "few_tags", "no_tags", "no_fit", "waiting", "stale", "camera_fault", "ended")  # of VisionStatus
 HARMLESS = ("other_commander", "not_enabled", "rested", "stale")  # why a target may be dropped
@@ -52,7 +53,7 @@ class Stream:
         return "" if self.finite else f"{self.topic} held numbers that are not finite"
 
 
-class Monitor:
+class Monitor(Node):
     """Subscribes to pressure_command, pressure_measured, model, measured, model_error, vision_status, safety_state, and of
     /diagnostics to those of pressure_command in its namespace. Serves `~reload`, if ~scene is set: another file of the same rig.
 
@@ -61,7 +62,7 @@ class Monitor:
     and the reason.
     """
 
-    def __init__(self, end):
+    def __init__(self):
         reader = Parameters()
         self._seconds = reader.number("seconds", 0.0, 0.0, 86400.0)  # after the first model; 0: until asked to end
         self._min_travel = reader.number("min_travel_m", 0.0, 0.0, 10.0)  # of the tip
@@ -69,12 +70,13 @@ class Monitor:
         min_rate = reader.number("min_rate", 10.0, 0.1, 1000.0)  # of each topic
         min_measured_rate = reader.number("min_measured_rate", 2.0, 0.1, 1000.0)
         # If it has camera and tags, `measured` is required. Without a scene, `measured` is shown but not required.
-        path = reader.scene("scene", required=False)
-        scene_folder = reader.folder("scene_folder", default_folder())
+        path = reader.file("scene", SCENES, ".yaml", required=False)
+        scene_folder = reader.folder("scene_folder")
         reader.finish()
         self._reload = ReloadServer(path, scene_folder, lambda scene: None) if path else None
-        self._end, self._lock = end, threading.Lock()
+        self._lock = threading.Lock()
         self._start = self._last_line = time.monotonic()
+        self._due = self._start + 1.0  # the next line
         self._command, self._measured, self._model = (
             Stream(topic, min_rate) for topic in ("pressure_command", "pressure_measured", "model"))
         self._shape = Stream("measured", min_measured_rate)
@@ -91,9 +93,9 @@ class Monitor:
                 ("model", ArmShape, self._on_model), ("measured", ArmShape, self._on_shape),
                 ("model_error", ModelError, self._on_model_error), ("vision_status", VisionStatus, self._on_vision_status),
                 ("safety_state", SafetyState, self._on_safety), ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
-            rospy.Subscriber(topic, kind, self._locked, callback)
+            listen(topic, kind, 1000, functools.partial(self._locked, callback))
 
-    def _locked(self, message, callback):
+    def _locked(self, callback, message):
         with self._lock:
             callback(message)
 
@@ -142,20 +144,23 @@ class Monitor:
 
     # ---- What is printed -----------------------------------------------------------------------------------------
 
-    def step(self):
+    def turn(self):
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = max(self._due + 1.0, now)
         with self._lock:
-            now = time.monotonic()
             if self._model.count == 0:
                 print(f"waiting for {rospy.resolve_name(self._model.topic)}")
                 self._last_line = now
                 if self._seconds > 0 and now - self._start > self._startup:
-                    self._end.set()
+                    end.make()
                 return
             seconds = now - self._model.first
             print(self._line(seconds, now - self._last_line))
             self._last_line = now
             if 0 < self._seconds <= seconds:
-                self._end.set()
+                end.make()
 
     def _line(self, seconds, elapsed):
         words = [f"{seconds:7.1f} s  kPa", *(f"{pressure / 1e3:6.1f}"[:63] for pressure in self._pressure[:MOST_PRESSURES])]

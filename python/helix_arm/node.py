@@ -1,290 +1,449 @@
-"""What the nodes in Python share: their run from start to exit code, private parameters, and `~reload`.
+"""What the nodes in Python share: their parameters, their log, and how they end. As src/ros_bridge/common of those in C++."""
+from __future__ import annotations
 
-Needs rospy, unlike the rest of the package. Exit codes: 0 asked to end, or work done; 1 the ROS master was lost, or the node
-failed; 2 a parameter or a file breaks its rules.
-"""
+import errno
+import math
 import os
 import pathlib
-import re
+import queue
 import signal
+import socket
 import sys
 import threading
+import time
 import xmlrpc.client
+from typing import Any, Callable, List, Optional, Set
 
+import rosgraph
 import rospy
+import rospy.impl.masterslave
+import rospy.impl.tcpros_base
+from rosgraph_msgs.msg import Clock
 
-from helix_arm import Scene, _core, shipped_scenes
-from helix_arm.srv import Reload, ReloadResponse
+from helix_arm import _core
 
-DONE, FAILED, BAD_CONFIGURATION = 0, 1, 2
-SCENES = "config/scenes"  # of the package
-PATIENCE = 5.0  # longest wait for the master at the end [s]
-MASTER_PERIOD, MASTER_PATIENCE, MASTER_MISSES = 1.0, 2.0, 3  # between two queries, for an answer [s]; unanswered in a row
+DONE, FAILED, BAD_CONFIGURATION = 0, 1, 2  # exit codes
+LONGEST_MESSAGE = 1000  # of another node that is repeated in the log [characters]
+WARNING_PERIOD = 5.0  # of each kind of fault [s]
+MASTER_PERIOD, MASTER_PATIENCE, MASTER_MISSES = 1.0, 2.0, 3  # [s], [s]
+END_PATIENCE, LOST_PATIENCE = 5.0, 1.0  # until a node that cannot end in order exits at once [s]
+END_OF_TIME = 2**31  # [s]
 MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
-CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+TITLES = ("# recorded of scene ", "# recorded run of ")  # in which tables of this package begin, as in file_access.hpp
+COULD_NOT_END = (b"this node could not end in time and exits at once: the ROS master does not answer (run rosnode cleanup once it "
+                 b"does), a callback does not return, or the log is blocked\n")
 
 
-def quoted(text, most=64):
-    """An untrusted word for messages: other than printable ASCII becomes '?', and long text is cut."""
-    return re.sub("[^ -~]", "?", text[:most]) + ("..." if len(text) > most else "")
+def quoted(text: str, most: int = 64) -> str:
+    """An untrusted word for messages: of printable ASCII alone, at most so many characters."""
+    out = "".join(c if " " <= c <= "~" else "?" for c in text[:most])
+    return out + "..." if len(text) > most else out
 
 
-def printable(text):
-    """A line for messages: control characters, and those that change the direction of text, become escapes."""
-    return CONTROLS.sub(lambda found: ("\\x%02x" if ord(found[0]) < 256 else "\\u%04x") % ord(found[0]), text)
+class Log:
+    """Lines in ROS's log. A thread writes them: a terminal that is stopped, or a pipe that nobody reads, delays no target.
+
+    Control characters are escaped, and a text of several lines is logged line by line: text from outside passes for no other
+    line of the log and does not act on the terminal.
+    """
+
+    def __init__(self) -> None:
+        self._lines: "queue.Queue[Any]" = queue.Queue(200)
+        self._lost = 0
+
+    def start(self) -> None:
+        threading.Thread(target=self._write, daemon=True).start()
+
+    def info(self, text: str) -> None:
+        self._hand(rospy.loginfo, text)
+
+    def warning(self, text: str) -> None:
+        self._hand(rospy.logwarn, text)
+
+    def error(self, text: str) -> None:
+        self._hand(rospy.logerr, text)
+
+    def fatal(self, text: str) -> None:
+        self._hand(rospy.logfatal, text)
+
+    def flush(self, longest: float) -> None:
+        """Waits until all lines are written, at most this long [s]."""
+        with self._lines.all_tasks_done:
+            self._lines.all_tasks_done.wait_for(lambda: self._lines.unfinished_tasks == 0, longest)
+
+    def _hand(self, write: Callable[[str], None], text: str) -> None:
+        for line in _core._printable(text.encode("utf-8", "surrogateescape")).splitlines():
+            try:
+                self._lines.put_nowait((write, line))
+            except queue.Full:
+                self._lost += 1
+
+    def _write(self) -> None:
+        while True:
+            write, line = self._lines.get()
+            write(line)
+            if self._lost > 0:
+                rospy.logwarn(f"{self._lost} lines are missing here: the log was blocked")
+                self._lost = 0
+            self._lines.task_done()
 
 
-# ---- From start to exit code -------------------------------------------------------------------------------------
+log = Log()
 
 
-class MasterWatch(threading.Thread):
-    """Ends the node if its ROS master is gone, hangs, or was restarted and does not know the node; rospy notices none of these."""
+class FaultCount:
+    """Counts faults of one kind and decides when to warn: at the first, then once per period."""
 
-    class _Transport(xmlrpc.client.Transport):
-        def make_connection(self, host):
-            connection = super().make_connection(host)
-            connection.timeout = MASTER_PATIENCE
-            return connection
+    def __init__(self) -> None:
+        self.total = 0
+        self._last_warning = -math.inf
 
-    def __init__(self, end):
-        super().__init__(daemon=True)
-        self.lost, self._end = False, end
-        self.start()
+    def add(self) -> bool:
+        """Counts a fault; whether a warning is due."""
+        self.total += 1
+        due = time.monotonic() - self._last_warning >= WARNING_PERIOD
+        if due:
+            self._last_warning = time.monotonic()
+        return due
 
-    def _fault(self):
-        name = rospy.get_name()
-        try:
-            with xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"], self._Transport()) as master:
-                return "" if master.lookupNode(name, name)[0] == 1 else "was restarted and does not know this node"
-        except TimeoutError:
-            return "does not answer: it hangs, or is cut off"
-        except Exception:  # refused, or what is no answer of a master
-            return "is gone"
 
-    def run(self):
+class End:
+    """The request to end this node. It does not shut ROS down: the node can finish its work first."""
+
+    def __init__(self) -> None:
+        self._requests = 0
+
+    def ask(self, *_: Any) -> None:
+        """By Ctrl-C, SIGTERM or rosnode kill."""
+        self._requests += 1
+
+    def make(self) -> None:
+        """From within, or where there is no work to finish."""
+        self._requests += 2
+
+    def made(self) -> bool:
+        return self._requests > 0
+
+    def is_urgent(self) -> bool:
+        """Whether the node should not finish its work first: it was asked twice, or from within."""
+        return self._requests >= 2
+
+
+end = End()
+
+
+class Node:
+    """A node. Its constructor is its set-up, and raises ValueError with every fault of its parameters and files."""
+
+    period = 0.1  # between two turns [s]
+
+    def turn(self) -> None:
+        """Called every period."""
+
+    def may_end(self) -> bool:
+        """Whether it has no work to finish before it ends."""
+        return True
+
+    def finish(self) -> int:
+        """Its exit code. May take time if it does not use the ROS master."""
+        return DONE
+
+
+class _Watch:
+    """Threads that see to it that the node ends: where the master is lost, and where it cannot end in order."""
+
+    def __init__(self) -> None:
+        self.turns = 0  # of the main thread
+        self.waits = False  # for work that takes time and needs no master
+        self.patience = END_PATIENCE
+        self.lost = False  # the master
+        for watch in (self._watch_master, self._watch_end):
+            threading.Thread(target=watch, daemon=True).start()
+
+    def _watch_end(self) -> None:
+        idle, seen = 0.0, -1
+        while idle < self.patience:
+            time.sleep(0.1)
+            goes_on = self.turns != seen or self.waits or not end.made()
+            seen = self.turns
+            idle = 0.0 if goes_on else idle + 0.1
+        os.write(2, COULD_NOT_END)
+        os._exit(FAILED)
+
+    def _watch_master(self) -> None:
+        class Transport(xmlrpc.client.Transport):
+            def make_connection(self, host: Any) -> Any:
+                connection = super().make_connection(host)
+                connection.timeout = MASTER_PATIENCE
+                return connection
+
+        name, uri = rospy.get_name(), rosgraph.get_master_uri()
+        master = xmlrpc.client.ServerProxy(uri, transport=Transport())
         missed = 0
         while missed < MASTER_MISSES:
-            if self._end.wait(MASTER_PERIOD):
-                return
-            fault = self._fault()
-            missed = missed + 1 if fault else 0
+            time.sleep(MASTER_PERIOD)
+            missed += 1
+            try:
+                if master.lookupNode(name, name)[0] == 1:
+                    missed = 0
+                # After a restart, the master answers but does not know this node, which nobody can then find.
+                why = "was restarted and does not know this node"
+            except socket.timeout:
+                why = "does not answer: it hangs, or is cut off"
+            except Exception:
+                why = "is gone"
         self.lost = True
-        rospy.logfatal("the ROS master at %s %s: this node exits", os.environ["ROS_MASTER_URI"], fault)
-        self._end.set()
+        end.make()
+        log.fatal(f"the ROS master at {uri} {why}: this node exits")
 
 
-def guarded(body):
-    """Runs it; prints what it raises, line by line, and returns the exit code for that."""
+def _guard_messages() -> None:
+    """Drops messages that cannot be read: rospy would close the connection on which one comes, to whatever follows there."""
+    read = rospy.impl.tcpros_base.deserialize_messages
+    faults = FaultCount()
+
+    def guarded(buffer: Any, messages: List[Any], data_class: Any, **options: Any) -> None:
+        class Guarded:
+            def deserialize(self, content: bytes) -> Any:
+                try:
+                    message = data_class().deserialize(content)
+                    if isinstance(message, Clock) and message.clock.secs >= END_OF_TIME:
+                        raise ValueError(f"it gives {message.clock.secs} s, beyond the range of ROS time (2^31 s)")
+                    return message
+                except Exception as fault:
+                    if faults.add():
+                        log.warning(f"a message of type {data_class._type} was dropped ({faults.total} so far): {fault}")
+                    return None
+
+        read(buffer, messages, Guarded, **options)
+        messages[:] = [message for message in messages if message is not None]
+
+    rospy.impl.tcpros_base.deserialize_messages = guarded
+
+
+def listen(topic: str, message: Any, queue_size: int, callback: Callable[[Any], None]) -> rospy.Subscriber:
+    """Subscribes with TCP_NODELAY. What the callback raises is logged and ends nothing."""
+    faults = FaultCount()
+
+    def guarded(content: Any) -> None:
+        try:
+            callback(content)
+        except Exception as fault:
+            if faults.add():
+                sender = content._connection_header.get("callerid", "")
+                log.warning(f"a message on {rospy.resolve_name(topic)} from {sender} was dropped ({faults.total} so far): {fault}")
+
+    return rospy.Subscriber(topic, message, guarded, queue_size=queue_size, tcp_nodelay=True)
+
+
+def _guarded(body: Callable[[], int]) -> int:
+    """The exit code of a body, whose exceptions are printed."""
     try:
         return body()
     except Exception as fault:
-        for line in str(fault).split("\n"):
-            rospy.logfatal("%s", printable(line))
+        log.fatal(str(fault))
         return BAD_CONFIGURATION if isinstance(fault, ValueError) else FAILED
 
 
-def run(name, make):
-    """The main function of a node. Does not return.
-
-    make: called with a threading.Event, whose set() asks the node to end. Its set-up raises ValueError with every fault of
-    parameters and files. Returns the node, which has step(), called once per second, and finish(), whose value is the exit code.
-    """
-    sys.stdout.reconfigure(line_buffering=True, errors="replace")
-    end, unregistered = threading.Event(), threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(DONE))  # while it waits for a master
-    rospy.init_node(name, disable_signals=True)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: end.set())
-    rospy.on_shutdown(end.set)  # rosnode kill
-    rospy.core.add_shutdown_hook(lambda reason: unregistered.set())  # called after rospy's own
-    master = MasterWatch(end)
-
-    def work():
-        node = make(end)
-        thrown = guarded(lambda: _spin(node, end))
-        return thrown or node.finish()
-
-    verdict = guarded(work)
-    end.set()
-    sys.stdout.flush()
-    # A master that hangs blocks this.
-    threading.Thread(target=rospy.signal_shutdown, args=("",), daemon=True).start()
-    in_time = unregistered.wait(1.0 if master.lost else PATIENCE)
-    os._exit(FAILED if master.lost or not in_time else verdict)
-
-
-def _spin(node, end):
-    while not end.wait(1.0):
-        node.step()
+def _spin(node: Node, watch: _Watch) -> int:
+    due = time.monotonic()
+    while not (end.is_urgent() or (end.made() and node.may_end()) or rospy.is_shutdown()):
+        watch.turns += 1
+        node.turn()
+        due = max(due + node.period, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
     return DONE
 
 
-# ---- Parameters --------------------------------------------------------------------------------------------------
+def run(name: str, make: Callable[[], Node]) -> None:
+    """The program of a node: makes it, takes turns until it must end, exits with its code."""
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    _guard_messages()
+    rospy.impl.masterslave.ROSHandler.shutdown = lambda *_: end.ask() or (1, "", 0)
+    try:
+        rospy.init_node(name, disable_signals=True)
+    except KeyboardInterrupt:
+        os._exit(DONE)  # while it waited for the master
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end.ask)
+    log.start()
+    watch = _Watch()
 
+    def live() -> int:
+        node = make()
+        thrown = _guarded(lambda: _spin(node, watch))
+        end.make()
+        watch.waits = True
+        verdict = node.finish()
+        return FAILED if thrown != DONE or watch.lost else verdict
 
-def _is_path(given):
-    return "/" in given or "." in given
-
-
-def _shipped_path(name):
-    return os.path.join(_core.shipped_folder(SCENES), name + ".yaml")
-
-
-def _launchers_folder():
-    """Working directory of the roslaunch or rostest that started this process; None if there is none."""
-    process = pathlib.Path("/proc/self")
-    for _ in range(MOST_ANCESTORS):
-        parent = (process / "stat").read_text().rsplit(") ", 1)[1].split()[1]
-        process = pathlib.Path("/proc") / parent
-        if int(parent) <= 1:
-            return None
-        words = (process / "cmdline").read_bytes().split(b"\0")[:3]
-        if any(os.path.basename(word) in (b"roslaunch", b"rostest") for word in words):
-            return os.readlink(process / "cwd")
-    return None
-
-
-def callers_folder():
-    """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
-
-    That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes.
-    """
-    def same(one, other):
-        return os.path.isdir(other) and os.path.samefile(one, other)
-
-    shell, folder = os.environ.get("PWD", ""), os.getcwd()
-    if same(folder, os.path.dirname(default_folder())):
-        try:
-            launcher = _launchers_folder()
-        except (OSError, ValueError, IndexError):
-            launcher = None
-        if launcher is None and os.path.isabs(shell):
-            return shell
-        folder = launcher or folder
-    return shell if os.path.isabs(shell) and same(folder, shell) else folder  # the name that the user knows
-
-
-def default_folder():
-    """Where services read by default: `helix_arm` below ROS_HOME."""
-    return os.path.join(os.environ.get("ROS_HOME") or os.environ.get("HOME", "") + "/.ros", "helix_arm")
+    code = _guarded(live)
+    end.make()
+    watch.patience = LOST_PATIENCE if watch.lost else END_PATIENCE
+    watch.waits = False
+    log.flush(1.0)
+    rospy.signal_shutdown("the node has ended")
+    sys.stdout.flush()
+    os._exit(code)
 
 
 class Parameters:
-    """Reads the private parameters of a node, and collects their faults: `~name value rule`."""
+    """Reads a node's private parameters and collects their faults: `~name value rule`.
 
-    def __init__(self):
-        self._faults, self._known = [], set()
+    Each method returns the fallback if the parameter is absent or breaks its rule.
+    """
 
-    def _read(self, name, fallback, is_sound, rule):
+    def __init__(self) -> None:
+        self._known: Set[str] = set()
+        self._faults: List[str] = []
+
+    def text(self, name: str, fallback: str = "") -> str:
+        return self._checked(name, fallback, "text", lambda value: isinstance(value, str))
+
+    def flag(self, name: str, fallback: bool) -> bool:
+        return self._checked(name, fallback, "true or false", lambda value: isinstance(value, bool))
+
+    def number(self, name: str, fallback: float, lower: float, upper: float) -> float:
+        return float(self._checked(name, fallback, f"a number from {lower:g} to {upper:g}",
+                                   lambda value: type(value) in (int, float) and lower <= value <= upper))
+
+    def frame(self, name: str) -> str:
+        """Name of a tf frame; may be empty."""
+        given = self.text(name)
+        if given.startswith("/"):
+            self._fault(name, given, "a tf2 frame: not empty, no leading slash")
+            return ""
+        return given
+
+    def file(self, name: str, folder: str, extension: str, required: bool = True) -> str:
+        """Path of a file, or the bare name of one that the package ships in `folder`; empty where it is absent.
+
+        Here and below a path may be given relative to callers_folder(); the result, and from then on the parameter, is
+        absolute, and the log tells it.
+        """
+        before = len(self._faults)
+        given = self.text(name)
+        if not given:
+            if required and len(self._faults) == before:
+                self._faults.append(f"~{name} is missing; expected a path, or the name of a file in {folder} of the package")
+            return ""
+        shipped, names = _core._shipped(folder, extension)
+        if "/" in given or "." in given:
+            path = self._absolute(name, given)
+            stem, ending = os.path.splitext(os.path.basename(path))
+            if ending != extension or stem not in names or os.path.exists(path):
+                return path
+            self._fault(name, path, f"a file that is there, or {stem}, which is shipped")
+        elif given in names:
+            return os.path.join(shipped, given + extension)
+        else:
+            self._fault(name, given, f"a path, or the name of a file in {folder} of the package: {', '.join(names)}")
+        return ""
+
+    def file_to_write(self, name: str, ending: str) -> str:
+        """Path of a file that may be written; empty where it is absent or empty."""
+        given = self.text(name)
+        if not given:
+            return ""
+        try:
+            return to_write(f"~{name}", self._absolute(name, given), ending)
+        except ValueError as refusal:
+            self._faults.append(str(refusal))
+            return ""
+
+    def finish(self) -> None:
+        """Warns of parameters that nobody read. Raises ValueError with every fault."""
+        mine = rospy.get_name() + "/"
+        for name in rospy.get_param_names():
+            if name.startswith(mine) and name not in self._known:
+                log.warning(f"the node does not know the parameter {name}; check its spelling")
+        if self._faults:
+            raise ValueError("\n".join(self._faults))
+
+    def _checked(self, name: str, fallback: Any, rule: str, holds: Callable[[Any], bool]) -> Any:
         self._known.add(rospy.resolve_name("~" + name))
         value = rospy.get_param("~" + name, None)
-        if value is None or is_sound(value):
+        if value is None or holds(value):
             return fallback if value is None else value
-        self._faults.append(f"~{name} is {value}; expected {rule}")
+        self._fault(name, value, rule)
         return fallback
 
-    def text(self, name, fallback):
-        return self._read(name, fallback, lambda value: isinstance(value, str), "text")
+    def _fault(self, name: str, value: Any, rule: str) -> None:
+        shown = f"{value:g}" if isinstance(value, (bool, int, float)) else value
+        self._faults.append(f"~{name} is {shown}; expected {rule}")
 
-    def frame(self, name, fallback):
-        """Name of a tf frame or a prefix of one."""
-        return self._read(name, fallback, lambda value: isinstance(value, str) and value[:1] != "/" and (value or not fallback),
-                          "a tf2 frame: not empty, no leading slash")
-
-    def number(self, name, fallback, lower, upper):
-        return self._read(name, fallback, lambda value: type(value) in (int, float) and lower <= value <= upper,
-                          f"a number from {lower:g} to {upper:g}")
-
-    def count(self, name, fallback, lower, upper):
-        return self._read(name, fallback, lambda value: type(value) is int and lower <= value <= upper,
-                          f"a whole number from {lower} to {upper}")
-
-    def folder(self, name, fallback):
-        given = self.text(name, "")
-        return self._absolute(name, given) if given else fallback
-
-    def scene(self, name, required):
-        """Path of a scene file, or of the shipped scene of this name; empty if the parameter is absent."""
-        faults = len(self._faults)
-        given = self.text(name, "")
-        if not given:
-            if required and len(self._faults) == faults:
-                self._faults.append(f"~{name} is missing; expected a path, or the name of a file in {SCENES} of the package")
-            return ""
-        path = self._absolute(name, given) if _is_path(given) else _shipped_path(given)
-        if os.path.exists(path):
-            return path
-        stem, ending = os.path.splitext(os.path.basename(path))
-        if not _is_path(given):
-            self._faults.append(f"~{name} is {given}; expected a path, or the name of a file in {SCENES} of the package: "
-                                + ", ".join(shipped_scenes()))
-        elif ending == ".yaml" and stem in shipped_scenes():
-            self._faults.append(f"~{name} is {path}; expected a file that is there, or {stem}, which is shipped")
-        return path
-
-    def _absolute(self, name, given):
+    def _absolute(self, name: str, given: str) -> str:
         if given.startswith("/"):
             return given
-        path = os.path.normpath(os.path.join(callers_folder(), given))
-        rospy.loginfo("~%s is %s: %s", name, printable(given), printable(path))
+        path = os.path.normpath(callers_folder() / given)
+        log.info(f"~{name} is {given}: {path}")
         rospy.set_param("~" + name, path)  # other nodes read it, too
         return path
 
-    def finish(self):
-        """Warns of parameters that were set but never read. Raises ValueError with every fault."""
-        for name in rospy.get_param_names():
-            if name.startswith(rospy.get_name() + "/") and name not in self._known:
-                rospy.logwarn("the node does not know the parameter %s; check its spelling", printable(name))
-        if self._faults:
-            raise ValueError("\n".join(map(printable, self._faults)))
+
+def _is_ours(path: str) -> bool:
+    """Whether this package wrote the file."""
+    with open(path, "rb") as file:
+        begin = file.read(256)
+    if path.endswith(".csv"):
+        return any(begin.startswith(title.encode()) for title in TITLES)
+    return begin.startswith(b"\x89PNG") and b"helix_arm plot_report" in begin
 
 
-# ---- ~reload -----------------------------------------------------------------------------------------------------
+def to_write(what: str, given: str, ending: str) -> str:
+    """Path without links of a file to write; one that is there is accepted only if this package wrote it.
 
-
-class ReloadServer:
-    """Serves a node's `~reload`: loads another file of the same rig. The file is checked before anything changes.
-
-    path, scene_folder: as the parameters `~scene` and `~scene_folder`; scenes come from that folder, those that are shipped and
-    the first file alone, since any client may name any path. adopt: called with the new helix_arm.Scene while `lock` is held.
+    what: its name in messages. Raises ValueError naming the rule.
     """
+    path = os.path.realpath(given)
+    named = f"{what} is '{quoted(given, 300)}'"
+    if not given.startswith("/") or _core._printable(given) != given or "\n" in given or os.path.splitext(path)[1] != ending:
+        raise ValueError(f"{named}; expected the absolute path of a {ending} file")
+    if os.path.lexists(path):
+        if not os.path.isfile(path) or not _is_ours(path):
+            raise ValueError(f"{named}, which exists and was not written by this package as a calibrated scene, recorded samples, "
+                             "a recorded run or its figure; expected a new name, or that of one of these")
+        if not os.access(path, os.W_OK):
+            raise ValueError(f"{named}, which cannot be overwritten; expected another path")
+    folder = os.path.dirname(path)
+    if not os.access(folder, os.W_OK):
+        why = os.strerror(errno.EACCES if os.path.isdir(folder) else errno.ENOENT)
+        raise ValueError(f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
+    return path
 
-    def __init__(self, path, scene_folder, adopt):
-        self.scene, self.lock = Scene(path), threading.RLock()
-        self._first, self._path, self._folder, self._adopt = path, path, scene_folder, adopt
-        self._service = rospy.Service("~reload", Reload, self._on_reload)
 
-    def _allowed(self, given):
-        if not given or given == self._first:
-            return given or self._path
-        if not _is_path(given):
-            return _shipped_path(given)
-        if not given.startswith("/"):
-            raise ValueError(f"scene is '{quoted(given)}'; expected an absolute path, or the name of a file in {SCENES} of the "
-                             "package")
-        path = os.path.realpath(given) if printable(given) == given else ""  # messages repeat it
-        folders = {self._folder: "~scene_folder", _core.shipped_folder(SCENES): "the package's own"}
-        if not path.endswith(".yaml") or not any(pathlib.Path(os.path.realpath(folder)) in pathlib.Path(path).parents
-                                                 for folder in folders):
-            below = " or ".join(f"{folder} ({what})" for folder, what in folders.items())
-            raise ValueError(f"scene is '{quoted(given, 300)}'; expected the absolute path of a .yaml file below {below}")
-        if not os.path.isfile(path):
-            raise ValueError(f"scene is '{quoted(given, 300)}', which is not a regular file")
-        return path
+def _launchers_folder() -> Optional[pathlib.Path]:
+    """Working directory of the roslaunch that started this node."""
+    process = os.getppid()
+    try:
+        for _ in range(MOST_ANCESTORS):
+            if process <= 1:
+                break
+            of_process = pathlib.Path("/proc", str(process))
+            words = (of_process / "cmdline").read_bytes().split(b"\0")[:3]
+            if any(os.path.basename(word) in (b"roslaunch", b"rostest") for word in words):
+                return pathlib.Path(os.readlink(of_process / "cwd"))
+            process = int((of_process / "stat").read_text().rpartition(") ")[2].split()[1])
+    except OSError:
+        pass
+    return None
 
-    def _on_reload(self, request):
-        try:
-            path = self._allowed(request.scene)
-            scene = Scene(path)
-            with self.lock:
-                self.scene._require_same_rig(scene)
-                self._adopt(scene)
-                self.scene, self._path = scene, path
-        except Exception as fault:
-            text = "\n".join(map(printable, str(fault).split("\n")))
-            rospy.logwarn("reload refused, nothing changed: %s", text)
-            return ReloadResponse(False, text)
-        text = f"scene {scene.name} of {path}"
-        rospy.loginfo("reload: %s", text)
-        return ReloadResponse(True, text)
+
+def callers_folder() -> pathlib.Path:
+    """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
+
+    That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it is the working directory of
+    that roslaunch; and where this cannot be found, PWD, which a node has from the shell in which roslaunch was called.
+    """
+    def is_same(a: pathlib.Path, b: pathlib.Path) -> bool:
+        return a.is_dir() and b.is_dir() and a.samefile(b)
+
+    shell = pathlib.Path(os.environ.get("PWD", ""))
+    folder = pathlib.Path.cwd()
+    if is_same(folder, pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")):
+        launcher = _launchers_folder()
+        if launcher is None and shell.is_absolute():
+            return shell
+        folder = launcher or folder
+    # PWD may reach the same folder over a link, by the name that the user knows.
+    return shell if shell.is_absolute() and is_same(folder, shell) else folder

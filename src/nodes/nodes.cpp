@@ -8,9 +8,7 @@ namespace helix_arm::ros_bridge {
 std::unique_ptr<Node> makeNode(const std::string& program) {
   static const std::map<std::string, std::unique_ptr<Node> (*)()> kNodes = {
       {names::kCalibrationNode, makeCalibration},
-      {names::kFollowPathNode, makeFollowPath},
       {names::kPressureCommandNode, makePressureCommand},
-      {names::kPressureSeriesNode, makePressureSeries},
       {names::kSimulatedRigNode, makeSimulatedRig},
       {names::kVisionNode, makeVision},
       {names::kVisualServoNode, makeVisualServo}};

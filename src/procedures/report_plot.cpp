@@ -8,7 +8,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 
 namespace helix_arm::procedures {
@@ -17,7 +16,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kReport[] = "report.json";
-constexpr std::size_t kLargestPicture = 64U << 20U;  // [bytes]
 
 // Where plot_report is: beside the program where it is installed, else among the sources.
 fs::path plotReport() {
@@ -76,16 +74,6 @@ void drawReportText(const std::string& report, const fs::path& picture, const st
   const Folder folder;
   if (!beside.name.empty()) written(beside, folder);
   drawReport(written({kReport, report}, folder), picture, without);
-}
-
-std::string drawnReport(const std::string& report, const std::string& without) {
-  const Folder folder;
-  const fs::path picture = folder / "report.png";
-  drawReport(written({kReport, report}, folder), picture, without);
-  basics::RegularFile file(picture.string());
-  auto bytes = file.isOpen() ? file.readAll(kLargestPicture) : std::nullopt;
-  if (!bytes) throw io::FileError(picture.string() + " " + file.fault());
-  return std::move(*bytes);
 }
 
 }  // namespace helix_arm::procedures

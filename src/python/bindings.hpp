@@ -25,6 +25,8 @@ void bindInverse(py::class_<Scene>& scene);
 void bindJacobian(py::class_<Scene>& scene);
 void bindLocalize(py::class_<Scene>& scene);
 void bindWorkspace(py::class_<Scene>& scene);
+/// What the nodes in Python take from the library.
+void bindNodes(py::module_& module, py::class_<Scene>& scene);
 
 /// While it lives, other threads of Python run. A daemon thread that asks for the interpreter after
 /// its end sleeps here until the process ends, as from Python 3.14 on. Before, Python ends it by

@@ -134,6 +134,7 @@ PYBIND11_MODULE(_core, module) {
   bindFit(scene);
   bindFollow(scene);
   bindLocalize(scene);
+  bindNodes(module, scene);
   refuseUnmade(module);
   module.attr("version") = HELIX_ARM_VERSION;
   module.def(

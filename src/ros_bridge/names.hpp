@@ -59,12 +59,10 @@ inline constexpr char kFollowTipPath[] = "follow_tip_path";
 
 // Nodes.
 inline constexpr char kPressureCommandNode[] = "pressure_command";
-inline constexpr char kPressureSeriesNode[] = "pressure_series";
 inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
 inline constexpr char kVisualServoNode[] = "visual_servo";
-inline constexpr char kFollowPathNode[] = "follow_path";
 
 // Name of the commander when the interactive marker is dragged in any rviz.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";

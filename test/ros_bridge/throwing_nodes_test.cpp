@@ -10,7 +10,6 @@
 
 #include "ros_bridge/common/run_node.hpp"
 #include "support/process.hpp"
-#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -21,7 +20,6 @@ const std::string kScene = "_scene:=" HELIX_ARM_SOURCE_DIR "/config/scenes/demo.
 const std::string kNode = "--node=";
 const std::string kDestroy = "--destroy";
 const char* const kWords = "something threw";
-const char* const kPathKind = "follow_path";  // takes a path file
 
 // A node one of whose callbacks throws once the others have begun.
 struct Throwing : Node {
@@ -61,10 +59,8 @@ struct Kind {
 };
 const Kind kKinds[] = {
     {"calibration", "calibration", {kScene}},
-    {kPathKind, "follow_path", {}},
     {"pressure_command", "pressure_command", {kScene}},
     {"pressure_command_on_a_topic", "pressure_command", {kScene, "_regulator:=topic"}},
-    {"pressure_series", "pressure_series", {kScene}},
     {"visual_servo", "visual_servo", {kScene}},
     {"simulated_rig", "simulated_rig", {kScene}},
     {"vision", "vision", {kScene}},
@@ -72,12 +68,10 @@ const Kind kKinds[] = {
 
 TEST(ThrowingNodes, EndInOrderWith1) {
   const Master master;
-  const TemporaryFile path("time_s,x_m,y_m,z_m\n0,0.366,0,0\n1,0.366,0.01,0\n", ".csv");
   for (const bool destroys : {false, true}) {
     for (const Kind& kind : kKinds) {
       std::vector<std::string> command = {"/proc/self/exe", kNode + kind.name};
       command.insert(command.end(), kind.arguments.begin(), kind.arguments.end());
-      if (kind.name == kPathKind) command.push_back("_path:=" + path.path());
       if (destroys) command.push_back(kDestroy);
       Process node(command, master.variables());
       EXPECT_EQ(node.exitCode(60), kFailed) << kind.name << "\n" << node.output();

@@ -19,7 +19,5 @@ struct ReportPart {
 /// The same of a report that is in no file. @param beside  without a name: none.
 void drawReportText(const std::string& report, const std::filesystem::path& picture,
                     const std::string& without, const ReportPart& beside = {});
-/// The same, as the bytes of a PNG file.
-std::string drawnReport(const std::string& report, const std::string& without);
 
 }  // namespace helix_arm::procedures

@@ -22,8 +22,6 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kLongestPath = 300;  // in a message
 constexpr std::size_t kLongestTitle = 64;
-constexpr std::size_t kPictureHeader = 256;              // in which its writer is named [bytes]
-constexpr char kPlotWriter[] = "helix_arm plot_report";  // as WRITER of plot_report
 
 std::string join(const std::vector<std::string>& words) {
   std::string out;
@@ -56,10 +54,6 @@ bool isOurs(const std::string& path) {
       return begin.compare(0, comment.size(), comment) == 0;
     };
     return has(kRecordedTitle) || has(kRecordedRunTitle);
-  }
-  if (ending == ".png") {
-    const std::string begin = beginOf(path, kPictureHeader);
-    return begin.compare(0, 4, "\x89PNG") == 0 && begin.find(kPlotWriter) != std::string::npos;
   }
   try {
     return io::loadScene(path).calibration.has_value();
@@ -127,7 +121,6 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
                                  const std::vector<std::string>& endings) const {
   std::string below;
   for (const Folder& folder : folders_) {
-    if (folder.parameter.empty()) continue;
     below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
   }
   const std::string quoted = basics::quoted(given, kLongestPath);

@@ -11,7 +11,7 @@ namespace helix_arm::ros_bridge {
 /// not set.
 std::string defaultFolder();
 
-/// Start of the comment in a data set of recorded samples.
+/// Start of the comment in a data set of recorded samples; node.py knows it.
 inline constexpr char kRecordedTitle[] = "recorded of scene ";
 /// Start of the comment in the table of a recorded run.
 inline constexpr char kRecordedRunTitle[] = "recorded run of ";
@@ -26,8 +26,6 @@ class FileAccess {
   };
 
   explicit FileAccess(std::vector<Folder> folders) : folders_(std::move(folders)) {}
-  /// Any folder: for files that the parameters of a node name, not its clients.
-  static FileAccess anywhere() { return FileAccess(std::vector<Folder>{{"/", ""}}); }
 
   /// @param what     name of the file in messages, such as "data".
   /// @param given    an absolute path.
@@ -40,7 +38,7 @@ class FileAccess {
 
   /// The same for a file to write. Its folder must be writable. An existing file is accepted only
   /// if this package wrote it: a calibrated scene (.yaml), recorded samples or a recorded run
-  /// (.csv), or a figure (.png).
+  /// (.csv).
   std::string toWrite(const std::string& what, const std::string& given,
                       const std::vector<std::string>& endings) const;
 

@@ -124,17 +124,6 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   return path;
 }
 
-std::string ParameterReader::fileToWrite(const std::string& name, const std::string& extension) {
-  const std::string given = text(name, "");
-  if (given.empty()) return given;
-  try {
-    return FileAccess::anywhere().toWrite("~" + name, absolute(name, given), {extension});
-  } catch (const std::invalid_argument& refusal) {
-    faults_.emplace_back(refusal.what());
-  }
-  return "";
-}
-
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
   if (given.front() == '/') return given;
   std::string path = (callersFolder() / given).lexically_normal();

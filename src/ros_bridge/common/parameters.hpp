@@ -50,10 +50,6 @@ class ParameterReader {
   std::string optionalFile(const std::string& name, const std::string& folder,
                            const std::string& extension);
 
-  /// Path of a file to write, as FileAccess allows it anywhere; empty if the parameter is
-  /// absent or empty.
-  std::string fileToWrite(const std::string& name, const std::string& extension);
-
   /// Path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback) {
     const std::string given = text(name, "");

@@ -26,7 +26,6 @@ void CommandTrace::answered(const TargetStatus& status) {
   }
   accepted_ = accepted;
   rested_ = status.fault == control::nameOf(control::Fault::kRested);
-  heard_ = true;
   if (status.target_stamp == last_stamp_) waits_ = false;
 }
 

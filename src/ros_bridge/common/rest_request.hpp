@@ -27,8 +27,6 @@ class CommandTrace {
   /// target of another was accepted since. Once no target of this node is under way, requestRest()
   /// tells pressure_command that it knows: its next target counts.
   bool wasRested() const { return rested_; }
-  /// Whether this node has sent targets of which none was answered.
-  bool isUnheard() const { return waits_ && !heard_; }
 
  private:
   ros::Time last_stamp_;
@@ -36,7 +34,6 @@ class CommandTrace {
   bool waits_ = false;  ///< for the answer to the last target
   bool accepted_ = false;
   bool rested_ = false;
-  bool heard_ = false;
 };
 
 /// Calls pressure_command/rest, waits for the answer and logs it. Without such a service it only

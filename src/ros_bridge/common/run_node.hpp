@@ -45,9 +45,7 @@ int runNode(int argc, char** argv, const std::string& name,
 // The nodes. Each throws io::DocumentError, ParameterError or std::invalid_argument with every
 // fault of its parameters and files.
 std::unique_ptr<Node> makeCalibration();
-std::unique_ptr<Node> makeFollowPath();
 std::unique_ptr<Node> makePressureCommand();
-std::unique_ptr<Node> makePressureSeries();
 std::unique_ptr<Node> makeSimulatedRig();
 std::unique_ptr<Node> makeVision();
 /// In a nodelet manager's process, which a fault in the threads of the node does not end.

@@ -1,0 +1,82 @@
+#include <sstream>
+#include <variant>
+
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/shipped_files.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+// Rows of pressures (rows x actuators) [Pa], each of them a valid target, and the actuators that
+// have no column.
+std::pair<Eigen::MatrixXd, std::vector<std::string>> seriesOf(const Scene& scene,
+                                                              const std::string& path) {
+  const model::Arm& arm = scene.arm();
+  const io::DataSet data = io::loadDataSet(path);
+  Eigen::MatrixXd rows = io::pressuresOf(data, arm.actuatorCount());
+  std::vector<std::string> without;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const std::string column = "pressure_" + std::to_string(i + 1) + "_kpa";
+    if (data.find(column) < 0) without.push_back(arm.actuator(i).name);
+  }
+  std::ostringstream faults;
+  for (int row = 0; row < rows.rows(); ++row) {
+    const Eigen::VectorXd wanted = rows.row(row);
+    const auto checked = control::checkPressures(arm, Eigen::VectorXd::Zero(wanted.size()), {},
+                                                 {wanted.begin(), wanted.end()});
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      faults << path << " row " << row + 1 << ": " << refusal->message << "\n";
+    }
+  }
+  if (!faults.str().empty()) throw std::invalid_argument(faults.str());
+  return {rows, without};
+}
+
+// The pressures in force, inside the limits: a vented arm is at the atmosphere.
+Eigen::VectorXd commandOf(const Scene& scene, const std::vector<std::string>& names,
+                          const std::vector<double>& pressures) {
+  const auto checked = control::checkReading(scene.arm(), names, pressures);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    throw std::invalid_argument(refusal->message);
+  }
+  return scene.arm().clamped(std::get<Eigen::VectorXd>(checked));
+}
+
+// (points, 4): time [s], x, y, z [m].
+Eigen::MatrixXd tipPathOf(const std::string& path) {
+  const auto points = io::loadTipPath(io::loadDataSet(path));
+  Eigen::MatrixXd out(points.size(), 4);
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    out.row(static_cast<Eigen::Index>(k)) << points[k].time, points[k].position.transpose();
+  }
+  return out;
+}
+
+}  // namespace
+
+void bindNodes(py::module_& module, py::class_<Scene>& scene) {
+  scene.def("_series", &seriesOf)
+      .def("_tour", [](const Scene& self) { return procedures::pressureTour(self.arm()); })
+      .def("_command", &commandOf);
+  module.def("_tip_path", &tipPathOf);
+  module.def("_shipped", [](const std::string& folder, const std::string& extension) {
+    return std::pair(io::shippedFolder(folder), io::shippedNames(folder, extension));
+  });
+  module.def("_format", &io::formatNumber);
+  module.def("_printable", [](const std::string& text) { return basics::printableLines(text); });
+  module.def("_write", [](const std::string& path, const py::bytes& content) {
+    io::writeFileAtomically(path, content);
+  });
+}
+
+}  // namespace helix_arm::python

@@ -1,0 +1,194 @@
+"""What the nodes in Python compute: series of pressures, records of runs, and the files that they may write."""
+import os
+import tempfile
+import unittest
+
+import numpy as np
+from helix_arm import run_record
+from helix_arm.node import to_write
+from helix_arm.pressure_series import SeriesPlayer
+from helix_arm.run_record import AHEAD, MOST_ROWS, MOST_VALUES, REACH, Row, TimeSeries, TipRecord
+
+ROWS = np.array([[100.0, 200.0], [300.0, 0.0]])
+
+
+def player(ramp=2.0, hold=1.0, loop=False):
+    out = SeriesPlayer(ROWS, ramp, hold, loop)
+    out.resume(np.zeros(2))
+    return out
+
+
+class SeriesTest(unittest.TestCase):
+    def expect(self, series, row, *pressures):
+        self.assertEqual((series.row, *series.pressure()), (row, *pressures))
+
+    def test_ramps_in_a_straight_line_then_holds(self):
+        series = player()
+        self.expect(series, 0, 0, 0)
+        for step, row, *pressures in ((0.5, 0, 25, 50), (1.5, 0, 100, 200), (0.75, 0, 100, 200), (1.25, 1, 200, 100)):
+            series.advance(step)
+            self.expect(series, row, *pressures)
+
+    def test_ends_at_the_last_row_and_stays_there(self):
+        series = player()
+        for step, finished in ((5.75, False), (0.25, True), (1e6, True)):
+            series.advance(step)
+            self.assertEqual(series.finished, finished)
+        self.expect(series, 1, 300, 0)
+
+    def test_a_loop_ramps_from_the_last_row_to_the_first_whatever_the_steps(self):
+        coarse, fine = player(loop=True), player(loop=True)
+        coarse.advance(7.0)
+        self.expect(coarse, 0, 200, 100)
+        coarse.advance(90.0)
+        for _ in range(97 * 64):
+            fine.advance(1 / 64)
+        self.expect(coarse, fine.row, *fine.pressure())
+
+    def test_resumes_the_current_row_from_where_others_left_the_arm(self):
+        series = player()
+        series.advance(4.5)
+        series.resume(np.array([50.0, 50.0]))
+        self.expect(series, 1, 50, 50)
+        series.advance(1.0)
+        self.expect(series, 1, 175, 25)
+
+    def test_without_a_ramp_it_jumps(self):
+        series = player(ramp=0.0)
+        self.expect(series, 0, 100, 200)
+        series.advance(1.0)
+        self.expect(series, 1, 300, 0)
+
+    def test_unusable_arguments_are_refused(self):
+        for ramp, hold in ((0.0, 0.0), (-1.0, 2.0), (1.0, np.inf), (np.nan, 1.0)):
+            with self.assertRaises(ValueError):
+                player(ramp, hold)
+        with self.assertRaises(ValueError):
+            SeriesPlayer(np.zeros((0, 2)), 1.0, 1.0, False)
+
+
+def series_of(*pairs):
+    out = TimeSeries()
+    for moment, *value in pairs:
+        out.add(moment, np.array(value))
+    return out
+
+
+class TimeSeriesTest(unittest.TestCase):
+    def test_is_linear_between_its_values(self):
+        self.assertIsNone(TimeSeries().between(0))
+        series = series_of(*((t, t, -3 * t) for t in (10.0, 10.1, 10.2)))
+        for t in (10.0, 10.03, 10.1, 10.17, 10.2):
+            np.testing.assert_allclose(series.between(t), (t, -3 * t), atol=1e-12)
+        self.assertIsNone(series.between(9.99))
+
+    def test_the_newest_holds_for_a_moment_alone_and_long_gaps_are_not_bridged(self):
+        for margin in (-1e-3, 1e-3):
+            self.assertEqual(series_of((10, 1)).between(10 + AHEAD + margin) is not None, margin < 0)
+            self.assertEqual(series_of((10, 1)).covers(10 + margin), margin < 0)
+            self.assertEqual(series_of((10, 1), (10 + REACH + margin, 2)).between(10.1) is not None, margin < 0)
+
+    def test_a_command_is_in_force_until_the_next(self):
+        series = series_of((10, 1), (10.5, 2))
+        for moment, value in ((9.9, None), (10, 1), (10.499, 1), (10.5, 2), (11.499, 2), (11.501, None)):
+            self.assertEqual(series.in_force(moment), value, moment)
+
+    def test_a_jump_back_or_another_size_starts_anew(self):
+        series = series_of((10, 1), (5, 2))
+        self.assertFalse(series.covers(6))
+        self.assertEqual(series.in_force(5), 2)
+        series.add(5.1, np.array([1, 2]))
+        self.assertIsNone(series.in_force(5))
+        self.assertEqual(series.in_force(5.1).tolist(), [1, 2])
+
+    def test_keeps_the_last_values_alone(self):
+        series = series_of(*((0.01 * k, k) for k in range(MOST_VALUES + 5)))
+        self.assertIsNone(series.in_force(0.04))
+        self.assertIsNotNone(series.in_force(0.05))
+
+
+def row_at(stamp, path_time, measured=0.003, **more):
+    """Wanted at 0, measured 3 mm from it and predicted 2 mm."""
+    return Row(stamp, path_time, np.zeros(3), np.array([0, measured, 0]), np.array([0, 0, 0.002]), 1e-4, "closed", **more)
+
+
+class RecordTest(unittest.TestCase):
+    def test_a_row_waits_until_all_has_come_and_gets_what_was_at_its_time(self):
+        record = TipRecord()
+        record.add(row_at(1.05, 0))
+        for moment, complete in ((1.0, False), (1.1, True)):
+            record.model.add(moment, np.array([moment, 0, 0]))
+            record.command.add(moment, np.array([1e3 * moment]))
+            record.update()
+            self.assertFalse(record.is_complete(), "the pressures of its time have not come")
+            record.pressure.add(moment, np.array([1e4 * moment]))
+            record.update()
+            self.assertEqual(record.is_complete(), complete)
+        row = record.finish()[0]
+        self.assertAlmostEqual(row.model[0], 1.05)
+        self.assertEqual(row.command[0], 1000, "in force, not interpolated")
+        self.assertAlmostEqual(row.pressure[0], 10500)
+
+    def test_what_does_not_come_is_left_out(self):
+        record = TipRecord()
+        record.command.add(1.0, np.array([5, 6]))
+        for k in range(3):
+            record.add(row_at(1.0 + 0.1 * k, 0.1 * k))
+        self.assertFalse(record.is_complete())
+        found = [(row.model, row.pressure, row.command.tolist()) for row in record.finish()]
+        self.assertEqual(found, 3 * [(None, None, [5, 6])])
+
+    def test_its_rows_are_bounded(self):
+        record = TipRecord()
+        for k in range(MOST_ROWS + 5):
+            record.add(row_at(1e-3 * k, 0))
+        self.assertEqual((record.left_out, len(record.finish())), (5, MOST_ROWS))
+
+    def test_errors_are_those_on_the_path(self):
+        rows = [row_at(1, -0.1, 1), row_at(2, 0), row_at(3, 1, 0.004), row_at(4, 1.1, 1)]
+        self.assertAlmostEqual(run_record.rms_of(rows, "measured", 1.0), np.sqrt((9e-6 + 16e-6) / 2), 15)
+        self.assertAlmostEqual(run_record.rms_of(rows, "predicted", 1.0), 0.002, 15)
+        self.assertIsNone(run_record.rms_of(rows, "model", 1.0))
+
+    def test_the_table_has_a_column_for_each_value_and_empty_cells_for_the_unknown(self):
+        known = {"model": np.array([0.5, 0.25, 0]), "command": np.array([1e3, 2e3]), "pressure": np.array([1500, 2500.0])}
+        self.assertEqual(
+            run_record.csv_of([row_at(100.25, -0.5), row_at(100.5, 0.25, **known)], 2),
+            "time_s,stamp_s,wanted_x_m,wanted_y_m,wanted_z_m,model_x_m,model_y_m,model_z_m,predicted_x_m,predicted_y_m,"
+            "predicted_z_m,measured_x_m,measured_y_m,measured_z_m,error_m,predicted_sd_m,command_1_pa,command_2_pa,"
+            "pressure_1_pa,pressure_2_pa,state\n"
+            "-0.5,100.25,0,0,0,,,,0,0,0.002,0,0.003,0,0.003,0.0001,,,,,closed\n"
+            "0.25,100.5,0,0,0,0.5,0.25,0,0,0,0.002,0,0.003,0,0.003,0.0001,1000,2000,1500,2500,closed\n")
+
+
+class FileTest(unittest.TestCase):
+    def test_new_files_and_ours_are_written_and_nothing_else(self):
+        with tempfile.TemporaryDirectory() as folder:
+            def refusal(name, content=None):
+                path = os.path.join(os.path.realpath(folder), name)
+                if content is not None:
+                    with open(path, "wb") as file:
+                        file.write(content)
+                try:
+                    return "" if to_write("~record", path, os.path.splitext(name)[1]) == path else "another path"
+                except ValueError as error:
+                    self.assertTrue(str(error).startswith(f"~record is '{path}'"), error)
+                    return str(error)
+
+            for name, content in (("new.csv", None), ("run.csv", b"# recorded run of circle.csv, 2026\n"),
+                                  ("samples.csv", b"# recorded of scene demo, 2026\n"),
+                                  ("run.png", b"\x89PNG Software helix_arm plot_report")):
+                self.assertEqual(refusal(name, content), "")
+            for name, content in (("data.csv", b"a,b\n"), ("short.csv", b"# recorded"), ("foreign.png", b"\x89PNG somebody"),
+                                  ("named.png", b"helix_arm plot_report"), ("hidden.png", b"\x89PNG" + 300 * b" " + b"helix_arm plot_report")):
+                self.assertIn("exists and was not written by this package", refusal(name, content))
+            os.symlink(os.path.join(folder, "data.csv"), os.path.join(folder, "link.csv"))
+            self.assertIn("exists and was not", refusal("link.csv"))
+            self.assertIn("No such file", refusal("none/new.csv"))
+        for path, ending in (("run.csv", ".csv"), ("/run.pdf", ".csv"), ("/a\n.csv", ".csv")):
+            with self.assertRaisesRegex(ValueError, "expected the absolute path of a .csv file"):
+                to_write("~record", path, ending)
+
+
+if __name__ == "__main__":
+    unittest.main()
