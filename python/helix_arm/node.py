@@ -307,6 +307,10 @@ class Parameters:
         return float(self._checked(name, fallback, f"a number from {lower:g} to {upper:g}",
                                    lambda value: type(value) in (int, float) and lower <= value <= upper))
 
+    def count(self, name: str, fallback: int, lower: int, upper: int) -> int:
+        return self._checked(name, fallback, f"a whole number from {lower} to {upper}",
+                             lambda value: type(value) is int and lower <= value <= upper)
+
     def frame(self, name: str) -> str:
         """Name of a tf frame; may be empty."""
         given = self.text(name)
@@ -339,6 +343,11 @@ class Parameters:
         else:
             self._fault(name, given, f"a path, or the name of a file in {folder} of the package: {', '.join(names)}")
         return ""
+
+    def folder(self, name: str) -> str:
+        """Path of a folder; where services read by default, if the parameter is absent or empty."""
+        given = self.text(name)
+        return self._absolute(name, given) if given else str(_ros_home() / "helix_arm")
 
     def file_to_write(self, name: str, ending: str) -> str:
         """Path of a file that may be written; empty where it is absent or empty."""
@@ -429,6 +438,10 @@ def _launchers_folder() -> Optional[pathlib.Path]:
     return None
 
 
+def _ros_home() -> pathlib.Path:
+    return pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")
+
+
 def callers_folder() -> pathlib.Path:
     """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
 
@@ -440,7 +453,7 @@ def callers_folder() -> pathlib.Path:
 
     shell = pathlib.Path(os.environ.get("PWD", ""))
     folder = pathlib.Path.cwd()
-    if is_same(folder, pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")):
+    if is_same(folder, _ros_home()):
         launcher = _launchers_folder()
         if launcher is None and shell.is_absolute():
             return shell

@@ -117,14 +117,7 @@ PYBIND11_MODULE(_core, module) {
           "Length of the base curve at rest [m].")
       .def_property_readonly(
           "tier", [](const Scene& self) { return self.model().choice().setting.name(); },
-          "Tier that computes the shapes.")
-      // Of the nodes in Python.
-      .def_property_readonly(
-          "_has_vision", [](const Scene& self) { return self.scene().camera && self.scene().tags; })
-      .def_property_readonly("_is_pneumatic", &Scene::isPneumatic)
-      .def("_require_same_rig", [](const Scene& self, const Scene& next) {
-        io::requireSameRig(self.scene(), next.scene());
-      });
+          "Tier that computes the shapes.");
   bindForward(module, scene);
   bindCurve(scene);
   bindInverse(scene);
@@ -140,7 +133,6 @@ PYBIND11_MODULE(_core, module) {
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
       "Names of the shipped scenes.");
-  module.def("shipped_folder", &io::shippedFolder, "Path of a folder of the package.");
   module.def(
       "scene_path",
       [](const py::object& given) {

@@ -67,7 +67,13 @@ Eigen::MatrixXd tipPathOf(const std::string& path) {
 void bindNodes(py::module_& module, py::class_<Scene>& scene) {
   scene.def("_series", &seriesOf)
       .def("_tour", [](const Scene& self) { return procedures::pressureTour(self.arm()); })
-      .def("_command", &commandOf);
+      .def("_command", &commandOf)
+      .def_property_readonly(
+          "_has_vision", [](const Scene& self) { return self.scene().camera && self.scene().tags; })
+      .def_property_readonly("_is_pneumatic", &Scene::isPneumatic)
+      .def("_require_same_rig", [](const Scene& self, const Scene& next) {
+        io::requireSameRig(self.scene(), next.scene());
+      });
   module.def("_tip_path", &tipPathOf);
   module.def("_shipped", [](const std::string& folder, const std::string& extension) {
     return std::pair(io::shippedFolder(folder), io::shippedNames(folder, extension));
