@@ -6,6 +6,7 @@ import re
 import statistics
 import threading
 import time
+from typing import Any, Callable, List, Sequence
 
 import numpy as np
 import rospy
@@ -25,23 +26,23 @@ HARMLESS = ("other_commander", "not_enabled", "rested", "stale")  # why a target
 class Stream:
     """Statistics of one topic."""
 
-    def __init__(self, topic, min_rate):
+    def __init__(self, topic: str, min_rate: float) -> None:
         self.topic, self.min_rate = topic, min_rate  # slowest healthy one [Hz]
         self.count = self.printed = 0  # at the last line
         self.first = self.last = 0.0
         self.finite = True
 
-    def arrived(self, *numbers):
+    def arrived(self, *numbers: Sequence[float]) -> None:
         self.last = time.monotonic()
         self.first = self.first or self.last
         self.count += 1
         self.finite = self.finite and all(np.isfinite(row).all() for row in numbers)
 
-    def rate(self):
+    def rate(self) -> float:
         """Mean over the whole time [Hz]."""
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
 
-    def fault(self):
+    def fault(self) -> str:
         """What is wrong with it at the end; empty if nothing is."""
         silence = time.monotonic() - self.last
         if self.count == 0:
@@ -62,7 +63,7 @@ class Monitor(Node):
     and the reason.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         reader = Parameters()
         self._seconds = reader.number("seconds", 0.0, 0.0, 86400.0)  # after the first model; 0: until asked to end
         self._min_travel = reader.number("min_travel_m", 0.0, 0.0, 10.0)  # of the tip
@@ -95,39 +96,39 @@ class Monitor(Node):
                 ("safety_state", SafetyState, self._on_safety), ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
             listen(topic, kind, 1000, functools.partial(self._locked, callback))
 
-    def _locked(self, callback, message):
+    def _locked(self, callback: Callable[[Any], None], message: Any) -> None:
         with self._lock:
             callback(message)
 
-    def _on_command(self, command):
+    def _on_command(self, command: PressureArray) -> None:
         self._command.arrived(command.pressure)
 
-    def _on_measured(self, measured):
+    def _on_measured(self, measured: PressureArray) -> None:
         self._measured.arrived(measured.pressure)
         self._pressure = measured.pressure
 
-    def _on_model(self, model):
+    def _on_model(self, model: ArmShape) -> None:
         position = model.tip.position
         self._tip = (position.x, position.y, position.z)
         if all(map(math.isfinite, self._tip)):
             self._least, self._most = list(map(min, self._least, self._tip)), list(map(max, self._most, self._tip))
         self._model.arrived(model.twist, model.piece_twist, self._tip)
 
-    def _on_shape(self, shape):
+    def _on_shape(self, shape: ArmShape) -> None:
         self._shape.arrived(shape.twist, shape.piece_twist, shape.twist_covariance)
 
-    def _on_model_error(self, error):
+    def _on_model_error(self, error: ModelError) -> None:
         self._model_error = error
         if math.isfinite(error.tip_error):
             self._tip_errors.append(error.tip_error)
 
-    def _on_vision_status(self, status):
+    def _on_vision_status(self, status: VisionStatus) -> None:
         self._vision = status
 
-    def _on_safety(self, safety):
+    def _on_safety(self, safety: SafetyState) -> None:
         self._safety = safety
 
-    def _on_diagnostics(self, diagnostics):
+    def _on_diagnostics(self, diagnostics: DiagnosticArray) -> None:
         node = rospy.resolve_name("pressure_command")[1:] + ": "
         for status in diagnostics.status:
             if not status.name.startswith(node):
@@ -144,7 +145,7 @@ class Monitor(Node):
 
     # ---- What is printed -----------------------------------------------------------------------------------------
 
-    def turn(self):
+    def turn(self) -> None:
         now = time.monotonic()
         if now < self._due:
             return
@@ -162,7 +163,7 @@ class Monitor(Node):
             if 0 < self._seconds <= seconds:
                 end.make()
 
-    def _line(self, seconds, elapsed):
+    def _line(self, seconds: float, elapsed: float) -> str:
         words = [f"{seconds:7.1f} s  kPa", *(f"{pressure / 1e3:6.1f}"[:63] for pressure in self._pressure[:MOST_PRESSURES])]
         words += ["..."] if len(self._pressure) > MOST_PRESSURES else []
         words.append(" tip " + " ".join(f"{entry:6.3f}"[:20] for entry in self._tip) + " m ")
@@ -171,7 +172,7 @@ class Monitor(Node):
             stream.printed = stream.count
         return " ".join(words) + f"{self._vision_text()}  dropped {self._dropped}{self._safety_text()}"
 
-    def _vision_text(self):
+    def _vision_text(self) -> str:
         if self._vision is None:
             return ""
         state = self._vision.state
@@ -181,17 +182,17 @@ class Monitor(Node):
         off = f", model off by {1e3 * error.tip_error:.1f} mm, {error.tip_error_percent:.1f} %" if error else ""
         return f" ({self._vision.tags} tags{off})"
 
-    def _safety_text(self):
+    def _safety_text(self) -> str:
         if self._safety is None:
             return ""
         cause = "" if self._safety.cause == "none" else f" ({quoted(self._safety.cause)})"
         return f"  {quoted(self._safety.state)}{cause}"
 
-    def _travel(self):
+    def _travel(self) -> float:
         """Diagonal of the bounding box of the tip [m]."""
         return math.dist(self._least, self._most) if self._model.count and self._most[0] >= self._least[0] else 0.0
 
-    def _faults(self):
+    def _faults(self) -> List[str]:
         expected = [self._command, self._measured, self._model]
         if self._reload and self._reload.scene._has_vision:
             expected.append(self._shape)
@@ -206,7 +207,7 @@ class Monitor(Node):
             out.append(f"{self._dropped - self._refused} targets were dropped, last fault: {self._last_fault}")
         return [fault for fault in out if fault]
 
-    def finish(self):
+    def finish(self) -> int:
         """Prints the summary and gives the verdict."""
         with self._lock:
             seconds = time.monotonic() - self._model.first if self._model.count else 0.0
@@ -224,5 +225,5 @@ class Monitor(Node):
             return FAILED if faults else DONE
 
 
-def main():
+def main() -> None:
     run("monitor", Monitor)
