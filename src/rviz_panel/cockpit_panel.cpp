@@ -29,10 +29,8 @@
 #include <rviz/visualization_manager.h>
 
 #include "panel_parts.hpp"
-#include "ros_bridge/cockpit/arm_camera.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {
@@ -99,8 +97,8 @@ class CalibrationBox : public QGroupBox {
     fit_->setVisible(!run.running);
     progress_->setVisible(run.running);
     if (run.running) {
-      progress_->setRange(0, static_cast<int>(run.steps));
-      progress_->setValue(static_cast<int>(run.step));
+      progress_->setRange(0, static_cast<int>(run.progress.steps));
+      progress_->setValue(static_cast<int>(run.progress.step));
       progress_->setFormat("%v of %m: " + fit_->currentText());
     }
     const Words words = calibrationWords(view);

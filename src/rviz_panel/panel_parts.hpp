@@ -10,7 +10,6 @@
 #include <string>
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
