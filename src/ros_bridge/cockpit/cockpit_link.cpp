@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
@@ -19,6 +18,7 @@
 #include "helix_arm/Reload.h"
 #include "helix_arm/Save.h"
 #include "helix_arm/TipTarget.h"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -54,103 +54,65 @@ struct CallDesk::State {
     Clock::time_point due;
   };
 
-  explicit State(Done done) : done_(std::move(done)) {}
-
-  /// Registers a call, unless too many of its name have not ended; then it is answered.
-  bool begin(const std::string& what, double limit, const std::string& remedy,
-             std::uint64_t& ticket) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    const auto waiting = count(what);
-    if (waiting >= kMostWaiting || running_[what] >= kMostRunning) {
-      tell(noAnswer(what, waiting >= kMostWaiting
-                              ? "earlier calls still wait for their answers; is the node alive?"
-                              : "too many calls hang; end the node that hangs"),
-           remedy);
-      return false;
-    }
-    ++running_[what];
-    ticket = ++last_ticket_;
-    const auto time =
-        std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit));
-    waiting_.emplace(ticket, Waiting{what, remedy, limit, Clock::now() + time});
-    changed_.notifyAll();
-    return true;
-  }
-
-  /// The call has ended; its answer counts unless it was given up on.
-  void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    --running_[answer.what];
-    const auto call = waiting_.extract(ticket);
-    if (call) tell(answer, call.mapped().remedy);
-  }
-
-  bool waits(const std::string& what) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    return count(what) > 0;
-  }
-
-  void close() HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    closed_ = true;
-    changed_.notifyAll();
-  }
-
-  /// Gives up on the calls that are late, until the desk is closed.
-  void watch() HELIX_ARM_EXCLUDES(mutex_) {
-    basics::MutexLock lock(mutex_);
-    while (!closed_) {
-      const Clock::time_point now = Clock::now();
-      Clock::time_point next = now + std::chrono::hours(1);
-      for (auto it = waiting_.begin(); it != waiting_.end();) {
-        if (it->second.due > now) {
-          next = std::min(next, it->second.due);
-          ++it;
-          continue;
-        }
-        char text[120];
-        std::snprintf(text, sizeof text, "no answer within %g s; is the node alive?",
-                      it->second.limit);
-        tell(noAnswer(it->second.what, text), it->second.remedy);
-        it = waiting_.erase(it);
-      }
-      const std::uint64_t seen = last_ticket_;
-      changed_.waitUntil(lock, next, [this, seen]() HELIX_ARM_REQUIRES(mutex_) {
-        return closed_ || last_ticket_ != seen;
-      });
-    }
-  }
-
- private:
-  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex_) {
-    return std::count_if(waiting_.begin(), waiting_.end(),
+  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex) {
+    return std::count_if(waiting.begin(), waiting.end(),
                          [&](const auto& one) { return one.second.what == what; });
   }
 
-  // With the lock, so that nothing is told once the desk is closed.
-  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex_) {
+  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex) {
     if (!answer.success) answer.remedy = remedy;
-    if (!closed_) done_(answer);
+    answers.push_back(std::move(answer));
   }
 
-  const Done done_;
-  basics::Mutex mutex_;
-  basics::Condition changed_;
-  bool closed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
-  std::uint64_t last_ticket_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
-  std::map<std::uint64_t, Waiting> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
-  std::map<std::string, int> running_ HELIX_ARM_GUARDED_BY(mutex_);  ///< also those given up on
+  /// Gives up on the calls that are late.
+  void look() HELIX_ARM_REQUIRES(mutex) {
+    for (auto it = waiting.begin(); it != waiting.end();) {
+      const auto& [what, remedy, limit, due] = it->second;
+      const bool late = due <= Clock::now();
+      if (late) {
+        tell(noAnswer(what, basics::format("no answer within %g s; is the node alive?", limit)),
+             remedy);
+      }
+      it = late ? waiting.erase(it) : std::next(it);
+    }
+  }
+
+  /// The call has ended; its answer counts unless it was given up on.
+  void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex) {
+    const basics::MutexLock lock(mutex);
+    look();
+    --running[answer.what];
+    const auto call = waiting.extract(ticket);
+    if (call) tell(answer, call.mapped().remedy);
+  }
+
+  basics::Mutex mutex;
+  std::uint64_t last_ticket HELIX_ARM_GUARDED_BY(mutex) = 0;
+  std::map<std::uint64_t, Waiting> waiting HELIX_ARM_GUARDED_BY(mutex);
+  std::map<std::string, int> running HELIX_ARM_GUARDED_BY(mutex);  ///< also those given up on
+  std::vector<CallAnswer> answers HELIX_ARM_GUARDED_BY(mutex);
 };
 
-CallDesk::CallDesk(Done done) : state_(std::make_shared<State>(std::move(done))) {
-  std::thread([state = state_] { state->watch(); }).detach();
-}
-
-CallDesk::~CallDesk() { state_->close(); }
+CallDesk::CallDesk() : state_(std::make_shared<State>()) {}
 
 void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
   std::uint64_t ticket = 0;
-  if (!state_->begin(what, limit, remedy, ticket)) return;
+  {
+    const basics::MutexLock lock(state_->mutex);
+    state_->look();
+    const bool many = state_->count(what) >= kMostWaiting;
+    if (many || state_->running[what] >= kMostRunning) {
+      const char* const why = many
+                                  ? "earlier calls still wait for their answers; is the node alive?"
+                                  : "too many calls hang; end the node that hangs";
+      return state_->tell(noAnswer(what, why), remedy);
+    }
+    ++state_->running[what];
+    ticket = ++state_->last_ticket;
+    const std::chrono::duration<double> time(limit);
+    const auto due = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
+    state_->waiting.emplace(ticket, State::Waiting{what, remedy, limit, due});
+  }
   const auto run = [state = state_, what, ticket, call = std::move(call)] {
     CallAnswer answer;
     try {
@@ -169,7 +131,17 @@ void CallDesk::ask(const std::string& what, double limit, Call call, const std::
   }
 }
 
-bool CallDesk::waits(const std::string& what) const { return state_->waits(what); }
+bool CallDesk::waits(const std::string& what) const {
+  const basics::MutexLock lock(state_->mutex);
+  state_->look();
+  return state_->count(what) > 0;
+}
+
+std::vector<CallAnswer> CallDesk::take() {
+  const basics::MutexLock lock(state_->mutex);
+  state_->look();
+  return std::exchange(state_->answers, {});
+}
 
 CallAnswer useLastCalibration(const std::string& ns) {
   CallAnswer out;
@@ -323,8 +295,7 @@ void CockpitLink::hear(const char* topic, bool (CockpitLink::*take)(const Messag
       }));
 }
 
-CockpitLink::CockpitLink(const std::string& ns)
-    : desk_([this](const CallAnswer& answer) { note(answer); }), node_(ns), spinner_(1, &queue_) {
+CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_) {
   seen_.ns = resolved(ns);
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);

@@ -42,8 +42,6 @@ class CallDesk {
  public:
   /// Makes the call in a thread of its own; what it throws is the answer.
   using Call = std::function<CallAnswer()>;
-  /// Gets exactly one answer per call, from some thread, and none after the destructor of the desk.
-  using Done = std::function<void(const CallAnswer&)>;
 
   /// At most so many calls of one name wait for an answer; further ones are refused. Those given up
   /// on do not count: a fifth emergency stop still goes out to a node that has come back.
@@ -51,10 +49,7 @@ class CallDesk {
   /// At most so many calls of one name have a thread, with those that were given up on.
   static constexpr int kMostRunning = 64;
 
-  explicit CallDesk(Done done);
-  ~CallDesk();
-  CallDesk(const CallDesk&) = delete;
-  CallDesk& operator=(const CallDesk&) = delete;
+  CallDesk();
 
   /// @param what     name of the call in its answer.
   /// @param limit    time in which it must answer, > 0 [s].
@@ -63,6 +58,8 @@ class CallDesk {
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
   /// Whether a call of this name waits for its answer; one that was given up on does not.
   bool waits(const std::string& what) const;
+  /// The answers since the last time: one per call that has ended or was given up on.
+  std::vector<CallAnswer> take();
 
  private:
   struct State;
@@ -181,10 +178,7 @@ class CockpitLink {
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Answers of the services that came since the last call.
-  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_) {
-    const basics::MutexLock lock(answers_mutex_);
-    return std::exchange(answers_, {});
-  }
+  std::vector<CallAnswer> takeAnswers() { return desk_.take(); }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
   void enable();
@@ -247,10 +241,6 @@ class CockpitLink {
     if (held_.turn(now())) send();
   }
 
-  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_) {
-    const basics::MutexLock lock(answers_mutex_);
-    answers_.push_back(answer);
-  }
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
   void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
@@ -266,8 +256,6 @@ class CockpitLink {
   void askUnlessOvertaken(const char* what, std::atomic<std::uint64_t> Asked::*later,
                           const CallDesk::Call& call, const CallDesk::Call& undo);
 
-  basics::Mutex answers_mutex_;
-  std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
   CallDesk desk_;
   const std::shared_ptr<Asked> asked_ = std::make_shared<Asked>();
   ros::CallbackQueue queue_;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <set>
 #include <tuple>
@@ -12,6 +11,7 @@
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
 #include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/names.hpp"
@@ -57,13 +57,6 @@ std::string notFree(const CockpitView& view) {
   const std::string out = notEnabled(view);
   const bool calibrates = out.empty() && view.calibration.running;
   return calibrates ? "a calibration commands the arm; cancel it first" : out;
-}
-
-template <class... Arguments>
-std::string format(const char* pattern, Arguments... arguments) {
-  char text[400];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
 }
 
 constexpr double kHighest = 1e12;  // a value beyond it does not scale the axis
@@ -222,7 +215,7 @@ Words calibrationWords(const CockpitView& view) {
   if (run.running) {
     const RunCalibrationFeedback& now = run.progress;
     if (now.steps == 0) return {"begins", Tone::kQuiet};
-    return {format("step %u of %u, %u samples: ", now.step, now.steps, now.samples) +
+    return {basics::format("step %u of %u, %u samples: ", now.step, now.steps, now.samples) +
                 shownText(now.state),
             Tone::kQuiet};
   }
@@ -262,7 +255,7 @@ Words goalWords(const CockpitView& view) {
   if (out.text.empty()) {
     out.text = "commands nothing";
     if (std::isfinite(view.target_timeout)) {
-      out.text += format("; an arm without targets vents after %g s", view.target_timeout);
+      out.text += basics::format("; an arm without targets vents after %g s", view.target_timeout);
     }
   }
   return out;
@@ -272,17 +265,17 @@ std::string shownText(const std::string& text) { return basics::quoted(text, kLo
 
 std::string kilopascals(double pascals) {
   if (!std::isfinite(pascals)) return "-";
-  return format("%.1f kPa", std::round(1e-2 * pascals) / 10 + 0.0);  // never "-0.0"
+  return basics::format("%.1f kPa", std::round(1e-2 * pascals) / 10 + 0.0);  // never "-0.0"
 }
 
 std::string limitWords(const CockpitChannel& channel) {
   if (!(channel.lower < channel.upper)) return "-";
-  return format("%.4g to %.4g", 1e-3 * channel.lower, 1e-3 * channel.upper);
+  return basics::format("%.4g to %.4g", 1e-3 * channel.lower, 1e-3 * channel.upper);
 }
 
 std::string millimetres(double metres) {
   if (!std::isfinite(metres)) return "-";
-  return format("%.2f mm", 1e3 * metres);
+  return basics::format("%.2f mm", 1e3 * metres);
 }
 
 std::string placeWords(const std::optional<std::vector<double>>& position) {
@@ -291,7 +284,7 @@ std::string placeWords(const std::optional<std::vector<double>>& position) {
   for (std::size_t i = 0; i < 3; ++i) {
     shown[i] = std::round(1e4 * (*position)[i]) / 10 + 0.0;  // never "-0.0"
   }
-  return format("%.1f, %.1f, %.1f mm", shown[0], shown[1], shown[2]);
+  return basics::format("%.1f, %.1f, %.1f mm", shown[0], shown[1], shown[2]);
 }
 
 std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
@@ -315,7 +308,8 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
     } else {
       const std::string unit = result.units[i].empty() ? "" : " " + shownText(result.units[i]);
       out.push_back(shownText(name) +
-                    format(" %.4g -> %.4g +- %.2g", result.initial[i], value, error) + unit);
+                    basics::format(" %.4g -> %.4g +- %.2g", result.initial[i], value, error) +
+                    unit);
     }
   }
   for (std::string& text : procedures::placementTexts(base, tags.size())) {
