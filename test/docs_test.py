@@ -25,7 +25,7 @@ FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
 CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "CMakeLists.txt", "action", "cmake", "config", "docs", "examples", "firmware", "include",
-           "launch", "LICENSE", "msg", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
+           "launch", "LICENSE", "msg", "python", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -143,7 +143,7 @@ class Package:
         for path in (root / "test").rglob("*.cpp"):
             self.cases |= set(re.findall(r"^(?:TYPED_)?TEST(?:_[FP])?\((\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.M))
         self.parameters = set()
-        for path in (root / "src/ros_bridge").rglob("*.cpp"):
+        for path in (*(root / "src/ros_bridge").rglob("*.cpp"), *(root / "python").rglob("*.py")):
             self.parameters |= set(re.findall(r'reader\.\w+\(\s*"(\w+)"', path.read_text(encoding="utf-8")))
 
     def ros_names(self):
