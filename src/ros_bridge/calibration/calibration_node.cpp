@@ -120,25 +120,19 @@ class JobSlot {
     kFit,  ///< the fit of a service
   };
 
-  /// Holds the slot as long as it lives.
-  class Claim {
-   public:
-    /// @throws std::invalid_argument naming the job that is under way.
-    Claim(JobSlot& slot, Job job) : slot_(slot) {
-      const basics::MutexLock lock(slot_.mutex_);
-      slot_.requireIdle();
-      slot_.job_ = job;
-    }
-    ~Claim() {
-      const basics::MutexLock lock(slot_.mutex_);
-      slot_.job_ = Job::kNone;
-    }
-    Claim(const Claim&) = delete;
-    Claim& operator=(const Claim&) = delete;
+  /// Holds the slot until its last copy ends.
+  using Claim = std::shared_ptr<void>;
 
-   private:
-    JobSlot& slot_;
-  };
+  /// @throws std::invalid_argument naming the job that is under way.
+  Claim claim(Job job) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    requireIdle();
+    job_ = job;
+    return Claim(nullptr, [this](void*) {
+      const basics::MutexLock end(mutex_);
+      job_ = Job::kNone;
+    });
+  }
 
   /// run_calibration is under way
   bool runs() const HELIX_ARM_EXCLUDES(mutex_) {
@@ -375,11 +369,11 @@ class RunAction {
 
   // Thread of the action.
   void onGoal(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
-    std::optional<JobSlot::Claim> claim;
+    JobSlot::Claim claim;
     RunCalibrationResult refused;
     refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
     answer(names::kRunCalibration, refused, [&] {
-      claim.emplace(jobs_, JobSlot::Job::kRun);
+      claim = jobs_.claim(JobSlot::Job::kRun);
       begin(goal);
       refused.success = true;
       refused.message = "begins";
@@ -737,7 +731,7 @@ class CalibrationNode : public Node {
     response.held_out_error = std::numeric_limits<double>::quiet_NaN();
     return answer(names::kCalibrate, response, [&] {
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit(jobs_, JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
       const procedures::CalibrationData data =
           request.data.empty() ? recorder_.recording().data()
                                : calibrator_.load(recorder_.scene(), request.data);
@@ -751,7 +745,7 @@ class CalibrationNode : public Node {
       const procedures::CalibrationRequest job = requestOf(request);
       const std::string path = calibrator_.tablePath(request.data);
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit(jobs_, JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
       const procedures::CalibrationData data =
           procedures::loadCalibrationData(recorder_.scene(), {path});
       basics::require(!data.lengths.empty(), path,
