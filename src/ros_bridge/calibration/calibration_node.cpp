@@ -380,8 +380,7 @@ class RunAction {
     });
     if (!refused.success) {
       claim.reset();
-      server_->setAborted(refused, refused.message);
-      return;
+      return end(refused, false);
     }
     std::string why;
     if (!goal_guard_.run(
@@ -399,7 +398,8 @@ class RunAction {
             &why) &&
         server_->isActive()) {
       refused.success = false;
-      server_->setAborted(refused, why);
+      refused.message = why;
+      end(refused, false);
     }
     const basics::MutexLock lock(mutex_);
     motion_.reset();
@@ -531,12 +531,7 @@ class RunAction {
     if (ending.verdict != procedures::RunEnd::kCompleted) {
       result.message = ending.reason;
       logWarning("run_calibration: %s", result.message.c_str());
-      if (ending.verdict == procedures::RunEnd::kPreempted) {
-        server_->setPreempted(result, result.message);
-      } else {
-        server_->setAborted(result, result.message);
-      }
-      return;
+      return end(result, ending.verdict == procedures::RunEnd::kPreempted);
     }
     answer(names::kRunCalibration, result, [&] {
       const Recording recording = recorder_.recording();
@@ -553,13 +548,14 @@ class RunAction {
       const std::string out = calibrator_.scenePath(goal.out);
       fill(result, calibrator_.calibrate(request, data, out, cancelled), out);
     });
-    if (!result.success && server_->isPreemptRequested()) {
-      server_->setPreempted(result, result.message);
-    } else if (result.success) {
-      server_->setSucceeded(result, result.message);
-    } else {
-      server_->setAborted(result, result.message);
-    }
+    end(result, server_->isPreemptRequested());
+  }
+
+  void end(const RunCalibrationResult& result, bool preempted) {
+    const auto set = result.success ? &Server::setSucceeded
+                     : preempted    ? &Server::setPreempted
+                                    : &Server::setAborted;
+    (*server_.*set)(result, result.message);
   }
 
   const procedures::RunRules rules_;

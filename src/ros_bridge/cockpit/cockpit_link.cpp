@@ -589,86 +589,68 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
   return true;
 }
 
-// Shared with the thread, which may outlive the builder.
-struct LinkBuilder::State {
+// Shared with its thread, which may outlive the builder.
+struct LinkBuilder::Attempt {
+  explicit Attempt(std::string of_arm) : ns(std::move(of_arm)) {}
+
   void work() HELIX_ARM_EXCLUDES(mutex) {
-    basics::MutexLock lock(mutex);
-    while (!wish.empty()) {
-      const std::string ns = wish;
-      lock.unlock();
-      const bool answers = masterAnswers();
-      std::unique_ptr<CockpitLink> link;
-      std::exception_ptr thrown;
-      try {
-        if (answers) link = std::make_unique<CockpitLink>(ns);
-      } catch (const std::exception&) {
-        thrown = std::current_exception();
-      }
-      lock.lock();
-      silent = !answers;
-      if (silent) {
-        changed.waitFor(lock, kAskAgain, [&]() HELIX_ARM_REQUIRES(mutex) { return wish != ns; });
-      } else if (wish == ns) {
-        made = std::move(link);
-        fault = thrown;
-        wish.clear();
-      } else {
-        lock.unlock();
-        link.reset();
-        lock.lock();
-      }
+    while (!masterAnswers()) {
+      silent = true;
+      std::this_thread::sleep_for(kAskAgain);
+      if (cancelled) return;
     }
-    works = false;
+    silent = false;
+    std::unique_ptr<CockpitLink> link;
+    std::exception_ptr thrown;
+    try {
+      if (!cancelled) link = std::make_unique<CockpitLink>(ns);
+    } catch (const std::exception&) {
+      thrown = std::current_exception();
+    }
+    const basics::MutexLock lock(mutex);
+    if (cancelled) return;  // the link ends after the lock
+    made = std::move(link);
+    fault = thrown;
+    done = true;
   }
 
+  const std::string ns;  ///< resolved
+  std::atomic<bool> cancelled{false}, silent{false}, done{false};
   basics::Mutex mutex;
-  basics::Condition changed;
-  std::string wish HELIX_ARM_GUARDED_BY(mutex);  ///< resolved namespace; empty: none
-  bool works HELIX_ARM_GUARDED_BY(mutex) = false;
-  bool silent HELIX_ARM_GUARDED_BY(mutex) = false;  ///< the master did not answer
   std::unique_ptr<CockpitLink> made HELIX_ARM_GUARDED_BY(mutex);
   std::exception_ptr fault HELIX_ARM_GUARDED_BY(mutex);
 };
 
-LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
-
 void LinkBuilder::begin(const std::string& ns) {
-  const std::string resolved = CockpitLink::resolved(ns);
+  const auto next = std::make_shared<Attempt>(CockpitLink::resolved(ns));
   cancel();
-  const basics::MutexLock lock(state_->mutex);
-  state_->wish = resolved;
-  state_->silent = false;
-  if (state_->works) return;
-  std::thread([state = state_] { state->work(); }).detach();
-  state_->works = true;
+  std::thread([next] { next->work(); }).detach();
+  attempt_ = next;
 }
 
 void LinkBuilder::cancel() {
-  std::unique_ptr<CockpitLink> unwanted;
+  if (!attempt_) return;
   {
-    const basics::MutexLock lock(state_->mutex);
-    state_->wish.clear();
-    state_->fault = nullptr;
-    unwanted = std::move(state_->made);
-    state_->changed.notifyAll();
+    const basics::MutexLock lock(attempt_->mutex);
+    attempt_->cancelled = true;
+    end(std::move(attempt_->made));
   }
-  end(std::move(unwanted));
+  attempt_.reset();
 }
 
 std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  const basics::MutexLock lock(state_->mutex);
-  if (state_->fault) std::rethrow_exception(std::exchange(state_->fault, nullptr));
-  return std::move(state_->made);
+  if (!attempt_) return nullptr;
+  const basics::MutexLock lock(attempt_->mutex);
+  if (attempt_->fault) std::rethrow_exception(std::exchange(attempt_->fault, nullptr));
+  return std::move(attempt_->made);
 }
 
 std::string LinkBuilder::connectingTo() const {
-  const basics::MutexLock lock(state_->mutex);
-  return state_->wish;
+  return attempt_ && !attempt_->done ? attempt_->ns : "";
 }
 
 std::string LinkBuilder::silentMaster() const {
-  const basics::MutexLock lock(state_->mutex);
-  return state_->silent && !state_->wish.empty() ? ros::master::getURI() : "";
+  return attempt_ && attempt_->silent ? ros::master::getURI() : "";
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {

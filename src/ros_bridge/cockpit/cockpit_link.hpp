@@ -282,7 +282,7 @@ class CockpitLink {
 /// for a link must not wait for one that is gone or hangs. No function waits.
 class LinkBuilder {
  public:
-  LinkBuilder();
+  LinkBuilder() = default;
   /// What is under way ends in its own time.
   ~LinkBuilder() { cancel(); }
   LinkBuilder(const LinkBuilder&) = delete;
@@ -308,8 +308,8 @@ class LinkBuilder {
   static void end(std::unique_ptr<CockpitLink> link);
 
  private:
-  struct State;
-  const std::shared_ptr<State> state_;
+  struct Attempt;
+  std::shared_ptr<Attempt> attempt_;  ///< the last one; null if it was given up on
 };
 
 }  // namespace helix_arm::ros_bridge

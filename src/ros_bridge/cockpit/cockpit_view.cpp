@@ -61,8 +61,15 @@ std::string notFree(const CockpitView& view) {
 
 constexpr double kHighest = 1e12;  // a value beyond it does not scale the axis
 
-double topOf(double largest, double least) {
-  double top = least;
+// @param values  of a row.
+template <class Values>
+double topOf(const std::deque<StripHistory::Row>& rows, double least, const Values& values) {
+  double largest = 0, top = least;
+  for (const StripHistory::Row& row : rows) {
+    for (const double value : values(row)) {
+      if (std::isfinite(value)) largest = std::max(largest, value);
+    }
+  }
   for (int k = 0; top < largest && top < kHighest; ++k) top *= k % 3 == 1 ? 2.5 : 2.0;
   return top;
 }
@@ -339,21 +346,11 @@ void StripHistory::add(double time, const std::vector<double>& pressures, double
 }
 
 double StripHistory::pressureTop(double least) const {
-  double largest = 0;
-  for (const Row& row : rows_) {
-    for (const double pressure : row.pressures) {
-      if (std::isfinite(pressure)) largest = std::max(largest, pressure);
-    }
-  }
-  return topOf(largest, least);
+  return topOf(rows_, least, [](const Row& row) { return row.pressures; });
 }
 
 double StripHistory::errorTop(double least) const {
-  double largest = 0;
-  for (const Row& row : rows_) {
-    if (std::isfinite(row.tip_error)) largest = std::max(largest, row.tip_error);
-  }
-  return topOf(largest, least);
+  return topOf(rows_, least, [](const Row& row) { return std::array{row.tip_error}; });
 }
 
 bool isToChange(const ArmCamera& camera, const std::string& base_frame) {
