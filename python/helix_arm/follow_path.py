@@ -120,10 +120,7 @@ class RunRecorder:
 
     def _on_pressures(self, series: run_record.TimeSeries, message: PressureArray) -> None:
         count = len(message.pressure)
-        given = enumerate(message.name[:count])
-        names = [str(i + 1) for i in range(min(count, MOST_ACTUATORS))]
-        for i, name in given:
-            names[i:i + 1] = [_plain(name)] if i < len(names) else []
+        names = [_plain(message.name[i]) if i < len(message.name) else str(i + 1) for i in range(min(count, MOST_ACTUATORS))]
         with self._lock:
             self._names = self._names or names
             if 0 < count <= MOST_ACTUATORS and names == self._names and np.isfinite(message.pressure).all():

@@ -108,7 +108,7 @@ class Trouble:
         if self.messages == 0:
             self._since = now
         self.messages += 1
-        return self.messages > LEAST_TROUBLE - 1 and now - self._since >= LONGEST_TROUBLE
+        return self.messages >= LEAST_TROUBLE and now - self._since >= LONGEST_TROUBLE
 
 
 class PressureSeries(Node):
