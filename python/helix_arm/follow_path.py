@@ -107,8 +107,8 @@ class RunRecorder:
     def _comment(self, outcome: str) -> str:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         return (f"# recorded run of {_plain(self._path, LONGEST_OUTCOME)}, {now}: {outcome}\n"
-                f"# One row per picture that the loop used, at the picture's time. Tips seen from {self._frame}. time_s: since the "
-                "start of the path;\n# model: by the scene alone; predicted: by the corrected model; command: in force; pressure: "
+                f"# One row per picture that the loop used, at the picture's time. Tips seen from {self._frame}. time_s: since "
+                "the start of the path;\n# model: by the scene alone; predicted: by the corrected model; command: in force; pressure: "
                 f"measured. Actuators:{''.join(' ' + name for name in self._names)}.\n")
 
     def _on_model(self, model: ArmShape) -> None:

@@ -34,7 +34,8 @@ class SeriesPlayer:
         if len(rows) < 1:
             raise ValueError("a series without rows; expected at least one")
         if not (ramp >= 0 and hold >= 0 and 0 < ramp + hold < math.inf):
-            raise ValueError(f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not both 0")
+            raise ValueError(f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not "
+                             "both 0")
         self.rows, self._ramp, self._hold, self._loop = rows, ramp, hold, loop
         self.row = 0  # that is reached or held
         self.finished = False  # after the hold of the last row
