@@ -173,9 +173,11 @@ class PressureSeries(Node):
     def _rows_of(self, data: str) -> np.ndarray:
         if not data:
             return self._scene._tour()
-        rows, without = self._scene._series(data)
+        rows, without, faults = self._scene._series(data)
         if without:
             log.warning(f"{data} has no column for {', '.join(without)}: they stay at 0; is it for another arm?")
+        if faults:
+            raise ValueError(faults)
         return rows
 
     def _on_command(self, message: PressureArray) -> None:
