@@ -107,8 +107,8 @@ class RunRecorder:
     def _comment(self, outcome: str) -> str:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         return (f"# recorded run of {_plain(self._path, LONGEST_OUTCOME)}, {now}: {outcome}\n"
-                f"# One row per picture that the loop used, at the picture's time. Tips seen from {self._frame}. time_s: since the "
-                "start of the path;\n# model: by the scene alone; predicted: by the corrected model; command: in force; pressure: "
+                f"# One row per picture that the loop used, at the picture's time. Tips seen from {self._frame}. time_s: since "
+                "the start of the path;\n# model: by the scene alone; predicted: by the corrected model; command: in force; pressure: "
                 f"measured. Actuators:{''.join(' ' + name for name in self._names)}.\n")
 
     def _on_model(self, model: ArmShape) -> None:
@@ -120,10 +120,7 @@ class RunRecorder:
 
     def _on_pressures(self, series: run_record.TimeSeries, message: PressureArray) -> None:
         count = len(message.pressure)
-        given = enumerate(message.name[:count])
-        names = [str(i + 1) for i in range(min(count, MOST_ACTUATORS))]
-        for i, name in given:
-            names[i:i + 1] = [_plain(name)] if i < len(names) else []
+        names = [_plain(message.name[i]) if i < len(message.name) else str(i + 1) for i in range(min(count, MOST_ACTUATORS))]
         with self._lock:
             self._names = self._names or names
             if 0 < count <= MOST_ACTUATORS and names == self._names and np.isfinite(message.pressure).all():

@@ -6,6 +6,7 @@ import math
 import os
 import pathlib
 import queue
+import re
 import signal
 import socket
 import sys
@@ -245,6 +246,25 @@ def _guarded(body: Callable[[], int]) -> int:
         return BAD_CONFIGURATION if isinstance(fault, ValueError) else FAILED
 
 
+def _set_parameters() -> None:
+    """Those of the command line, with the types that nodes in C++ give them: rospy reads YAML."""
+    for word in sys.argv[1:]:
+        name, given, text = word.partition(":=")
+        if not given or not name.startswith("_") or name.startswith("__"):
+            continue
+        value: Any = text
+        if text.lower() in ("true", "false"):
+            value = text.lower() == "true"
+        elif re.fullmatch(r"[+-]?\d{1,9}", text):
+            value = int(text)
+        else:
+            try:
+                value = float(text)
+            except ValueError:
+                pass
+        rospy.set_param("~" + name[1:], value)
+
+
 def _spin(node: Node, watch: _Watch) -> int:
     due = time.monotonic()
     while not (end.is_urgent() or (end.made() and node.may_end()) or rospy.is_shutdown()):
@@ -266,6 +286,7 @@ def run(name: str, make: Callable[[], Node]) -> None:
         os._exit(DONE)  # while it waited for the master
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end.ask)
+    _set_parameters()
     log.start()
     watch = _Watch()
 
@@ -378,7 +399,7 @@ class Parameters:
         return fallback
 
     def _fault(self, name: str, value: Any, rule: str) -> None:
-        shown = f"{value:g}" if isinstance(value, (bool, int, float)) else value
+        shown = f"{value:.16g}" if isinstance(value, (bool, int, float)) else value
         self._faults.append(f"~{name} is {shown}; expected {rule}")
 
     def _absolute(self, name: str, given: str) -> str:

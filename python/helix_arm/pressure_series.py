@@ -34,7 +34,8 @@ class SeriesPlayer:
         if len(rows) < 1:
             raise ValueError("a series without rows; expected at least one")
         if not (ramp >= 0 and hold >= 0 and 0 < ramp + hold < math.inf):
-            raise ValueError(f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not both 0")
+            raise ValueError(f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not "
+                             "both 0")
         self.rows, self._ramp, self._hold, self._loop = rows, ramp, hold, loop
         self.row = 0  # that is reached or held
         self.finished = False  # after the hold of the last row
@@ -108,7 +109,7 @@ class Trouble:
         if self.messages == 0:
             self._since = now
         self.messages += 1
-        return self.messages > LEAST_TROUBLE - 1 and now - self._since >= LONGEST_TROUBLE
+        return self.messages >= LEAST_TROUBLE and now - self._since >= LONGEST_TROUBLE
 
 
 class PressureSeries(Node):
@@ -172,9 +173,11 @@ class PressureSeries(Node):
     def _rows_of(self, data: str) -> np.ndarray:
         if not data:
             return self._scene._tour()
-        rows, without = self._scene._series(data)
+        rows, without, faults = self._scene._series(data)
         if without:
             log.warning(f"{data} has no column for {', '.join(without)}: they stay at 0; is it for another arm?")
+        if faults:
+            raise ValueError(faults)
         return rows
 
     def _on_command(self, message: PressureArray) -> None:

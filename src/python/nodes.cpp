@@ -1,4 +1,5 @@
 #include <sstream>
+#include <tuple>
 #include <variant>
 
 #include <pybind11/eigen.h>
@@ -17,10 +18,10 @@
 namespace helix_arm::python {
 namespace {
 
-// Rows of pressures (rows x actuators) [Pa], each of them a valid target, and the actuators that
-// have no column.
-std::pair<Eigen::MatrixXd, std::vector<std::string>> seriesOf(const Scene& scene,
-                                                              const std::string& path) {
+// Rows of pressures (rows x actuators) [Pa]; the actuators that have no column; and which rows are
+// no valid target, empty if all are.
+std::tuple<Eigen::MatrixXd, std::vector<std::string>, std::string> seriesOf(
+    const Scene& scene, const std::string& path) {
   const model::Arm& arm = scene.arm();
   const io::DataSet data = io::loadDataSet(path);
   Eigen::MatrixXd rows = io::pressuresOf(data, arm.actuatorCount());
@@ -38,8 +39,7 @@ std::pair<Eigen::MatrixXd, std::vector<std::string>> seriesOf(const Scene& scene
       faults << path << " row " << row + 1 << ": " << refusal->message << "\n";
     }
   }
-  if (!faults.str().empty()) throw std::invalid_argument(faults.str());
-  return {rows, without};
+  return {rows, without, faults.str()};
 }
 
 // The pressures in force, inside the limits: a vented arm is at the atmosphere.

@@ -29,33 +29,32 @@
 #include <rviz/visualization_manager.h>
 
 #include "panel_parts.hpp"
-#include "ros_bridge/cockpit/arm_camera.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {
 
 using namespace ros_bridge;
 
-QPushButton* makeButton(QWidget* parent, const char* name, const char* text) {
+/// Runs an action of the link to the arm. @return whether there is one.
+using Run = std::function<bool(const std::function<void(CockpitLink&)>& action)>;
+
+/// @param clicked  may take whether the button is checked now.
+template <class Clicked>
+QPushButton* makeButton(QWidget* parent, const char* name, const char* text,
+                        const Clicked& clicked) {
   auto* const button = new QPushButton(text, parent);
   button->setObjectName(name);
   button->setFocusPolicy(Qt::NoFocus);  // a space bar that was meant for rviz clicks nothing
+  QObject::connect(button, &QPushButton::clicked, parent, clicked);
   return button;
 }
 
 /// Start, progress, end and result of a calibration.
 class CalibrationBox : public QGroupBox {
  public:
-  struct Actions {
-    std::function<void(const std::vector<std::string>& fit)> start;
-    std::function<void()> cancel, use;
-  };
-
-  CalibrationBox(QWidget* parent, Actions actions)
-      : QGroupBox("Calibration", parent), actions_(std::move(actions)) {
+  CalibrationBox(QWidget* parent, const Run& run) : QGroupBox("Calibration", parent) {
     auto* const grid = new QGridLayout(this);
     fit_ = new QComboBox(this);
     fit_->setObjectName("fit");
@@ -64,9 +63,16 @@ class CalibrationBox : public QGroupBox {
                     "response stiffness length_scale"});
     fit_->setToolTip("What is fitted");
     fit_->setFocusPolicy(Qt::ClickFocus);
-    start_ = makeButton(this, "calibration_start", "Start");
-    cancel_ = makeButton(this, "calibration_cancel", "Cancel");
-    use_ = makeButton(this, "calibration_use", "Use it");
+    start_ = makeButton(this, "calibration_start", "Start", [this, run] {
+      std::vector<std::string> words;
+      for (const QString& word : fit_->currentText().split(' '))
+        words.push_back(word.toStdString());
+      run([&](CockpitLink& link) { link.startCalibration(words); });
+    });
+    cancel_ = makeButton(this, "calibration_cancel", "Cancel",
+                         [run] { run([](CockpitLink& link) { link.cancelCalibration(); }); });
+    use_ = makeButton(this, "calibration_use", "Use it",
+                      [run] { run([](CockpitLink& link) { link.useCalibration(); }); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("calibration_progress");
     // In the place of what is fitted, which cannot be changed meanwhile: nothing moves.
@@ -80,14 +86,6 @@ class CalibrationBox : public QGroupBox {
     grid->addWidget(progress_, 0, 0, 1, 3);
     grid->addWidget(warnings_, 2, 0, 1, 3);
     grid->addWidget(text_, 3, 0, 1, 3);
-    connect(start_, &QPushButton::clicked, this, [this] {
-      std::vector<std::string> words;
-      for (const QString& word : fit_->currentText().split(' '))
-        words.push_back(word.toStdString());
-      actions_.start(words);
-    });
-    connect(cancel_, &QPushButton::clicked, this, [this] { actions_.cancel(); });
-    connect(use_, &QPushButton::clicked, this, [this] { actions_.use(); });
   }
 
   void display(const CockpitView& view) {
@@ -99,18 +97,15 @@ class CalibrationBox : public QGroupBox {
     fit_->setVisible(!run.running);
     progress_->setVisible(run.running);
     if (run.running) {
-      progress_->setRange(0, static_cast<int>(run.steps));
-      progress_->setValue(static_cast<int>(run.step));
+      progress_->setRange(0, static_cast<int>(run.progress.steps));
+      progress_->setValue(static_cast<int>(run.progress.step));
       progress_->setFormat("%v of %m: " + fit_->currentText());
     }
-    const Words words = calibrationWords(view);
-    showWords(text_, words.text, words.tone);
-    const Words warnings = calibrationWarnings(view);
-    showWords(warnings_, warnings.text, warnings.tone);
+    showWords(text_, calibrationWords(view));
+    showWords(warnings_, calibrationWarnings(view));
   }
 
  private:
-  const Actions actions_;
   QComboBox* fit_;
   QPushButton *start_, *cancel_, *use_;
   QProgressBar* progress_;
@@ -132,11 +127,8 @@ int highestStep(const CockpitChannel& channel) {
 /// One row per actuator: name, slider, its limits, number [kPa], reading.
 class PressureBox : public QGroupBox {
  public:
-  /// Commands one actuator, by its index [Pa].
-  using Set = std::function<void(std::size_t channel, double pressure)>;
-
-  PressureBox(QWidget* parent, Set set)
-      : QGroupBox("Pressures [kPa gauge]", parent), set_(std::move(set)) {
+  PressureBox(QWidget* parent, Run run)
+      : QGroupBox("Pressures [kPa gauge]", parent), run_(std::move(run)) {
     grid_ = new QGridLayout(this);
     grid_->setColumnStretch(1, 1);
     why_not_ = new FixedText(this, "pressures_why_not", 1);
@@ -155,8 +147,8 @@ class PressureBox : public QGroupBox {
           "from " + kilopascals(channel.lower) + " to " + kilopascals(channel.upper);
       offer(row.slider, may, limits.c_str());
       offer(row.value, may, limits.c_str());
-      showWords(row.limits, limitWords(channel), Tone::kQuiet);
-      showWords(row.reading, kilopascals(channel.measured), Tone::kQuiet);
+      showWords(row.limits, {limitWords(channel)});
+      showWords(row.reading, {kilopascals(channel.measured)});
       if (!(channel.lower < channel.upper)) continue;
       const QSignalBlocker quiet_slider(row.slider), quiet_value(row.value);
       row.slider->setRange(lowestStep(channel), highestStep(channel));
@@ -175,7 +167,7 @@ class PressureBox : public QGroupBox {
       }
     }
     if (rows_.empty()) why_not = "no pressure_command has come yet";
-    showWords(why_not_, why_not, Tone::kCaution);
+    showWords(why_not_, {why_not, Tone::kCaution});
   }
 
  private:
@@ -189,7 +181,7 @@ class PressureBox : public QGroupBox {
     QLabel *limits, *reading;
 
     /// From left to right.
-    std::array<QWidget*, kColumns> parts() const;
+    std::array<QWidget*, kColumns> parts() const { return {label, slider, limits, value, reading}; }
   };
 
   void makeRows(const CockpitView& view) {
@@ -229,25 +221,22 @@ class PressureBox : public QGroupBox {
     row.value->setKeyboardTracking(false);      // half a number is no command
     row.value->setFocusPolicy(Qt::ClickFocus);  // the wheel scrolls past it
     row.slider->setFocusPolicy(Qt::ClickFocus);
-    const auto channel = static_cast<std::size_t>(index);
-    connect(row.slider, &QSlider::valueChanged, this,
-            [this, channel](int steps) { set_(channel, kStep * steps); });
+    const auto set = [this, channel = static_cast<std::size_t>(index)](double pressure) {
+      run_([&](CockpitLink& link) { link.setPressure(channel, pressure); });
+    };
+    connect(row.slider, &QSlider::valueChanged, this, [set](int steps) { set(kStep * steps); });
     connect(row.value, QOverload<double>::of(&QDoubleSpinBox::valueChanged), this,
-            [this, channel](double kilopascal) { set_(channel, kKilo * kilopascal); });
+            [set](double kilopascal) { set(kKilo * kilopascal); });
     int column = 0;
     for (QWidget* part : row.parts()) grid_->addWidget(part, index + 1, column++);
     return row;
   }
 
-  const Set set_;
+  const Run run_;
   QGridLayout* grid_;
   QLabel* why_not_;
   std::vector<Row> rows_;
 };
-
-std::array<QWidget*, PressureBox::kColumns> PressureBox::Row::parts() const {
-  return {label, slider, limits, value, reading};
-}
 
 constexpr int kStopHeight = 64;  // [px]
 constexpr int kStopWidth = 190;  // at least: its first line [px]
@@ -268,17 +257,15 @@ QString fitted(const std::string& name, const QWidget* widget, int used) {
 /// height: a button stays where it is, whatever they say.
 class SafetyBox : public QGroupBox {
  public:
-  struct Actions {
-    std::function<void()> enable, vent;
-    std::function<void(bool engage)> stop;
-    std::function<void(bool on)> hold;
-  };
-
-  SafetyBox(QWidget* parent, Actions actions)
-      : QGroupBox("Arm", parent), actions_(std::move(actions)) {
+  SafetyBox(QWidget* parent, const Run& run) : QGroupBox("Arm", parent) {
     auto* const column = new QVBoxLayout(this);
     auto* const stop_row = new QHBoxLayout;
-    stop_ = makeButton(this, "stop", "EMERGENCY STOP");
+    stop_ = makeButton(this, "stop", "EMERGENCY STOP", [this, run] {
+      if (run([](CockpitLink& link) { link.emergencyStop(true); })) return;
+      display(CallAnswer{"Emergency stop", false,
+                         "the panel has no arm: " + cause_->text().toStdString(), false,
+                         kStopByHand});
+    });
     stop_->setCheckable(true);
     stop_->setMinimumSize(kStopWidth, kStopHeight);
     stop_->setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);  // a long name widens nothing
@@ -286,16 +273,20 @@ class SafetyBox : public QGroupBox {
         "QPushButton { background: #c8201c; color: white; font-weight: bold; font-size: 18px; "
         "border: 3px solid #7a1210; border-radius: 8px; }"
         "QPushButton:checked { background: #5a0f0d; border-style: inset; }");
-    release_ = makeButton(this, "release", "Release");
+    release_ = makeButton(this, "release", "Release",
+                          [run] { run([](CockpitLink& link) { link.emergencyStop(false); }); });
     release_->setMinimumHeight(kStopHeight);
     stop_row->addWidget(stop_, 4);
     stop_row->addWidget(release_, 1);
     column->addLayout(stop_row);
 
     auto* const row = new QHBoxLayout;
-    enable_ = makeButton(this, "enable", "Enable");
-    vent_ = makeButton(this, "vent", "Vent");
-    hold_ = makeButton(this, "hold", "Hold");
+    enable_ = makeButton(this, "enable", "Enable",
+                         [run] { run([](CockpitLink& link) { link.enable(); }); });
+    vent_ =
+        makeButton(this, "vent", "Vent", [run] { run([](CockpitLink& link) { link.vent(); }); });
+    hold_ = makeButton(this, "hold", "Hold",
+                       [run](bool on) { run([on](CockpitLink& link) { link.hold(on); }); });
     hold_->setCheckable(true);
     for (QPushButton* button : {enable_, vent_, hold_}) row->addWidget(button);
     column->addLayout(row);
@@ -310,21 +301,15 @@ class SafetyBox : public QGroupBox {
     goal_ = new FixedText(this, "goal", 2);
     answer_ = new FixedText(this, "answer", 3);
     for (QLabel* text : {state_, cause_, remedy_, goal_, answer_}) column->addWidget(text);
-
-    connect(stop_, &QPushButton::clicked, this, [this] { actions_.stop(true); });
-    connect(release_, &QPushButton::clicked, this, [this] { actions_.stop(false); });
-    connect(enable_, &QPushButton::clicked, this, [this] { actions_.enable(); });
-    connect(vent_, &QPushButton::clicked, this, [this] { actions_.vent(); });
-    connect(hold_, &QPushButton::clicked, this, [this](bool on) { actions_.hold(on); });
   }
 
   void display(const CockpitView& view) {
     arm_ = armName(view);
     nameArm();
     const Headline words = headline(view);
-    showWords(state_, words.state, words.tone);
-    showWords(cause_, words.cause, words.tone);
-    showWords(remedy_, remedyWords(view), Tone::kQuiet);
+    showWords(state_, {words.state, words.tone});
+    showWords(cause_, {words.cause, words.tone});
+    showWords(remedy_, {remedyWords(view)});
 
     offer(enable_, mayEnable(view), "Enables the arm: it then follows targets");
     offer(vent_, mayVent(view), "Vents all channels");
@@ -347,7 +332,7 @@ class SafetyBox : public QGroupBox {
       forgetAnswer();
     }
     const Words goal = goalWords(view);
-    showWords(goal_, "Cockpit: " + goal.text, goal.tone);
+    showWords(goal_, {"Cockpit: " + goal.text, goal.tone});
   }
 
   /// Answer of a service. A failure stays until the arm's state changes, a success for seconds.
@@ -355,14 +340,13 @@ class SafetyBox : public QGroupBox {
     answered_.start();
     answered_well_ = answer.success;
     answered_in_ = state_->text().toStdString();
-    const Words words = answerWords(answer);
-    showWords(answer_, words.text, words.tone);
+    showWords(answer_, answerWords(answer));
   }
 
   /// Removes the answer: it is that of another arm.
   void forgetAnswer() {
     answered_.invalidate();
-    showWords(answer_, "", Tone::kQuiet);
+    showWords(answer_, {});
   }
 
   /// Without the title, whose name is elided to the width that there is.
@@ -385,7 +369,6 @@ class SafetyBox : public QGroupBox {
     if (stop_->text() != stop) stop_->setText(stop);
   }
 
-  const Actions actions_;
   QLabel *state_, *cause_, *remedy_, *goal_, *answer_;
   QPushButton *stop_, *release_, *enable_, *vent_, *hold_;
   std::string arm_;
@@ -402,11 +385,8 @@ constexpr double kFarthest = 1e4;  // that can be entered [mm]
 /// The tip target as numbers, the tip itself, and the loop over vision.
 class TipBox : public QGroupBox {
  public:
-  /// Aims the tip at a position, base frame [m].
-  using Aim = std::function<void(const std::array<double, 3>& position)>;
-
-  TipBox(QWidget* parent, Aim aim)
-      : QGroupBox("Tip, seen from the arm's base [mm]", parent), aim_(std::move(aim)) {
+  TipBox(QWidget* parent, const Run& run)
+      : QGroupBox("Tip, seen from the arm's base [mm]", parent) {
     auto* const grid = new QGridLayout(this);
     static const std::array<const char*, 3> kNames = {"tip_x", "tip_y", "tip_z"};
     for (int axis = 0; axis < 3; ++axis) {
@@ -419,8 +399,13 @@ class TipBox : public QGroupBox {
       numbers_[static_cast<std::size_t>(axis)] = number;
       grid->addWidget(number, 0, axis);
     }
-    go_ = makeButton(this, "tip_go", "Go");
-    present_ = makeButton(this, "tip_present", "Take present");
+    go_ = makeButton(this, "tip_go", "Go", [this, run] {
+      std::array<double, 3> position{};
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        position[axis] = kMilli * numbers_[axis]->value();
+      run([&](CockpitLink& link) { link.aimTip(position); });
+    });
+    present_ = makeButton(this, "tip_present", "Take present", [this] { copyPresent(); });
     grid->addWidget(go_, 1, 0);
     grid->addWidget(present_, 1, 1, 1, 2);
     tip_ = new FixedText(this, "tip", 2);
@@ -429,13 +414,6 @@ class TipBox : public QGroupBox {
     grid->addWidget(tip_, 2, 0, 1, 3);
     grid->addWidget(loop_, 3, 0, 1, 3);
     grid->addWidget(why_not_, 4, 0, 1, 3);
-    connect(present_, &QPushButton::clicked, this, [this] { copyPresent(); });
-    connect(go_, &QPushButton::clicked, this, [this] {
-      std::array<double, 3> position{};
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        position[axis] = kMilli * numbers_[axis]->value();
-      aim_(position);
-    });
   }
 
   void display(const CockpitView& view) {
@@ -451,13 +429,13 @@ class TipBox : public QGroupBox {
         present_,
         {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
         "Copies where the tip is now");
-    showWords(why_not_, may.why_not, Tone::kCaution);
+    showWords(why_not_, {may.why_not, Tone::kCaution});
     std::string text =
         "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
     if (std::isfinite(view.tip_error)) text += ", difference " + millimetres(view.tip_error);
-    showWords(tip_, text, Tone::kQuiet);
+    showWords(tip_, {text});
     const Words loop = loopWords(view);
-    showWords(loop_, "Loop " + loop.text, loop.tone);
+    showWords(loop_, {"Loop " + loop.text, loop.tone});
   }
 
  private:
@@ -469,7 +447,6 @@ class TipBox : public QGroupBox {
     }
   }
 
-  const Aim aim_;
   std::array<QDoubleSpinBox*, 3> numbers_{};  ///< [mm]
   QPushButton *go_, *present_;
   QLabel *tip_, *loop_, *why_not_;
@@ -496,15 +473,18 @@ class CockpitPanel : public rviz::Panel {
     namespace_ = new QLineEdit(this);
     namespace_->setObjectName("namespace");
     namespace_->setPlaceholderText("namespace of the arm; empty: that of rviz");
-    connect_ = makeButton(this, "connect", "Connect");
+    connect_ = makeButton(this, "connect", "Connect", [this] { commit(); });
     row->addWidget(namespace_);
     row->addWidget(connect_);
     column->addLayout(row);
 
-    safety_ = new SafetyBox(this, {[this] { with([](auto& link) { link.enable(); }); },
-                                   [this] { with([](auto& link) { link.vent(); }); },
-                                   [this](bool engage) { stop(engage); },
-                                   [this](bool on) { with([on](auto& link) { link.hold(on); }); }});
+    const Run run = [this](const std::function<void(CockpitLink&)>& action) {
+      const bool can = link_ != nullptr;
+      if (can) action(*link_);
+      if (can) refresh();
+      return can;
+    };
+    safety_ = new SafetyBox(this, run);
     column->addWidget(safety_);  // outside the scrolled part: the stop is always in sight
 
     auto* const scroll = new QScrollArea(this);
@@ -514,19 +494,10 @@ class CockpitPanel : public rviz::Panel {
     auto* const inner = new QWidget(scroll);
     auto* const boxes = new QVBoxLayout(inner);
     boxes->setContentsMargins(0, 0, 0, 0);
-    pressures_ = new PressureBox(inner, [this](std::size_t channel, double pressure) {
-      with([=](auto& link) { link.setPressure(channel, pressure); });
-    });
-    tip_ = new TipBox(inner, [this](const std::array<double, 3>& position) {
-      with([&](auto& link) { link.aimTip(position); });
-    });
+    pressures_ = new PressureBox(inner, run);
+    tip_ = new TipBox(inner, run);
     chart_ = new StripChart(inner);
-    calibration_ =
-        new CalibrationBox(inner, {[this](const std::vector<std::string>& fit) {
-                                     with([&](auto& link) { link.startCalibration(fit); });
-                                   },
-                                   [this] { with([](auto& link) { link.cancelCalibration(); }); },
-                                   [this] { with([](auto& link) { link.useCalibration(); }); }});
+    calibration_ = new CalibrationBox(inner, run);
     for (QWidget* box : std::initializer_list<QWidget*>{pressures_, tip_, calibration_, chart_}) {
       boxes->addWidget(box);
     }
@@ -538,7 +509,6 @@ class CockpitPanel : public rviz::Panel {
     connect(timer_, &QTimer::timeout, this, [this] { refresh(); });
     // Not where the field merely loses the focus: a name may be half typed.
     connect(namespace_, &QLineEdit::returnPressed, this, [this] { commit(); });
-    connect(connect_, &QPushButton::clicked, this, [this] { commit(); });
     connect(namespace_, &QLineEdit::textChanged, this, [this] { markNamespace(view()); });
   }
 
@@ -660,14 +630,6 @@ class CockpitPanel : public rviz::Panel {
     lookAt(view);
   }
 
-  void stop(bool engage) {
-    if (!link_ && engage) {
-      safety_->display({"Emergency stop", false, "the panel has no arm: " + headline(view()).cause,
-                        false, kStopByHand});
-    }
-    with([engage](auto& link) { link.emergencyStop(engage); });
-  }
-
   /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix,
   /// and places one that looks exactly at the base so that it shows all of the arm from its side
   /// (ArmCamera).
@@ -707,14 +669,6 @@ class CockpitPanel : public rviz::Panel {
     focus->setVector(Ogre::Vector3(static_cast<float>(next.focus.x()),
                                    static_cast<float>(next.focus.y()),
                                    static_cast<float>(next.focus.z())));
-  }
-
-  /// Runs an action of the link, if there is one.
-  template <class Action>
-  void with(const Action& action) {
-    if (!link_) return;
-    action(*link_);
-    refresh();
   }
 
   QLineEdit* namespace_;

@@ -91,14 +91,14 @@ QLabel* makeText(QWidget* parent, const char* name) {
   return label;
 }
 
-void showWords(QLabel* label, const std::string& text, Tone tone) {
-  const QString shown = QString::fromStdString(text);
+void showWords(QLabel* label, const ros_bridge::Words& words) {
+  const QString shown = QString::fromStdString(words.text);
   if (label->text() != shown) {
     label->setText(shown);
     if (dynamic_cast<FixedText*>(label) != nullptr) label->setToolTip(shown);
   }
   label->setVisible(!shown.isEmpty());
-  const QString style = "color: " + colorOf(tone).name() + ";";
+  const QString style = "color: " + colorOf(words.tone).name() + ";";
   if (label->styleSheet() != style) label->setStyleSheet(style);
 }
 

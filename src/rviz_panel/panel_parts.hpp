@@ -10,7 +10,6 @@
 #include <string>
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::rviz_panel {
 
@@ -47,7 +46,7 @@ QLabel* makeText(QWidget* parent, const char* name);
 
 /// Shows words in the colour of their tone; hides the label where there are none. A FixedText keeps
 /// its place.
-void showWords(QLabel* label, const std::string& text, ros_bridge::Tone tone);
+void showWords(QLabel* label, const ros_bridge::Words& words);
 
 /// Greys a widget out where its action is not possible, with the reason as its tooltip.
 /// @param what  tooltip where it is possible.

@@ -288,6 +288,9 @@ LAWS = {
     "python": [
         Law("Python: a scene is found again from another folder", "python_forward_test",
             "return str(pathlib.Path(path).absolute()) if path else path", "return path"),
+        Law("series: a ramp ends where the hold begins", "python_nodes_test",
+            "return self._from + self._time / self._ramp * (to - self._from)",
+            "return self._from + self._time / (self._ramp + self._hold) * (to - self._from)"),
         Law("Python: a negative number of threads is refused", "python_bad_input_test",
             "basics::require(threads >= 0 && threads <= kMostThreads,",
             "basics::require(threads >= -1 && threads <= kMostThreads,"),

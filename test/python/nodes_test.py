@@ -179,8 +179,9 @@ class FileTest(unittest.TestCase):
                                   ("samples.csv", b"# recorded of scene demo, 2026\n"),
                                   ("run.png", b"\x89PNG Software helix_arm plot_report")):
                 self.assertEqual(refusal(name, content), "")
+            writer = b"helix_arm plot_report"
             for name, content in (("data.csv", b"a,b\n"), ("short.csv", b"# recorded"), ("foreign.png", b"\x89PNG somebody"),
-                                  ("named.png", b"helix_arm plot_report"), ("hidden.png", b"\x89PNG" + 300 * b" " + b"helix_arm plot_report")):
+                                  ("named.png", writer), ("hidden.png", b"\x89PNG" + 300 * b" " + writer)):
                 self.assertIn("exists and was not written by this package", refusal(name, content))
             os.symlink(os.path.join(folder, "data.csv"), os.path.join(folder, "link.csv"))
             self.assertIn("exists and was not", refusal("link.csv"))

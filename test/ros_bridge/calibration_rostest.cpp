@@ -8,7 +8,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/rig.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {

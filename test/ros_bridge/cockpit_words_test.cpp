@@ -1,7 +1,7 @@
 // What the cockpit says of an arm, and what it offers.
-#include "ros_bridge/cockpit/cockpit_words.hpp"
-
 #include <gtest/gtest.h>
+
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -168,7 +168,7 @@ TEST(Possibility, OnlyACalibrationThatSucceededCanBeUsed) {
   EXPECT_FALSE(mayUse(view).possible());
   view.calibration.ended = true;
   EXPECT_FALSE(mayUse(view).possible());
-  view.calibration.success = true;
+  view.calibration.result.success = true;
   EXPECT_TRUE(mayUse(view).possible());
   view.calibration.is_loaded = true;
   EXPECT_FALSE(mayUse(view).possible()) << "a second time meanwhile";
@@ -177,18 +177,30 @@ TEST(Possibility, OnlyACalibrationThatSucceededCanBeUsed) {
   EXPECT_FALSE(mayUse(view).possible());
 }
 
+void determine(RunCalibrationResult& result, const char* name, double initial, double value,
+               double error, bool known) {
+  result.names.emplace_back(name);
+  result.units.emplace_back("");
+  result.initial.push_back(initial);
+  result.values.push_back(value);
+  result.standard_errors.push_back(error);
+  result.identifiable.push_back(known);
+}
+
 TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
   CockpitView view = enabled();
-  view.calibration.ended = view.calibration.success = true;
-  view.calibration.tip_error_before = 0.0143;
-  view.calibration.tip_error_after = 0.00104;
-  view.calibration.parameters = {"K_kappa 9.8e-05 -> 1.05e-04 +- 2e-06 m^2"};
+  view.calibration.ended = true;
+  view.calibration.result.success = true;
+  RunCalibrationResult& result = view.calibration.result;
+  result.tip_error_before = 0.0143;
+  result.tip_error_after = 0.00104;
+  determine(result, "K_kappa", 9.8e-5, 1.05e-4, 2e-6, true);
   const Words words = calibrationWords(view);
   EXPECT_EQ(words.text.find("tip error 14.30 mm before, 1.04 mm after"), 0U);
   EXPECT_NE(words.text.find("\nK_kappa"), std::string::npos);
   EXPECT_EQ(words.tone, Tone::kGood);
-  view.calibration.success = false;
-  view.calibration.message = "nothing was seen";
+  result.success = false;
+  result.message = "nothing was seen";
   EXPECT_EQ(calibrationWords(view).text, "failed: nothing was seen");
   EXPECT_EQ(calibrationWords(view).tone, Tone::kBad);
   view.calibration.cancelled = true;
@@ -198,9 +210,10 @@ TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
 
 TEST(Words, TheResultOfACalibrationTellsItsWarnings) {
   CockpitView view = enabled();
-  view.calibration.ended = view.calibration.success = true;
+  view.calibration.ended = true;
+  view.calibration.result.success = true;
   EXPECT_EQ(calibrationWarnings(view).text, "");
-  view.calibration.warnings = {"residuals are 3.3 times as large as the noise", "another"};
+  view.calibration.result.warnings = {"residuals are 3.3 times as large as the noise", "another"};
   EXPECT_EQ(calibrationWarnings(view).text,
             "warning: residuals are 3.3 times as large as the noise\nwarning: another");
   EXPECT_EQ(calibrationWarnings(view).tone, Tone::kCaution);
@@ -210,22 +223,14 @@ TEST(Words, TheResultOfACalibrationTellsItsWarnings) {
 
 TEST(Words, AParameterIsListedIfTheDataDeterminedIt) {
   RunCalibrationResult result;
-  const auto add = [&](const char* name, double initial, double value, double error, bool known) {
-    result.names.emplace_back(name);
-    result.units.emplace_back("");
-    result.initial.push_back(initial);
-    result.values.push_back(value);
-    result.standard_errors.push_back(error);
-    result.identifiable.push_back(known);
-  };
-  add("length_scale", 1, 1.014, 0.004, true);
-  add("K_gamma", 100, 100, 80, false);
-  add("base_x", 0, 0.001, 0.0001, true);
-  add("base_roll", 0, 0.001, 0.0001, true);
-  add("tag_7_along", 0, 0.001, 0.0001, true);
-  add("tag_7_across", 0, 0.001, 0.0001, true);
-  add("tag_12_along", 0, 0.001, 0.0001, true);
-  add("bleed", 0, 6.5e-5, 7.2e-5, true);
+  determine(result, "length_scale", 1, 1.014, 0.004, true);
+  determine(result, "K_gamma", 100, 100, 80, false);
+  determine(result, "base_x", 0, 0.001, 0.0001, true);
+  determine(result, "base_roll", 0, 0.001, 0.0001, true);
+  determine(result, "tag_7_along", 0, 0.001, 0.0001, true);
+  determine(result, "tag_7_across", 0, 0.001, 0.0001, true);
+  determine(result, "tag_12_along", 0, 0.001, 0.0001, true);
+  determine(result, "bleed", 0, 6.5e-5, 7.2e-5, true);
   EXPECT_EQ(parameterLines(result),
             (std::vector<std::string>{"length_scale 1 -> 1.014 +- 0.004", "pose of the base",
                                       "places of 2 tags", "not distinguishable from 0: bleed"}));

@@ -9,7 +9,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "ros_bridge/cockpit/arm_camera.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/follow/loop_publisher.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/shape_publisher.hpp"

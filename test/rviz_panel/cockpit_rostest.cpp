@@ -27,7 +27,7 @@
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/io/scene.hpp"
 #include "panel_window.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
+#include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "rviz_panel/panel_parts.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"

@@ -120,25 +120,19 @@ class JobSlot {
     kFit,  ///< the fit of a service
   };
 
-  /// Holds the slot as long as it lives.
-  class Claim {
-   public:
-    /// @throws std::invalid_argument naming the job that is under way.
-    Claim(JobSlot& slot, Job job) : slot_(slot) {
-      const basics::MutexLock lock(slot_.mutex_);
-      slot_.requireIdle();
-      slot_.job_ = job;
-    }
-    ~Claim() {
-      const basics::MutexLock lock(slot_.mutex_);
-      slot_.job_ = Job::kNone;
-    }
-    Claim(const Claim&) = delete;
-    Claim& operator=(const Claim&) = delete;
+  /// Holds the slot until its last copy ends.
+  using Claim = std::shared_ptr<void>;
 
-   private:
-    JobSlot& slot_;
-  };
+  /// @throws std::invalid_argument naming the job that is under way.
+  Claim claim(Job job) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    requireIdle();
+    job_ = job;
+    return Claim(nullptr, [this](void*) {
+      const basics::MutexLock end(mutex_);
+      job_ = Job::kNone;
+    });
+  }
 
   /// run_calibration is under way
   bool runs() const HELIX_ARM_EXCLUDES(mutex_) {
@@ -375,19 +369,18 @@ class RunAction {
 
   // Thread of the action.
   void onGoal(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
-    std::optional<JobSlot::Claim> claim;
+    JobSlot::Claim claim;
     RunCalibrationResult refused;
     refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
     answer(names::kRunCalibration, refused, [&] {
-      claim.emplace(jobs_, JobSlot::Job::kRun);
+      claim = jobs_.claim(JobSlot::Job::kRun);
       begin(goal);
       refused.success = true;
       refused.message = "begins";
     });
     if (!refused.success) {
       claim.reset();
-      server_->setAborted(refused, refused.message);
-      return;
+      return end(refused, false);
     }
     std::string why;
     if (!goal_guard_.run(
@@ -405,7 +398,8 @@ class RunAction {
             &why) &&
         server_->isActive()) {
       refused.success = false;
-      server_->setAborted(refused, why);
+      refused.message = why;
+      end(refused, false);
     }
     const basics::MutexLock lock(mutex_);
     motion_.reset();
@@ -537,12 +531,7 @@ class RunAction {
     if (ending.verdict != procedures::RunEnd::kCompleted) {
       result.message = ending.reason;
       logWarning("run_calibration: %s", result.message.c_str());
-      if (ending.verdict == procedures::RunEnd::kPreempted) {
-        server_->setPreempted(result, result.message);
-      } else {
-        server_->setAborted(result, result.message);
-      }
-      return;
+      return end(result, ending.verdict == procedures::RunEnd::kPreempted);
     }
     answer(names::kRunCalibration, result, [&] {
       const Recording recording = recorder_.recording();
@@ -559,13 +548,14 @@ class RunAction {
       const std::string out = calibrator_.scenePath(goal.out);
       fill(result, calibrator_.calibrate(request, data, out, cancelled), out);
     });
-    if (!result.success && server_->isPreemptRequested()) {
-      server_->setPreempted(result, result.message);
-    } else if (result.success) {
-      server_->setSucceeded(result, result.message);
-    } else {
-      server_->setAborted(result, result.message);
-    }
+    end(result, server_->isPreemptRequested());
+  }
+
+  void end(const RunCalibrationResult& result, bool preempted) {
+    const auto set = result.success ? &Server::setSucceeded
+                     : preempted    ? &Server::setPreempted
+                                    : &Server::setAborted;
+    (*server_.*set)(result, result.message);
   }
 
   const procedures::RunRules rules_;
@@ -737,7 +727,7 @@ class CalibrationNode : public Node {
     response.held_out_error = std::numeric_limits<double>::quiet_NaN();
     return answer(names::kCalibrate, response, [&] {
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit(jobs_, JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
       const procedures::CalibrationData data =
           request.data.empty() ? recorder_.recording().data()
                                : calibrator_.load(recorder_.scene(), request.data);
@@ -751,7 +741,7 @@ class CalibrationNode : public Node {
       const procedures::CalibrationRequest job = requestOf(request);
       const std::string path = calibrator_.tablePath(request.data);
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit(jobs_, JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
       const procedures::CalibrationData data =
           procedures::loadCalibrationData(recorder_.scene(), {path});
       basics::require(!data.lengths.empty(), path,

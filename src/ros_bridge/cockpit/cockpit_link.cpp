@@ -1,24 +1,188 @@
 #include "cockpit_link.hpp"
 
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
+#include <thread>
 
 #include <ros/master.h>
+#include <ros/names.h>
+#include <ros/param.h>
 #include <ros/service.h>
 #include <ros/this_node.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "helix_arm/Reload.h"
+#include "helix_arm/Save.h"
 #include "helix_arm/TipTarget.h"
+#include "helix_arm/basics/text.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+CallAnswer noAnswer(const std::string& what, const std::string& why) {
+  return {what, false, why, false};
+}
+
+// Of a file: digits and T, Z alone.
+std::string timeStamp() {
+  std::string out = procedures::utcNow();
+  out.erase(
+      std::remove_if(out.begin(), out.end(), [](unsigned char c) { return std::isalnum(c) == 0; }),
+      out.end());
+  return out;
+}
+
+}  // namespace
+
+// Shared with the threads of the calls, which may outlive the desk.
+struct CallDesk::State {
+  struct Waiting {
+    std::string what, remedy;
+    double limit;
+    Clock::time_point due;
+  };
+
+  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex) {
+    return std::count_if(waiting.begin(), waiting.end(),
+                         [&](const auto& one) { return one.second.what == what; });
+  }
+
+  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex) {
+    if (!answer.success) answer.remedy = remedy;
+    answers.push_back(std::move(answer));
+  }
+
+  /// Gives up on the calls that are late.
+  void look() HELIX_ARM_REQUIRES(mutex) {
+    for (auto it = waiting.begin(); it != waiting.end();) {
+      const auto& [what, remedy, limit, due] = it->second;
+      const bool late = due <= Clock::now();
+      if (late) {
+        tell(noAnswer(what, basics::format("no answer within %g s; is the node alive?", limit)),
+             remedy);
+      }
+      it = late ? waiting.erase(it) : std::next(it);
+    }
+  }
+
+  /// The call has ended; its answer counts unless it was given up on.
+  void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex) {
+    const basics::MutexLock lock(mutex);
+    look();
+    --running[answer.what];
+    const auto call = waiting.extract(ticket);
+    if (call) tell(answer, call.mapped().remedy);
+  }
+
+  basics::Mutex mutex;
+  std::uint64_t last_ticket HELIX_ARM_GUARDED_BY(mutex) = 0;
+  std::map<std::uint64_t, Waiting> waiting HELIX_ARM_GUARDED_BY(mutex);
+  std::map<std::string, int> running HELIX_ARM_GUARDED_BY(mutex);  ///< also those given up on
+  std::vector<CallAnswer> answers HELIX_ARM_GUARDED_BY(mutex);
+};
+
+CallDesk::CallDesk() : state_(std::make_shared<State>()) {}
+
+void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
+  std::uint64_t ticket = 0;
+  {
+    const basics::MutexLock lock(state_->mutex);
+    state_->look();
+    const bool many = state_->count(what) >= kMostWaiting;
+    if (many || state_->running[what] >= kMostRunning) {
+      const char* const why = many
+                                  ? "earlier calls still wait for their answers; is the node alive?"
+                                  : "too many calls hang; end the node that hangs";
+      return state_->tell(noAnswer(what, why), remedy);
+    }
+    ++state_->running[what];
+    ticket = ++state_->last_ticket;
+    const std::chrono::duration<double> time(limit);
+    const auto due = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
+    state_->waiting.emplace(ticket, State::Waiting{what, remedy, limit, due});
+  }
+  const auto run = [state = state_, what, ticket, call = std::move(call)] {
+    CallAnswer answer;
+    try {
+      answer = call();
+    } catch (const std::exception& fault) {
+      answer = noAnswer(what, fault.what());
+    }
+    answer.what = what;
+    state->end(ticket, answer);
+  };
+  try {
+    // Detached: nothing ends a call to a service that neither answers nor hangs up.
+    std::thread(run).detach();
+  } catch (const std::system_error& fault) {
+    state_->end(ticket, noAnswer(what, std::string("no thread for it: ") + fault.what()));
+  }
+}
+
+bool CallDesk::waits(const std::string& what) const {
+  const basics::MutexLock lock(state_->mutex);
+  state_->look();
+  return state_->count(what) > 0;
+}
+
+std::vector<CallAnswer> CallDesk::take() {
+  const basics::MutexLock lock(state_->mutex);
+  state_->look();
+  return std::exchange(state_->answers, {});
+}
+
+CallAnswer useLastCalibration(const std::string& ns) {
+  CallAnswer out;
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  const std::string save_name = ros::names::append(node, names::kSave);
+  if (!ros::service::call(save_name, save)) {
+    out.message = save_name + " is not there or does not answer";
+    out.answered = false;
+    return out;
+  }
+  if (!save.response.success) {
+    out.message = "not written: " + shownText(save.response.message);
+    return out;
+  }
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const bool called = ros::service::call(name, reload);
+    if (!called || !reload.response.success) {
+      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                    " is not loaded by " + user + ": " +
+                    (called ? shownText(reload.response.message) : "no answer");
+      return out;
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  out.success = !users.empty();
+  out.message = out.success ? save.request.path + " is used by " + users
+                            : save.request.path + " is written, but no node is up that loads it";
+  return out;
+}
 
 void HeldGoal::begin(double now, CockpitGoal goal) {
   if (goal_ == CockpitGoal::kNone) waits_since_.reset();
@@ -68,11 +232,11 @@ bool HeldGoal::turn(double now) {
 
 namespace {
 
-constexpr double kValueFresh = 1.0;    // older values are unknown [s]
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
 constexpr double kCallLimit = 3.0;     // [s]
 constexpr double kUseLimit = 60.0;     // loading scenes of loaded arms takes long [s]
+constexpr std::uint32_t kQueue = 100;  // of each topic
 
 double pressureOf(const PressureArray& array, const std::string& name) {
   const auto found = std::find(array.name.begin(), array.name.end(), name);
@@ -84,36 +248,15 @@ double pressureOf(const PressureArray& array, const std::string& name) {
 // Names of the calls that are not asked again while they wait.
 constexpr char kEnableCall[] = "Enable", kReleaseCall[] = "Release", kUseCall[] = "Use it";
 
-CallAnswer triggered(const std::string& what, const std::string& name) {
-  std_srvs::Trigger call;
-  if (!ros::service::call(name, call)) {
-    return {what, false, name + " is not there or does not answer", false};
+template <class Service>
+CallAnswer called(const std::string& name, Service service) {
+  if (!ros::service::call(name, service)) {
+    return noAnswer("", name + " is not there or does not answer");
   }
-  return {what, call.response.success != 0, shownText(call.response.message)};
+  return {"", service.response.success != 0, shownText(service.response.message)};
 }
 
-CallAnswer stopped(const std::string& what, const std::string& name, bool engage) {
-  std_srvs::SetBool stop;
-  stop.request.data = engage;
-  if (!ros::service::call(name, stop)) return {what, false, "no answer of " + name, false};
-  return {what, stop.response.success != 0, shownText(stop.response.message)};
-}
-
-// A call that a later wish of the user takes back: not sent, if there is still time, or undone.
-template <class Overtaken, class Call, class Undo>
-CallAnswer unlessOvertaken(const std::string& what, const Overtaken& overtaken, const Call& call,
-                           const Undo& undo) {
-  if (overtaken())
-    return {what, false, "not sent, since a stop or vent was clicked after it", false};
-  CallAnswer out = call();
-  // Without an answer it may have arrived, too.
-  if (!overtaken() || (out.answered && !out.success)) return out;
-  const CallAnswer undone = undo();
-  return {what, false, "undone, since a stop or vent was clicked after it: " + undone.message,
-          false};
-}
-
-constexpr std::size_t kMostChannels = 64, kMostWarnings = 8;
+constexpr std::size_t kMostChannels = 64;
 
 bool isSound(const PressureArray& array) {
   return !array.name.empty() && array.name.size() == array.pressure.size() &&
@@ -139,37 +282,37 @@ double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key
   return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
 }
 
-// The value of a key in kPa, in Pa.
-double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  return 1e3 * numberOf(status, key);
-}
-
 constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
 
 }  // namespace
 
-CockpitLink::CockpitLink(const std::string& ns)
-    : desk_([this](const CallAnswer& answer) { note(answer); }),
-      ns_(resolved(ns)),
-      node_(ns),
-      spinner_(1, &queue_) {
+template <class Message>
+void CockpitLink::hear(const char* topic, bool (CockpitLink::*take)(const Message&)) {
+  subscribers_.push_back(subscribeGuarded<Message>(
+      node_, topic, kQueue, [this, topic, take](const ros::MessageEvent<const Message>& event) {
+        const basics::MutexLock lock(mutex_);
+        if ((this->*take)(*event.getConstMessage())) came_[topic] = now();
+      }));
+}
+
+CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_) {
+  seen_.ns = resolved(ns);
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
-  using Link = CockpitLink;
-  subscribers_ = {listen(node_, names::kPressureCommand, 10, &Link::onCommand, this),
-                  listen(node_, names::kPressureMeasured, 10, &Link::onPressures, this),
-                  listen(node_, names::kSafetyState, 10, &Link::onSafety, this),
-                  listen(node_, names::kTargetStatus, 100, &Link::onStatus, this),
-                  listen(node_, names::kMeasured, 10, &Link::onMeasured, this),
-                  listen(node_, names::kModel, 10, &Link::onModel, this),
-                  listen(node_, names::kModelError, 10, &Link::onError, this),
-                  listen(node_, names::kVisualServoStatus, 10, &Link::onLoop, this),
-                  listen(node_, names::kErrorBudget, 10, &Link::onBudget, this),
-                  listen(node_, names::kDiagnostics, 10, &Link::onDiagnostics, this)};
+  hear(names::kPressureCommand, &CockpitLink::onCommand);
+  hear(names::kPressureMeasured, &CockpitLink::onPressures);
+  hear(names::kSafetyState, &CockpitLink::onSafety);
+  hear(names::kTargetStatus, &CockpitLink::onStatus);
+  hear(names::kMeasured, &CockpitLink::onMeasured);
+  hear(names::kModel, &CockpitLink::onModel);
+  hear(names::kModelError, &CockpitLink::onError);
+  hear(names::kVisualServoStatus, &CockpitLink::onLoop);
+  hear(names::kErrorBudget, &CockpitLink::onBudget);
+  hear(names::kDiagnostics, &CockpitLink::onDiagnostics);
   client_ = std::make_unique<Client>(
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
-  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &Link::onTurn, this);
+  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
   spinner_.start();
 }
 
@@ -180,117 +323,115 @@ CockpitView CockpitLink::view() {
   const basics::MutexLock lock(mutex_);
   held_.look(now());
   watchCalibration(there);
-  CockpitView out;
-  out.ns = ns_;
-  out.base_frame = base_frame_;
-  out.arm_length = arm_length_;
-  out.connected = command_.isFresh(kValueFresh);
+  CockpitView out = seen_;
+  out.connected = isFresh(names::kPressureCommand);
   out.tip_heard = tip_heard;
-  if (!safety_.value.state.empty()) out.safety = safety_.value;
+  if (out.safety && out.safety->state.empty()) out.safety.reset();
   out.channels = channels();
-  if (measured_tip_.isFresh(kValueFresh)) out.measured_tip = measured_tip_.value;
-  if (model_tip_.isFresh(kValueFresh)) out.model_tip = model_tip_.value;
-  if (tip_error_.isFresh(kValueFresh)) out.tip_error = tip_error_.value;
-  if (loop_.isFresh(kLoopFresh)) {
-    out.loop = loop_.value;
-    if (budget_sd_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_sd_.value;
+  if (!isFresh(names::kMeasured)) out.measured_tip.reset();
+  if (!isFresh(names::kModel)) out.model_tip.reset();
+  if (!isFresh(names::kModelError)) out.tip_error = kUnknown;
+  if (!isFresh(names::kVisualServoStatus, kLoopFresh)) {
+    out.loop.reset();
+  } else if (isFresh(names::kErrorBudget, kLoopFresh)) {
+    out.loop->budget_sd = budget_sd_;
   }
   out.goal = held_.goal();
   out.held = held_.pressures();
   out.answer = held_.answer();
   out.refused = held_.refused();
   out.short_of = held_.shortOf();
-  out.target_timeout = target_timeout_;
-  out.calibration = calibration_;
   out.calibration.there = there;
   out.calibration.is_loaded = is_loaded;
   return out;
 }
 
+bool CockpitLink::isFresh(const char* topic, double longest) const {
+  const auto came = came_.find(topic);
+  return came != came_.end() && now() - came->second < longest;
+}
+
 std::vector<CockpitChannel> CockpitLink::channels() const {
-  const bool commanded = command_.isFresh(kValueFresh), measured = pressures_.isFresh(kValueFresh);
+  const bool commanded = isFresh(names::kPressureCommand);
+  const bool measured = isFresh(names::kPressureMeasured);
   std::vector<CockpitChannel> out;
-  for (const std::string& name : command_.value.name) {
-    CockpitChannel channel;
+  for (const std::string& name : command_.name) {
+    CockpitChannel& channel = out.emplace_back();
     channel.name = shownText(name);
-    if (commanded) channel.command = pressureOf(command_.value, name);
-    if (measured) channel.measured = pressureOf(pressures_.value, name);
+    if (commanded) channel.command = pressureOf(command_, name);
+    if (measured) channel.measured = pressureOf(pressures_, name);
     const auto limits = limits_.find(name);
-    if (limits != limits_.end()) {
-      channel.lower = limits->second[0];
-      channel.upper = limits->second[1];
-    }
-    out.push_back(std::move(channel));
+    if (limits == limits_.end()) continue;
+    channel.lower = limits->second[0];
+    channel.upper = limits->second[1];
   }
   return out;
 }
 
-void CockpitLink::enable() {
-  if (desk_.waits(kEnableCall)) return;
-  const auto overtaken = [asked = asked_, vents = asked_->vents.load()] {
-    return asked->vents != vents;
+CallDesk::Call CockpitLink::triggers(const char* service) const {
+  return [name = serviceOf(service)] { return called(name, std_srvs::Trigger()); };
+}
+
+CallDesk::Call CockpitLink::stops(bool engage) const {
+  std_srvs::SetBool stop;
+  stop.request.data = engage;
+  return [name = serviceOf(names::kEmergencyStop), stop] { return called(name, stop); };
+}
+
+void CockpitLink::askUnlessOvertaken(const char* what, std::atomic<std::uint64_t> Asked::*later,
+                                     const CallDesk::Call& call, const CallDesk::Call& undo) {
+  if (desk_.waits(what)) return;
+  const auto overtaken = [asked = asked_, later, before = ((*asked_).*later).load()] {
+    return (*asked).*later != before;
   };
-  desk_.ask(kEnableCall, kCallLimit,
-            [overtaken, enable = serviceOf(names::kPressureCommandNode, names::kEnable),
-             vent = serviceOf(names::kPressureCommandNode, names::kVent)] {
-              return unlessOvertaken(
-                  kEnableCall, overtaken, [&] { return triggered(kEnableCall, enable); },
-                  [&] { return triggered(kEnableCall, vent); });
-            });
+  desk_.ask(what, kCallLimit, [overtaken, call, undo] {
+    const std::string since = ", since a stop or vent was clicked after it";
+    if (overtaken()) return noAnswer("", "not sent" + since);
+    CallAnswer out = call();
+    // Without an answer it may have arrived, too.
+    if (!overtaken() || (out.answered && !out.success)) return out;
+    return noAnswer("", "undone" + since + ": " + undo().message);
+  });
+}
+
+void CockpitLink::enable() {
+  askUnlessOvertaken(kEnableCall, &Asked::vents, triggers(names::kEnable), triggers(names::kVent));
 }
 
 void CockpitLink::vent() {
   ++asked_->vents;
-  desk_.ask("Vent", kCallLimit, [name = serviceOf(names::kPressureCommandNode, names::kVent)] {
-    return triggered("Vent", name);
-  });
+  desk_.ask("Vent", kCallLimit, triggers(names::kVent));
   const basics::MutexLock lock(mutex_);
-  if (held_.goal() != CockpitGoal::kNone) held_.end("the arm was vented");
+  held_.end("the arm was vented");
 }
 
 void CockpitLink::emergencyStop(bool engage) {
-  const std::string name = serviceOf(names::kPressureCommandNode, names::kEmergencyStop);
-  if (engage) {
-    ++asked_->stops;
-    ++asked_->vents;
-    const auto stop = [name] { return stopped("Emergency stop", name, true); };
-    desk_.ask("Emergency stop", kCallLimit, stop, kStopByHand);
-    const basics::MutexLock lock(mutex_);
-    if (held_.goal() != CockpitGoal::kNone) held_.end("the emergency stop was engaged");
-    return;
-  }
-  if (desk_.waits(kReleaseCall)) return;
-  const auto overtaken = [asked = asked_, stops = asked_->stops.load()] {
-    return asked->stops != stops;
-  };
-  desk_.ask(kReleaseCall, kCallLimit, [overtaken, name] {
-    return unlessOvertaken(
-        kReleaseCall, overtaken, [&] { return stopped(kReleaseCall, name, false); },
-        [&] { return stopped(kReleaseCall, name, true); });
-  });
+  if (!engage) return askUnlessOvertaken(kReleaseCall, &Asked::stops, stops(false), stops(true));
+  ++asked_->stops;
+  ++asked_->vents;
+  desk_.ask("Emergency stop", kCallLimit, stops(true), kStopByHand);
+  const basics::MutexLock lock(mutex_);
+  held_.end("the emergency stop was engaged");
 }
 
 void CockpitLink::hold(bool on) {
   {
     const basics::MutexLock lock(mutex_);
+    const bool holds = held_.goal() != CockpitGoal::kNone;
+    if (holds == on || (on && !isFresh(names::kPressureCommand))) return;
     if (on) {
-      if (held_.goal() != CockpitGoal::kNone || !command_.isFresh(kValueFresh)) return;
-      held_.holdPressures(now(), command_.value.pressure);
-      send();
-      return;
+      held_.holdPressures(now(), command_.pressure);
+      return send();
     }
-    if (held_.goal() == CockpitGoal::kNone) return;
     held_.end("let go: the arm ramps down to rest");
   }
-  desk_.ask("Let go", kCallLimit, [name = serviceOf(names::kPressureCommandNode, names::kRest)] {
-    return triggered("Let go", name);
-  });
+  desk_.ask("Let go", kCallLimit, triggers(names::kRest));
 }
 
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
   const basics::MutexLock lock(mutex_);
   std::vector<double> goal =
-      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.value.pressure;
+      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
   held_.holdPressures(now(), std::move(goal));
@@ -301,7 +442,7 @@ void CockpitLink::send() {
   if (held_.goal() == CockpitGoal::kPressures) {
     PressureArray target;
     target.header.stamp = ros::Time::now();
-    target.name = command_.value.name;
+    target.name = command_.name;
     target.pressure = held_.pressures();
     pressure_publisher_.publish(target);
   } else if (held_.goal() == CockpitGoal::kTip) {
@@ -321,9 +462,9 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   std::uint64_t run = 0;
   {
     const basics::MutexLock lock(mutex_);
-    if (calibration_.running) return;
-    calibration_ = {};
-    calibration_.running = true;
+    if (seen_.calibration.running) return;
+    seen_.calibration = {};
+    seen_.calibration.running = true;
     calibrator_seen_ = now();
     run = ++runs_;
   }
@@ -337,16 +478,20 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
         onResult(run, result.get(), state);
       },
       Client::SimpleActiveCallback(),
-      [this, run](const RunCalibrationFeedbackConstPtr& feedback) { onFeedback(run, *feedback); });
+      [this, run](const RunCalibrationFeedbackConstPtr& feedback) {
+        const basics::MutexLock lock(mutex_);
+        if (isUnderWay(run)) seen_.calibration.progress = *feedback;
+      });
 }
 
 // A client of an action is not told that its server died.
 void CockpitLink::watchCalibration(bool there) {
   if (there) calibrator_seen_ = now();
-  if (!calibration_.running || now() - calibrator_seen_ < kValueFresh) return;
-  calibration_.running = false;
-  calibration_.ended = true;
-  calibration_.message = "the calibration node is gone; start it, then click Start again";
+  if (!seen_.calibration.running || now() - calibrator_seen_ < kFresh) return;
+  seen_.calibration.running = false;
+  seen_.calibration.ended = true;
+  seen_.calibration.result.message =
+      "the calibration node is gone; start it, then click Start again";
 }
 
 void CockpitLink::useCalibration() {
@@ -354,202 +499,158 @@ void CockpitLink::useCalibration() {
   desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
 }
 
-// What CockpitLink hears.
-
-void CockpitLink::onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback) {
-  const basics::MutexLock lock(mutex_);
-  if (run != runs_ || !calibration_.running) return;
-  calibration_.step = feedback.step;
-  calibration_.steps = feedback.steps;
-  calibration_.samples = feedback.samples;
-  calibration_.state = shownText(feedback.state);
-}
-
 void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result,
                            const actionlib::SimpleClientGoalState& ending) {
   const basics::MutexLock lock(mutex_);
-  if (run != runs_ || !calibration_.running) return;  // it was given up on
-  calibration_.running = false;
-  calibration_.ended = true;
-  calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
-  if (result == nullptr) {
-    calibration_.message = "the calibration node ended (" + ending.toString() + ")";
-    return;
+  if (!isUnderWay(run)) return;  // it was given up on
+  CockpitCalibration& calibration = seen_.calibration;
+  calibration.running = false;
+  calibration.ended = true;
+  calibration.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
+  calibration.result.message = "the calibration node ended (" + ending.toString() + ")";
+  if (result != nullptr) calibration.result = *result;
+}
+
+bool CockpitLink::onCommand(const PressureArray& message) {
+  if (!isSound(message)) return false;
+  if (message.name != command_.name) held_.end("the arm has other actuators now");
+  command_ = message;
+  return true;
+}
+
+bool CockpitLink::onPressures(const PressureArray& message) {
+  if (!isSound(message)) return false;
+  pressures_ = message;
+  return true;
+}
+
+bool CockpitLink::onSafety(const SafetyState& message) {
+  SafetyState& safety = seen_.safety.emplace(message);
+  for (std::string* const text : {&safety.state, &safety.cause, &safety.problem, &safety.action,
+                                  &safety.remedy, &safety.reason}) {
+    *text = shownText(*text);
   }
-  calibration_.success = result->success != 0;
-  calibration_.message = shownText(result->message);
-  calibration_.tip_error_before = result->tip_error_before;
-  calibration_.tip_error_after = result->tip_error_after;
-  calibration_.parameters = parameterLines(*result);
-  calibration_.warnings.clear();
-  for (const std::string& warning : result->warnings) {
-    if (calibration_.warnings.size() == kMostWarnings) break;
-    calibration_.warnings.push_back(shownText(warning));
-  }
+  held_.noteState(message.state == SafetyState::ENABLED, safety.reason);
+  return true;
 }
 
-void CockpitLink::onCommand(const PressureArrayConstPtr& message) {
-  if (!isSound(*message)) return;
-  const basics::MutexLock lock(mutex_);
-  if (message->name != command_.value.name) {
-    if (held_.goal() != CockpitGoal::kNone) held_.end("the arm has other actuators now");
-  }
-  command_.set(*message);
-}
-
-void CockpitLink::onPressures(const PressureArrayConstPtr& message) {
-  if (!isSound(*message)) return;
-  const basics::MutexLock lock(mutex_);
-  pressures_.set(*message);
-}
-
-void CockpitLink::onSafety(const SafetyStateConstPtr& message) {
-  CockpitSafety safety;
-  safety.state = shownText(message->state);
-  safety.cause = shownText(message->cause);
-  safety.problem = shownText(message->problem);
-  safety.action = shownText(message->action);
-  safety.remedy = shownText(message->remedy);
-  safety.reason = shownText(message->reason);
-  safety.resting = message->resting != 0;
-  safety.stopped = message->stopped != 0;
-  safety.vent_overdue = message->vent_overdue != 0;
-  const basics::MutexLock lock(mutex_);
-  held_.noteState(message->state == SafetyState::ENABLED, safety.reason);
-  safety_.set(std::move(safety));
-}
-
-void CockpitLink::onStatus(const TargetStatusConstPtr& message) {
-  if (message->commander != ros::this_node::getName()) return;
-  const basics::MutexLock lock(mutex_);
+bool CockpitLink::onStatus(const TargetStatus& message) {
   const char* const topic =
       held_.goal() == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
-  if (message->topic != topic) return;
-  const bool reached = message->outcome == TargetStatus::REACHED;
-  held_.noteAnswer(now(), message->outcome == TargetStatus::DROPPED, message->fault,
-                   reached ? "reached" : shownText(message->message));
-  if (message->outcome == TargetStatus::UNREACHABLE) held_.noteShort();
+  if (message.commander != ros::this_node::getName() || message.topic != topic) return false;
+  const bool reached = message.outcome == TargetStatus::REACHED;
+  held_.noteAnswer(now(), message.outcome == TargetStatus::DROPPED, message.fault,
+                   reached ? "reached" : shownText(message.message));
+  if (message.outcome == TargetStatus::UNREACHABLE) held_.noteShort();
+  return true;
 }
 
-void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  measured_tip_.set(tipPositionOf(*message));
+bool CockpitLink::onMeasured(const ArmShape& message) {
+  seen_.measured_tip = tipPositionOf(message);
+  return true;
 }
 
-void CockpitLink::onModel(const ArmShapeConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  model_tip_.set(tipPositionOf(*message));
-  base_frame_ = shownText(message->header.frame_id);
-  if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
+bool CockpitLink::onModel(const ArmShape& message) {
+  seen_.model_tip = tipPositionOf(message);
+  seen_.base_frame = shownText(message.header.frame_id);
+  if (!std::isfinite(seen_.arm_length)) seen_.arm_length = lengthOf(message);
+  return true;
 }
 
-void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
-  CockpitLoop loop;
-  loop.state = shownText(message->state);
-  loop.message = shownText(message->message);
-  if (message->has_wanted) loop.error = message->error;
-  if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
-  const basics::MutexLock lock(mutex_);
-  loop_.set(std::move(loop));
+bool CockpitLink::onError(const ModelError& message) {
+  seen_.tip_error = message.tip_error;
+  return true;
 }
 
-void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
+bool CockpitLink::onLoop(const LoopStatus& message) {
+  seen_.loop = CockpitLoop{shownText(message.state), shownText(message.message)};
+  if (message.has_wanted) seen_.loop->error = message.error;
+  if (message.has_predicted) seen_.loop->predicted_sd = message.predicted_sd;
+  return true;
+}
+
+bool CockpitLink::onBudget(const ErrorBudget& message) {
+  budget_sd_ = message.predicted_sd;
+  return true;
+}
+
+bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) {
   const std::string node = node_.resolveName(names::kPressureCommandNode);
   const std::string start = statusName(node, names::kChannelStatus);
   const std::string safety = statusName(node, names::kSafetyStatus);
-  const basics::MutexLock lock(mutex_);
-  for (const auto& status : message->status) {
-    if (status.name == safety) target_timeout_ = numberOf(status, names::kTargetTimeoutKey);
+  for (const auto& status : message.status) {
+    if (status.name == safety) seen_.target_timeout = numberOf(status, names::kTargetTimeoutKey);
     if (status.name.compare(0, start.size(), start) != 0) continue;
     const std::string name = status.name.substr(start.size());
-    const bool known = limits_.count(name) > 0 || limits_.size() < kMostChannels;
-    if (known) {
-      limits_[name] = {pascalsOf(status, names::kLowerLimitKey),
-                       pascalsOf(status, names::kUpperLimitKey)};
-    }
+    if (limits_.count(name) == 0 && limits_.size() >= kMostChannels) continue;
+    limits_[name] = {1e3 * numberOf(status, names::kLowerLimitKey),
+                     1e3 * numberOf(status, names::kUpperLimitKey)};
   }
+  return true;
 }
 
-// Shared with the thread, which may outlive the builder.
-struct LinkBuilder::State {
+// Shared with its thread, which may outlive the builder.
+struct LinkBuilder::Attempt {
+  explicit Attempt(std::string of_arm) : ns(std::move(of_arm)) {}
+
   void work() HELIX_ARM_EXCLUDES(mutex) {
-    basics::MutexLock lock(mutex);
-    while (!wish.empty()) {
-      const std::string ns = wish;
-      lock.unlock();
-      const bool answers = masterAnswers();
-      std::unique_ptr<CockpitLink> link;
-      std::exception_ptr thrown;
-      try {
-        if (answers) link = std::make_unique<CockpitLink>(ns);
-      } catch (const std::exception&) {
-        thrown = std::current_exception();
-      }
-      lock.lock();
-      silent = !answers;
-      if (silent) {
-        changed.waitFor(lock, kAskAgain, [&]() HELIX_ARM_REQUIRES(mutex) { return wish != ns; });
-      } else if (wish == ns) {
-        made = std::move(link);
-        fault = thrown;
-        wish.clear();
-      } else {
-        lock.unlock();
-        link.reset();
-        lock.lock();
-      }
+    while (!masterAnswers()) {
+      silent = true;
+      std::this_thread::sleep_for(kAskAgain);
+      if (cancelled) return;
     }
-    works = false;
+    silent = false;
+    std::unique_ptr<CockpitLink> link;
+    std::exception_ptr thrown;
+    try {
+      if (!cancelled) link = std::make_unique<CockpitLink>(ns);
+    } catch (const std::exception&) {
+      thrown = std::current_exception();
+    }
+    const basics::MutexLock lock(mutex);
+    if (cancelled) return;  // the link ends after the lock
+    made = std::move(link);
+    fault = thrown;
+    done = true;
   }
 
+  const std::string ns;  ///< resolved
+  std::atomic<bool> cancelled{false}, silent{false}, done{false};
   basics::Mutex mutex;
-  basics::Condition changed;
-  std::string wish HELIX_ARM_GUARDED_BY(mutex);  ///< resolved namespace; empty: none
-  bool works HELIX_ARM_GUARDED_BY(mutex) = false;
-  bool silent HELIX_ARM_GUARDED_BY(mutex) = false;  ///< the master did not answer
   std::unique_ptr<CockpitLink> made HELIX_ARM_GUARDED_BY(mutex);
   std::exception_ptr fault HELIX_ARM_GUARDED_BY(mutex);
 };
 
-LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
-
 void LinkBuilder::begin(const std::string& ns) {
-  const std::string resolved = CockpitLink::resolved(ns);
+  const auto next = std::make_shared<Attempt>(CockpitLink::resolved(ns));
   cancel();
-  const basics::MutexLock lock(state_->mutex);
-  state_->wish = resolved;
-  state_->silent = false;
-  if (state_->works) return;
-  std::thread([state = state_] { state->work(); }).detach();
-  state_->works = true;
+  std::thread([next] { next->work(); }).detach();
+  attempt_ = next;
 }
 
 void LinkBuilder::cancel() {
-  std::unique_ptr<CockpitLink> unwanted;
+  if (!attempt_) return;
   {
-    const basics::MutexLock lock(state_->mutex);
-    state_->wish.clear();
-    state_->fault = nullptr;
-    unwanted = std::move(state_->made);
-    state_->changed.notifyAll();
+    const basics::MutexLock lock(attempt_->mutex);
+    attempt_->cancelled = true;
+    end(std::move(attempt_->made));
   }
-  end(std::move(unwanted));
+  attempt_.reset();
 }
 
 std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  const basics::MutexLock lock(state_->mutex);
-  if (state_->fault) std::rethrow_exception(std::exchange(state_->fault, nullptr));
-  return std::move(state_->made);
+  if (!attempt_) return nullptr;
+  const basics::MutexLock lock(attempt_->mutex);
+  if (attempt_->fault) std::rethrow_exception(std::exchange(attempt_->fault, nullptr));
+  return std::move(attempt_->made);
 }
 
 std::string LinkBuilder::connectingTo() const {
-  const basics::MutexLock lock(state_->mutex);
-  return state_->wish;
+  return attempt_ && !attempt_->done ? attempt_->ns : "";
 }
 
 std::string LinkBuilder::silentMaster() const {
-  const basics::MutexLock lock(state_->mutex);
-  return state_->silent && !state_->wish.empty() ? ros::master::getURI() : "";
+  return attempt_ && attempt_->silent ? ros::master::getURI() : "";
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -19,7 +20,6 @@
 #include <ros/steady_timer.h>
 
 #include "cockpit_view.hpp"
-#include "cockpit_words.hpp"
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/LoopStatus.h"
@@ -29,8 +29,49 @@
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
+/// those that do not answer in time.
+///
+/// Calls do not wait for each other: a service that hangs delays no emergency stop. A call that was
+/// given up on may still end later; its answer is then dropped.
+class CallDesk {
+ public:
+  /// Makes the call in a thread of its own; what it throws is the answer.
+  using Call = std::function<CallAnswer()>;
+
+  /// At most so many calls of one name wait for an answer; further ones are refused. Those given up
+  /// on do not count: a fifth emergency stop still goes out to a node that has come back.
+  static constexpr int kMostWaiting = 4;
+  /// At most so many calls of one name have a thread, with those that were given up on.
+  static constexpr int kMostRunning = 64;
+
+  CallDesk();
+
+  /// @param what     name of the call in its answer.
+  /// @param limit    time in which it must answer, > 0 [s].
+  /// @param call     Must not refer to anything that may end before it.
+  /// @param remedy   of its answer, however the call fails.
+  void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
+  /// Whether a call of this name waits for its answer; one that was given up on does not.
+  bool waits(const std::string& what) const;
+  /// The answers since the last time: one per call that has ended or was given up on.
+  std::vector<CallAnswer> take();
+
+ private:
+  struct State;
+  const std::shared_ptr<State> state_;
+};
+
+/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
+///
+/// @param ns  resolved namespace of the arm's nodes.
+CallAnswer useLastCalibration(const std::string& ns);
 
 /// What the cockpit repeats as its target: pressures or a tip. Decides when the repetition ends,
 /// so that the cockpit never moves an arm again that vented, or that somebody else has. No clock:
@@ -58,6 +99,7 @@ class HeldGoal {
   }
   /// @param why  shown to the user; may be empty.
   void end(const std::string& why) {
+    if (goal_ == CockpitGoal::kNone) return;
     goal_ = CockpitGoal::kNone;
     answer_ = why;
     refused_ = short_of_ = false;
@@ -75,8 +117,7 @@ class HeldGoal {
   void look(double now) { last_look_ = now; }
   /// The state of the arm.
   void noteState(bool enabled, const std::string& reason) {
-    if (goal_ == CockpitGoal::kNone || enabled) return;
-    end("the hold ended with the arm: " + reason);
+    if (!enabled) end("the hold ended with the arm: " + reason);
   }
   /// An answer to one of its targets.
   /// @param dropped  whether it was dropped.
@@ -137,10 +178,7 @@ class CockpitLink {
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Answers of the services that came since the last call.
-  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_) {
-    const basics::MutexLock lock(answers_mutex_);
-    return std::exchange(answers_, {});
-  }
+  std::vector<CallAnswer> takeAnswers() { return desk_.take(); }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
   void enable();
@@ -171,40 +209,31 @@ class CockpitLink {
     std::atomic<std::uint64_t> stops{0}, vents{0};
   };
 
+  static constexpr double kFresh = 1.0;  ///< older values are unknown [s]
+
   static double now() { return ros::SteadyTime::now().toSec(); }
 
-  /// A value and when it came [s].
-  template <class T>
-  struct Dated {
-    T value{};
-    double time = -1e9;
-    void set(T next) {
-      value = std::move(next);
-      time = now();
-    }
-    bool isFresh(double longest) const { return now() - time < longest; }
-  };
+  /// Subscribes.
+  /// @param take  called with the lock; returns whether the message counts.
+  template <class Message>
+  void hear(const char* topic, bool (CockpitLink::*take)(const Message&));
+  bool onCommand(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onPressures(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onSafety(const SafetyState& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onMeasured(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onModel(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onError(const ModelError& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onLoop(const LoopStatus& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onBudget(const ErrorBudget& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
+  /// Whether the last message of a topic that counts came so lately [s].
+  bool isFresh(const char* topic, double longest = kFresh) const HELIX_ARM_REQUIRES(mutex_);
 
-  void onCommand(const PressureArrayConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onPressures(const PressureArrayConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onSafety(const SafetyStateConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onStatus(const TargetStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onMeasured(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onModel(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onError(const ModelErrorConstPtr& message) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    tip_error_.set(message->tip_error);
+  /// @param run  of a calibration, as runs_ was at its start.
+  bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
+    return run == runs_ && seen_.calibration.running;
   }
-  void onLoop(const LoopStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
-  void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    budget_sd_.set(message->predicted_sd);
-  }
-  void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
-      HELIX_ARM_EXCLUDES(mutex_);
-  void onFeedback(std::uint64_t run, const RunCalibrationFeedback& feedback)
-      HELIX_ARM_EXCLUDES(mutex_);
-  /// @param run  of which it is, as runs_ was at its start.
   void onResult(std::uint64_t run, const RunCalibrationResult* result,
                 const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
@@ -212,41 +241,34 @@ class CockpitLink {
     if (held_.turn(now())) send();
   }
 
-  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_) {
-    const basics::MutexLock lock(answers_mutex_);
-    answers_.push_back(answer);
-  }
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
   void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
-  std::string serviceOf(const std::string& node, const std::string& name) const {
-    return node_.resolveName(node + "/" + name);
-  }
 
-  basics::Mutex answers_mutex_;
-  std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
+  // Calls of the services of pressure_command.
+  std::string serviceOf(const char* name) const {
+    return node_.resolveName(std::string(names::kPressureCommandNode) + "/" + name);
+  }
+  CallDesk::Call triggers(const char* service) const;
+  CallDesk::Call stops(bool engage) const;
+  /// Asks for a call that a later wish of the user takes back: it is not sent, if there is still
+  /// time, or undone.
+  void askUnlessOvertaken(const char* what, std::atomic<std::uint64_t> Asked::*later,
+                          const CallDesk::Call& call, const CallDesk::Call& undo);
+
   CallDesk desk_;
   const std::shared_ptr<Asked> asked_ = std::make_shared<Asked>();
-  const std::string ns_;  ///< resolved
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
   ros::Publisher pressure_publisher_, tip_publisher_;
 
   basics::Mutex mutex_;
-  Dated<PressureArray> command_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<PressureArray> pressures_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<CockpitSafety> safety_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<std::vector<double>> measured_tip_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<std::vector<double>> model_tip_ HELIX_ARM_GUARDED_BY(mutex_);
-  std::string base_frame_ HELIX_ARM_GUARDED_BY(mutex_);
-  double arm_length_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;  ///< [m]
-  Dated<double> tip_error_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<CockpitLoop> loop_ HELIX_ARM_GUARDED_BY(mutex_);
-  Dated<double> budget_sd_ HELIX_ARM_GUARDED_BY(mutex_);
+  CockpitView seen_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of each topic, what came last
+  std::map<std::string, double> came_ HELIX_ARM_GUARDED_BY(mutex_);  ///< when, by topic [s]
+  PressureArray command_ HELIX_ARM_GUARDED_BY(mutex_), pressures_ HELIX_ARM_GUARDED_BY(mutex_);
+  double budget_sd_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                          ///< [m]
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
-  double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                     ///< [s]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
-  CockpitCalibration calibration_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started
   double calibrator_seen_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< when its node was there [s]
 
@@ -260,7 +282,7 @@ class CockpitLink {
 /// for a link must not wait for one that is gone or hangs. No function waits.
 class LinkBuilder {
  public:
-  LinkBuilder();
+  LinkBuilder() = default;
   /// What is under way ends in its own time.
   ~LinkBuilder() { cancel(); }
   LinkBuilder(const LinkBuilder&) = delete;
@@ -286,8 +308,8 @@ class LinkBuilder {
   static void end(std::unique_ptr<CockpitLink> link);
 
  private:
-  struct State;
-  const std::shared_ptr<State> state_;
+  struct Attempt;
+  std::shared_ptr<Attempt> attempt_;  ///< the last one; null if it was given up on
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,11 +1,16 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <deque>
 #include <limits>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "helix_arm/RunCalibrationFeedback.h"
+#include "helix_arm/RunCalibrationResult.h"
+#include "helix_arm/SafetyState.h"
 
 namespace helix_arm::ros_bridge {
 
@@ -18,17 +23,6 @@ struct CockpitChannel {
   double measured = kUnknown;  ///< reading, gauge [Pa]
   double lower = kUnknown;     ///< limits of the command, gauge [Pa]
   double upper = kUnknown;
-};
-
-/// safety_state.
-struct CockpitSafety {
-  std::string state;  ///< disabled, enabled, fault or vented
-  std::string cause;  ///< none, stale_target, ...
-  std::string problem, action, remedy;
-  std::string reason;  ///< all of it in a line
-  bool resting = false;
-  bool stopped = false;
-  bool vent_overdue = false;
 };
 
 /// loop_status of visual_servo.
@@ -48,16 +42,10 @@ struct CockpitCalibration {
   bool there = false;  ///< the action's server is connected
   bool running = false;
   bool is_loaded = false;  ///< the calibrated scene is being saved and loaded
-  std::uint32_t step = 0, steps = 0, samples = 0;
-  std::string state;  ///< phase of the run, and what it waits for
   bool ended = false;
-  bool success = false;
   bool cancelled = false;
-  std::string message;  ///< of the result
-  /// Median tip error of the samples with the present scene and with the calibrated one [m].
-  double tip_error_before = kUnknown, tip_error_after = kUnknown;
-  std::vector<std::string> parameters;  ///< one line per determined parameter
-  std::vector<std::string> warnings;
+  RunCalibrationFeedback progress;
+  RunCalibrationResult result;  ///< or without one, why
 };
 
 /// All that the cockpit shows of one arm, at one moment.
@@ -69,7 +57,7 @@ struct CockpitView {
   double arm_length = kUnknown;  ///< of the model when it was first seen [m]
   bool connected = false;        ///< pressure_command comes
   bool tip_heard = true;         ///< a node takes tip targets
-  std::optional<CockpitSafety> safety;
+  std::optional<SafetyState> safety;
   std::vector<CockpitChannel> channels;             ///< in scene order
   std::optional<std::vector<double>> measured_tip;  ///< x, y, z, base frame [m]; fresh
   std::optional<std::vector<double>> model_tip;     ///< likewise
@@ -114,5 +102,108 @@ class StripHistory {
   double span_, period_;
   std::deque<Row> rows_;
 };
+
+/// Answer to a call that a user asked for.
+struct CallAnswer {
+  std::string what;  ///< name of the call, such as "Enable"
+  bool success = false;
+  std::string message;      ///< of the service; or why there is no answer
+  bool answered = true;     ///< false: nothing answered, so the call may or may not have arrived
+  std::string remedy = {};  ///< what the user has to do where the call failed; empty: nothing
+};
+
+// What the cockpit says of an arm, and what it offers. No widget, no ROS: values in, words out.
+
+/// How serious a text is; a widget gives it a colour.
+enum class Tone : std::uint8_t { kQuiet, kGood, kCaution, kBad };
+
+/// What remains to do where an emergency stop fails.
+inline constexpr char kStopByHand[] = "shut the supply and open the relief valve by hand";
+
+/// The arm that the buttons command: its resolved namespace, or that there is none.
+std::string armName(const CockpitView& view);
+
+/// State, cause and remedy of the arm in words.
+struct Headline {
+  std::string state;   ///< one or two words
+  std::string cause;   ///< empty if nothing is wrong
+  std::string remedy;  ///< what to do next
+  Tone tone = Tone::kQuiet;
+};
+Headline headline(const CockpitView& view);
+/// What to do next; and if that is to enable the arm, what prevents it now. Empty if neither is.
+std::string remedyWords(const CockpitView& view);
+
+/// That a ROS master which does not answer prevents the connection to an arm.
+std::string masterWords(const CockpitView& view);
+
+/// Whether an action is possible now; if not, why not, and what makes it possible.
+struct Possibility {
+  std::string why_not;  ///< empty if it is possible
+  bool possible() const { return why_not.empty(); }
+};
+Possibility mayEnable(const CockpitView& view);
+Possibility mayVent(const CockpitView& view);
+/// The emergency stop is offered always, except where it is engaged already.
+Possibility mayStop(const CockpitView& view);
+Possibility mayRelease(const CockpitView& view);
+Possibility mayHold(const CockpitView& view);
+Possibility maySetPressure(const CockpitView& view, const CockpitChannel& channel);
+Possibility mayAimTip(const CockpitView& view);
+Possibility mayCalibrate(const CockpitView& view);
+Possibility mayCancel(const CockpitView& view);
+Possibility mayUse(const CockpitView& view);
+
+/// A line with its tone.
+struct Words {
+  std::string text;
+  Tone tone = Tone::kQuiet;
+};
+/// Answer to a call; what the user has to do comes first.
+Words answerWords(const CallAnswer& answer);
+Words loopWords(const CockpitView& view);
+Words calibrationWords(const CockpitView& view);
+/// What is doubtful in the result of a calibration; empty if nothing is.
+Words calibrationWarnings(const CockpitView& view);
+/// Answer to the cockpit's own targets, and what it holds.
+Words goalWords(const CockpitView& view);
+
+/// Text of another node, without control characters and shortened.
+std::string shownText(const std::string& text);
+/// "123.4 kPa"; "-" if unknown.
+std::string kilopascals(double pascals);
+/// "0 to 413.7", in kPa; "-" if unknown.
+std::string limitWords(const CockpitChannel& channel);
+/// "12.34 mm"; "-" if unknown.
+std::string millimetres(double metres);
+/// "1.2, -3.4, 0.0 mm" of a position in metres; "-" if unknown.
+std::string placeWords(const std::optional<std::vector<double>>& position);
+
+/// One line per parameter that the data determined: name, value before and after, standard error.
+/// As in the result's message, one line stands for the pose of the base and one for all tags.
+/// Parameters that began at 0 and are smaller than their standard error share the last line.
+std::vector<std::string> parameterLines(const RunCalibrationResult& result);
+
+/// A camera of rviz that orbits, as its properties tell.
+struct ArmCamera {
+  std::string target;                               ///< frame whose origin it follows
+  Eigen::Vector3d focus = Eigen::Vector3d::Zero();  ///< from there, axes of the fixed frame [m]
+  double yaw = 0.0, pitch = 0.0;                    ///< [rad]
+  double distance = 0.0;                            ///< of the eye from the focus [m]
+};
+
+/// Whether the cockpit of an arm changes this view. It does while the view looks at arm_base, the
+/// frame of an arm without a prefix and of rviz configurations that know no arm; or exactly at the
+/// base of this arm. A view of another arm, or one that a user moved there, stays.
+bool isToChange(const ArmCamera& camera, const std::string& base_frame);
+
+/// The same view at the base of this arm: if it looked exactly at a base, it shows all of the arm
+/// from its side; otherwise its focus, angles and distance stay.
+/// @param base_frame  of the arm.
+/// @param axis        in which the arm leaves its base, fixed frame.
+/// @param length      of the arm, > 0 [m].
+/// @param aspect      width by height of the picture.
+ArmCamera changed(ArmCamera camera, const std::string& base_frame, const Eigen::Vector3d& axis,
+                  double length, double aspect);
 
 }  // namespace helix_arm::ros_bridge
