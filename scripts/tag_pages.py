@@ -92,7 +92,8 @@ class Page:
 
     def up_mark(self, middle, size, angle=0.0):
         """A triangle about the middle of its height; angle: counter-clockwise from upwards [rad]."""
-        self.areas.append((0.0, turned(middle, angle, [(0, 0.5 * size), (0.6 * size, -0.5 * size), (-0.6 * size, -0.5 * size)])))
+        corners = [(0, 0.5 * size), (0.6 * size, -0.5 * size), (-0.6 * size, -0.5 * size)]
+        self.areas.append((0.0, turned(middle, angle, corners)))
 
     def cells(self, rows, corner, side):
         """Black cells (#) of a grid that begins in this corner, each with this side."""
@@ -158,7 +159,8 @@ def card_pages(arm, paper):
         if (row, column) == (0, 0):
             pages.append(Page(paper, f"{arm['scene']}: tags {arm['family']} of {mm(arm['size_m'])}", [
                 ACTUAL_SIZE + "Check both rulers, then cut along the solid lines.",
-                "The triangle marks the upper edge, the lines the middle of the other edges. Fold the strip back or cut it off."]))
+                "The triangle marks the upper edge, the lines the middle of the other edges. Fold the strip "
+                "back or cut it off."]))
             pages[-1].rulers(paper, ["Both rulers must be 100 mm long on paper. If not,",
                                      "print again without scaling; or measure the tags and",
                                      "give their size as tags.size_m in the scene."])
@@ -296,7 +298,7 @@ def board_page(board, paper):
                  f"{mm(board['marker_size_m'])}")
         note = "Read it with helix_arm camera calibrate --board charuco and the options it was printed with."
     else:
-        title = (f"Calibration board: {board['family']}, {size} tags of {mm(board['size_m'])}, every {mm(board['pitch_m'])}")
+        title = f"Calibration board: {board['family']}, {size} tags of {mm(board['size_m'])}, every {mm(board['pitch_m'])}"
         note = f"Its tags are {board['first_id']} to {board['first_id'] + board['columns'] * board['rows'] - 1}."
     free = paper.free
     width, height = (1e3 * side for side in board["extent_m"])
@@ -341,8 +343,8 @@ def draw_page(page, size, pyplot):
         return Path([*corners, corners[0]], closed=True)
 
     for (width, gray, dashed), strokes in page.strokes.items():
-        add([Path(ends) for ends in strokes], fill=False, edgecolor=str(gray), linewidth=POINT * width, capstyle="butt", zorder=1,
-            linestyle=(0, (POINT, POINT)) if dashed else "-")
+        add([Path(ends) for ends in strokes], fill=False, edgecolor=str(gray), linewidth=POINT * width, capstyle="butt",
+            linestyle=(0, (POINT, POINT)) if dashed else "-", zorder=1)
     for gray, corners in page.areas:
         add([polygon(corners)], facecolor=str(gray), linewidth=0, zorder=2)
     if page.black:  # as one area, since viewers show seams between adjacent ones
