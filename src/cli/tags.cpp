@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -8,55 +7,23 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/procedures/tag_sheets.hpp"
+#include "helix_arm/procedures/unrolled_tags.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
 
 namespace {
 
-using procedures::Align;
-using procedures::Area;
-using procedures::Box;
-using procedures::Label;
-using procedures::Page;
-using procedures::PrintedTag;
-using procedures::Stroke;
-
-// What plot_report prints of a page, in mm from its top left corner.
-nlohmann::json toJson(const Page& page) {
-  nlohmann::json strokes, areas, black, labels;
-  for (const Stroke& stroke : page.strokes) {
-    strokes.push_back({stroke.from.x, stroke.from.y, stroke.to.x, stroke.to.y, stroke.width,
-                       stroke.gray, stroke.dashed ? 1 : 0});
-  }
-  for (const Area& area : page.areas) {
-    areas.push_back({{"gray", area.gray}});
-    for (const procedures::Point& corner : area.corners) {
-      areas.back()["corners"].push_back({corner.x, corner.y});
-    }
-  }
-  for (const PrintedTag& tag : page.tags) {
-    for (const Box& box : tag.black) black.push_back({box.x, box.y, box.width, box.height});
-  }
-  for (const Label& label : page.labels) {
-    const Box& box = label.box;
-    const double align = label.align == Align::kLeft ? 0 : label.align == Align::kCentre ? 0.5 : 1;
-    labels.push_back({{"text", label.text},
-                      {"box", {box.x, box.y, box.width, box.height}},
-                      {"align", align},
-                      {"bold", label.bold}});
-  }
-  return {{"strokes", strokes}, {"areas", areas}, {"black", black}, {"labels", labels}};
-}
-
 using nlohmann::json;
-using procedures::kPapers;
-using procedures::Paper;
+
+const std::vector<std::string> kPapers = {"a4", "letter"};  // tag_pages.py has their sizes
 
 struct TagsArguments {
-  std::string scene, out, paper = kPapers[0].name;
+  std::string scene, out, paper = kPapers[0];
   BoardArguments board;
 };
 
@@ -64,38 +31,111 @@ struct TagsArguments {
 struct Print {
   std::optional<io::Scene> scene;
   std::optional<CalibrationBoard> board;
-  Paper paper;
-  std::size_t pages;
+  std::string paper;
+  int pages;
   std::string out;
 };
 
-std::vector<std::string> paperNames() {
-  std::vector<std::string> names;
-  names.reserve(kPapers.size());
-  for (const Paper& paper : kPapers) names.emplace_back(paper.name);
-  return names;
+// A line per row of cells, with # for black ones.
+json rowsOf(const cv::Mat& cells) {
+  json rows;
+  for (int row = 0; row < cells.rows; ++row) {
+    std::string text;
+    for (int column = 0; column < cells.cols; ++column) {
+      text += cells.at<unsigned char>(row, column) == 0 ? '#' : ' ';
+    }
+    rows.push_back(text);
+  }
+  return rows;
 }
 
-Paper paperNamed(const std::string& name) {
-  return *std::find_if(kPapers.begin(), kPapers.end(),
-                       [&name](const Paper& paper) { return name == paper.name; });
-}
-
-std::vector<Page> pagesOf(const Print& print) {
-  std::vector<Page> pages;
-  if (print.scene) {
-    pages = procedures::tagSheets(*print.scene, print.paper);
-    for (const Page& page : procedures::placementSheets(*print.scene, print.paper)) {
-      pages.push_back(page);
+// The tags and where they are mounted, as tag_pages.py lays them out.
+json armJson(const io::Scene& scene) {
+  basics::require(scene.tags.has_value() && !scene.tags->tags.empty(), "scene ", scene.name,
+                  " has no tags; expected a scene with a section tags");
+  const vision::TagFamily family(scene.vision.detector.family);
+  json sections, tags;
+  for (int i = 0; i < scene.arm.sectionCount(); ++i) {
+    sections.push_back({{"name", scene.looks[static_cast<std::size_t>(i)].name},
+                        {"length_m", scene.arm.restLength(i)}});
+    for (int k = scene.arm.firstActuator(i); k < scene.arm.firstActuator(i + 1); ++k) {
+      const model::Actuator& actuator = scene.arm.actuator(k);
+      sections.back()["muscles"].push_back(
+          {{"name", actuator.name}, {"angle", procedures::angleAround(actuator)}});
     }
   }
-  if (print.board) {
-    pages.push_back(std::visit(
-        [&print](const auto& board) { return procedures::boardSheet(board, print.paper); },
-        *print.board));
+  for (const procedures::UnrolledTag& tag : procedures::unrolled(scene.arm, *scene.tags)) {
+    tags.push_back({{"id", tag.id},
+                    {"section", tag.section},
+                    {"muscle", scene.arm.actuator(tag.actuator).name},
+                    {"s", tag.s},
+                    {"from_base_m", tag.from_base},
+                    {"angle", tag.angle},
+                    {"radius_m", tag.radius},
+                    {"standoff_m", tag.standoff},
+                    {"aside_m", tag.aside},
+                    {"turn", tag.turn},
+                    {"tilt", tag.tilt},
+                    {"cells", rowsOf(family.cells(tag.id))}});
   }
-  procedures::numberPages(print.paper, pages);
-  return pages;
+  return {{"scene", scene.name},        {"family", family.name()},
+          {"size_m", scene.tags->size}, {"border_cells", family.borderCells()},
+          {"sections", sections},       {"tags", tags}};
+}
+
+json gridJson(double x, double y, double cell, const json& cells) {
+  return {{"at_m", {x, y}}, {"cell_m", cell}, {"cells", cells}};
+}
+
+// A board with its extent and grids of black cells, from its top left corner.
+json printedJson(const vision::TagBoard& board) {
+  const vision::TagFamily family(board.family);
+  const double cell = board.tag_size / family.borderCells();
+  const double border = 2 * family.quietCells() * cell;
+  json out = boardJson(board);
+  out["extent_m"] = {board.width() + border, board.height() + border};
+  for (int i = 0; i < board.count(); ++i) {
+    out["grids"].push_back(gridJson(i % board.columns * board.pitch,
+                                    i / board.columns * board.pitch, cell,
+                                    rowsOf(family.cells(board.first_id + i))));
+  }
+  return out;
+}
+
+json printedJson(const vision::CharucoBoard& board) {
+  const double side = board.square_size, inset = 0.5 * (side - board.marker_size);
+  json out = boardJson(board);
+  out["bit_m"] = board.bitSize();
+  out["extent_m"] = {board.width(), board.height()};
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      const double x = column * side, y = row * side;
+      if (!board.isWhite(column, row)) {
+        out["grids"].push_back(gridJson(x, y, side, json::array({"#"})));
+        continue;
+      }
+      const cv::Mat cells = vision::markerCells(board.dictionary, board.markerIn(column, row));
+      out["grids"].push_back(
+          gridJson(x + inset, y + inset, board.marker_size / cells.cols, rowsOf(cells)));
+    }
+  }
+  return out;
+}
+
+// Prints it and counts its pages.
+void writePages(Print& print) {
+  json pages{{"title", print.scene ? "Tags of " + print.scene->name : "Calibration board"},
+             {"paper", print.paper},
+             {"arm", nullptr},
+             {"board", nullptr}};
+  if (print.scene) pages["arm"] = armJson(*print.scene);
+  if (print.board) {
+    pages["board"] = std::visit([](const auto& board) { return printedJson(board); }, *print.board);
+  }
+  const json report{{"pages", pages}};
+  const std::string printed =
+      procedures::drawReportText(report.dump(), print.out, "choose another path");
+  print.pages = json::parse(printed).at("pages");
 }
 
 json reportOf(const Print& print) {
@@ -104,7 +144,7 @@ json reportOf(const Print& print) {
               {"size_m", nullptr},
               {"ids", json::array()},
               {"board", print.board ? boardJson(*print.board) : json()},
-              {"paper", print.paper.name},
+              {"paper", print.paper},
               {"pages", print.pages},
               {"out", print.out}};
   if (print.scene) {
@@ -136,7 +176,7 @@ void printText(const Print& print) {
     const bool charuco = std::holds_alternative<vision::CharucoBoard>(*print.board);
     std::cout << separator << (charuco ? "a ChArUco board" : "a calibration board");
   }
-  std::cout << ": " << print.pages << (print.pages == 1 ? " page " : " pages ") << print.paper.name
+  std::cout << ": " << print.pages << (print.pages == 1 ? " page " : " pages ") << print.paper
             << " in " << print.out << "\n"
             << "Print at 100 % (\"actual size\"); both rulers must then be 100 mm long.\n";
 }
@@ -156,16 +196,11 @@ void check(const TagsArguments& arguments, const GlobalOptions& global) {
 
 int run(const TagsArguments& arguments, const GlobalOptions& global) {
   check(arguments, global);
-  Print print{{}, {}, paperNamed(arguments.paper), 0, arguments.out};
+  Print print{{}, {}, arguments.paper, 0, arguments.out};
   if (!arguments.scene.empty()) print.scene = loadScene(arguments.scene, global);
   if (arguments.board.given()) print.board = boardOf(arguments.board);
   checkPicture(print.out, "");
-  const std::vector<Page> pages = pagesOf(print);
-  print.pages = pages.size();
-  json drawn{{"title", print.scene ? "Tags of " + print.scene->name : "Calibration board"},
-             {"size_mm", {print.paper.width, print.paper.height}}};
-  for (const Page& page : pages) drawn["pages"].push_back(toJson(page));
-  procedures::drawReportText(drawn.dump(), print.out, "choose another path");
+  writePages(print);
   const json report = reportOf(print);
   printResult(
       global.format, report, [&] { return toCsv(print, report); }, [&] { printText(print); });
@@ -182,8 +217,8 @@ Subcommand addTags(CLI::App& app) {
            "needed unless --board is given: scene file with tags");
   addOption(*command, "--out", arguments->out, "PDF file to write", kRequired,
             TypeName{"FILE.pdf"});
-  addOption(*command, "--paper", arguments->paper, "paper: a4 or letter",
-            CLI::IsMember(paperNames()), kShowDefault);
+  addOption(*command, "--paper", arguments->paper, "paper: a4 or letter", CLI::IsMember(kPapers),
+            kShowDefault);
   addBoardFlag(*command, arguments->board,
                "also a board for the calibration of a camera: tags (default), whose size does not "
                "depend on --paper, or charuco");

@@ -1,10 +1,14 @@
 #include "helix_arm/procedures/report_plot.hpp"
 
 #include <fstream>
+#include <iterator>
+#include <stdexcept>
 #include <system_error>
 
+#include <fcntl.h>
 #include <spawn.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -54,26 +58,52 @@ fs::path written(const ReportPart& part, const Folder& folder) {
   return path;
 }
 
-}  // namespace
+std::string contentOf(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
 
-void drawReport(const fs::path& report, const fs::path& picture, const std::string& without) {
+// @param printed  file for what plot_report prints on stdout; empty: none.
+void run(const fs::path& report, const fs::path& picture, const std::string& without,
+         const fs::path& printed) {
+  constexpr int kRefused = 3;  // exit code; it prints why
   const std::string script = plotReport(), source = report, target = picture;
   char* const arguments[] = {const_cast<char*>(script.c_str()), const_cast<char*>(source.c_str()),
                              const_cast<char*>(target.c_str()), nullptr};
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  if (!printed.empty()) {
+    posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, printed.c_str(), O_WRONLY | O_CREAT,
+                                     S_IRUSR | S_IWUSR);
+  }
   pid_t child = 0;
   int status = 0;
-  const int failed = posix_spawn(&child, script.c_str(), nullptr, nullptr, arguments, environ);
+  const int failed = posix_spawn(&child, script.c_str(), &actions, nullptr, arguments, environ);
+  posix_spawn_file_actions_destroy(&actions);
   if (failed == 0) waitpid(child, &status, 0);
-  if (failed == 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
+  const int exit_code = failed == 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  if (exit_code == 0) return;
+  if (exit_code == kRefused) {
+    const std::string why = contentOf(printed);
+    throw std::invalid_argument(why.substr(0, why.find('\n')));
+  }
   throw io::FileError(target + " could not be drawn by " + script +
                       "; install python3-matplotlib, or " + without);
 }
 
-void drawReportText(const std::string& report, const fs::path& picture, const std::string& without,
-                    const ReportPart& beside) {
+}  // namespace
+
+void drawReport(const fs::path& report, const fs::path& picture, const std::string& without) {
+  run(report, picture, without, {});
+}
+
+std::string drawReportText(const std::string& report, const fs::path& picture,
+                           const std::string& without, const ReportPart& beside) {
   const Folder folder;
   if (!beside.name.empty()) written(beside, folder);
-  drawReport(written({kReport, report}, folder), picture, without);
+  const fs::path printed = folder / "printed.txt";
+  run(written({kReport, report}, folder), picture, without, printed);
+  return contentOf(printed);
 }
 
 }  // namespace helix_arm::procedures

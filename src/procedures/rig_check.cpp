@@ -19,7 +19,7 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/procedures/tag_sheets.hpp"
+#include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/statics/tier.hpp"

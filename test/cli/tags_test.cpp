@@ -3,8 +3,13 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <map>
+#include <numeric>
+#include <regex>
+#include <sstream>
+#include <tuple>
 
 #include <gtest/gtest.h>
 #include <opencv2/aruco.hpp>
@@ -36,6 +41,11 @@ void runTool(const std::string& command) {
   if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
 }
 
+struct Word {
+  std::string text;
+  cv::Rect2d box;
+};
+
 // A PDF that the command wrote.
 class Printed {
  public:
@@ -61,6 +71,26 @@ class Printed {
   std::string text() const {
     runTool("pdftotext -layout '" + path() + "' '" + (folder_ / "text.txt") + "'");
     return contentOf(folder_ / "text.txt");
+  }
+
+  // The words of each page, with their boxes [mm] from its top left corner.
+  std::vector<std::vector<Word>> words() const {
+    runTool("pdftotext -bbox '" + path() + "' '" + (folder_ / "words.html") + "'");
+    const std::string html = contentOf(folder_ / "words.html");
+    const std::regex part(
+        "<page|<word xMin=\"(.*)\" yMin=\"(.*)\" xMax=\"(.*)\" yMax=\"(.*)\">(.*)</word>");
+    std::vector<std::vector<Word>> words;
+    for (std::sregex_iterator match(html.begin(), html.end(), part), end; match != end; ++match) {
+      if (!(*match)[1].matched) {
+        words.emplace_back();
+        continue;
+      }
+      const auto corner = [&match](int i) {
+        return cv::Point2d(std::stod((*match)[i]), std::stod((*match)[i + 1])) * (25.4 / 72);
+      };
+      words.back().push_back({(*match)[5], {corner(1), corner(3)}});
+    }
+    return words;
   }
 
   json report;
@@ -95,12 +125,12 @@ void expectUprightSquare(const TagDetection& tag, double side, double& worst) {
 std::vector<int> idsRead(const Printed& printed, const std::string& family, double side) {
   vision::DetectorConfig config;
   config.family = family;
+  config.max_hamming = 0;
   vision::TagDetector detector(config);
   std::vector<int> ids;
   double worst = 0;
   for (const cv::Mat& page : printed.pages) {
     for (const TagDetection& tag : detector.detect(page)) {
-      EXPECT_EQ(tag.hamming, 0) << tag.id;
       expectUprightSquare(tag, side, worst);
       ids.push_back(tag.id);
     }
@@ -147,6 +177,152 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
     }
   }
   EXPECT_EQ(scenes, 4);
+}
+
+TEST(Tags, OfEveryFamilyAreReadBackFromThePrint) {
+  for (const std::string& family : vision::TagFamily::names()) {
+    const Printed printed({scenePath("demo"), "--set", "tags.family=" + family, "--set",
+                           "vision.max_hamming=0", "--set", "tags.size_m=0.02"});
+    EXPECT_EQ(idsRead(printed, family, 20), idsOf(io::loadScene(scenePath("demo")))) << family;
+  }
+}
+
+// The demo's scene with so many tags of a size [m], spread over its muscles, in this file.
+void writeCrowded(const std::string& path, int tags, double size, const std::string& family) {
+  std::string demo = contentOf(scenePath("demo"));
+  const std::size_t begin = demo.find("\ntags:") + 1;
+  std::ostringstream text;
+  text << "tags:\n  family: " << family << "\n  size_m: " << size << "\n  groups:\n";
+  for (int i = 0; i < tags; ++i) {
+    text << "    - {actuator: muscle_" << i % 3 + 1 << ", ids: [" << tags - 1 - i << "], s: ["
+         << static_cast<double>(i / 3) / (tags / 3 + 1) << "], position_m: [0, 0, 0.016]}\n";
+  }
+  std::ofstream(path) << demo.replace(begin, demo.find("\n\n", begin) - begin, text.str());
+}
+
+// Of a page in print: nothing in the margins, no word on another, none on a tag's white border.
+void expectClear(const cv::Mat& page, const std::vector<Word>& words,
+                 const std::vector<TagDetection>& tags, double border) {
+  constexpr double kSlack = 0.1;
+  const int margin = static_cast<int>((10 - kSlack) / kMillimetresPerPixel);
+  cv::Mat edge = page.clone();
+  edge(cv::Rect(margin, margin, page.cols - 2 * margin, page.rows - 2 * margin)) = 255;
+  EXPECT_EQ(cv::countNonZero(edge < 250), 0) << "in the margins";
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const cv::Rect2d both = words[i].box & words[j].box;
+      EXPECT_LT(std::min(both.width, both.height), kSlack)
+          << words[i].text << ", " << words[j].text;
+    }
+    for (const TagDetection& tag : tags) {
+      const estimation::Corners corners = onPaper(tag);
+      const Eigen::Vector2d least = corners.rowwise().minCoeff(),
+                            most = corners.rowwise().maxCoeff();
+      const cv::Rect2d card(cv::Point2d(least.x() - border, -most.y() - border),
+                            cv::Point2d(most.x() + border, border - least.y()));
+      EXPECT_LT((words[i].box & card).area(), kSlack) << words[i].text << " on tag " << tag.id;
+    }
+  }
+}
+
+TEST(Tags, ManyOrLargeTagsLieWithinTheMarginsAndNothingOverlaps) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "crowded.yaml";
+  for (const auto& [count, size, family] :
+       {std::tuple(64, 0.031, "36h11"), std::tuple(64, 0.006, "36h11"),
+        std::tuple(5, 0.14, "36h11"), std::tuple(64, 0.02, "Standard41h12"),
+        std::tuple(38, 0.02, "Circle21h7")}) {
+    writeCrowded(path, count, size, family);
+    for (const auto& [paper, sheet] : kPaperSizes) {
+      SCOPED_TRACE(std::to_string(size) + " " + family + " on " + paper);
+      const Printed printed({path, "--paper", paper});
+      const auto words = printed.words();
+      vision::DetectorConfig config;
+      config.family = family;
+      vision::TagDetector detector(config);
+      const vision::TagFamily& cells = detector.family();
+      std::vector<int> ids;
+      int titles = 0;
+      for (std::size_t i = 0; i < printed.pages.size(); ++i) {
+        const auto tags = detector.detect(printed.pages[i]);
+        for (const TagDetection& tag : tags) ids.push_back(tag.id);
+        expectClear(printed.pages[i], words[i], tags,
+                    1e3 * size / cells.borderCells() * cells.quietCells());
+        titles += std::any_of(words[i].begin(), words[i].end(),
+                              [](const Word& word) { return word.text == "tilt"; });
+        EXPECT_EQ(tags.empty(), words[i][1].text == "where") << "page " << i;
+      }
+      std::vector<int> expected(static_cast<std::size_t>(count));
+      std::iota(expected.begin(), expected.end(), 0);
+      std::sort(ids.begin(), ids.end());
+      EXPECT_EQ(ids, expected);
+      EXPECT_EQ(titles, std::count_if(words.begin(), words.end(),
+                                      [](const auto& page) { return page[1].text == "where"; }))
+          << "the table begins anew on each of its pages";
+    }
+  }
+}
+
+// Length of the longest run of ink along a row [mm].
+double longestRun(const cv::Mat& picture) {
+  int longest = 0;
+  for (int row = 0; row < picture.rows; ++row) {
+    for (int column = 0, run = 0; column < picture.cols; ++column) {
+      run = picture.at<unsigned char>(row, column) < 250 ? run + 1 : 0;
+      longest = std::max(longest, run);
+    }
+  }
+  return longest * kMillimetresPerPixel;
+}
+
+TEST(Tags, PagesToCutAndBoardsHaveTwoRulersOf100Mm) {
+  for (const auto& [paper, size] : kPaperSizes) {
+    const Printed printed({scenePath("demo"), "--board", "--paper", paper});
+    const std::vector<cv::Mat>& pages = printed.pages;
+    for (const cv::Mat& page : {pages.front(), pages.back()}) {
+      const int left = static_cast<int>(20 / kMillimetresPerPixel);
+      const int footer = static_cast<int>(22 / kMillimetresPerPixel);
+      EXPECT_NEAR(longestRun(page.rowRange(page.rows - footer, page.rows)), 100.1, kTolerance);
+      EXPECT_NEAR(longestRun(page.colRange(0, left).t()), 100.1, kTolerance);
+    }
+  }
+}
+
+TEST(Tags, EachStripStatesIdAndPlaceAndEachRowThePlacement) {
+  const Printed printed({scenePath("annotated")});
+  std::map<int, std::string> strips;
+  const auto words = printed.words();
+  const cv::Mat& page = printed.pages[0];
+  for (const TagDetection& tag : vision::TagDetector({}).detect(page)) {
+    const estimation::Corners corners = onPaper(tag);
+    const cv::Rect2d strip(corners(0, 3) - 5.4, -corners(1, 0),
+                           corners(0, 2) - corners(0, 3) + 10.8, 10.4);
+    for (const Word& word : words[0]) {
+      if (strip.contains((word.box.tl() + word.box.br()) / 2)) strips[tag.id] += word.text + " ";
+    }
+    // The up mark between the white border and the cut: 1 mm high, wide at its lower edge only.
+    const auto gray = [&](double aside, double below) {
+      const double x = corners.row(0).mean() + aside, y = strip.y - 31 - 5.375 + 0.2 + below;
+      return page.at<unsigned char>(static_cast<int>(y / kMillimetresPerPixel),
+                                    static_cast<int>(x / kMillimetresPerPixel));
+    };
+    EXPECT_LT(std::max({gray(-0.3, 0.8), gray(0, 0.5), gray(0.3, 0.8)}), 50) << tag.id;
+    EXPECT_GT(std::min(gray(-0.3, 0.2), gray(0.3, 0.2)), 200) << tag.id;
+  }
+  EXPECT_EQ(strips[6], "6 lower, muscle_2, s 0.7 ");
+  EXPECT_EQ(strips[13], "13 upper, bellows_left, s 0.62 ");
+
+  const std::string both = printed.text() + Printed({scenePath("demo")}).text();
+  const std::string lines = std::regex_replace(both, std::regex(" +"), " ");
+  for (const char* line :
+       {"0 0.04 16.5 muscle_1 0 41.4 16 0 -15 0", "16 0.36 148.4 muscle_3 240 41.4 16 0 -15 0",
+        "7 0.95 405.6 muscle_2 120 46 16 0 0 0", "22 0.62 62 bellows_right 180 40 20 0 0 0",
+        "27 0.25 25 bellows_left 300 40 0 -34.6 0 0", "Section lower, 427 mm long at rest",
+        "Section upper, 100 mm long at rest", "muscle_1, 0 deg", "muscle_3, 240 deg",
+        "bellows_top, 90 deg", "base, s 0: 0 mm", "end, s 1: 427 mm", "page 2 of 4",
+        "The triangle marks the upper edge"}) {
+    EXPECT_NE(lines.find(line), std::string::npos) << line;
+  }
 }
 
 TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
@@ -295,6 +471,9 @@ TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
        {{demo, "--set", "tags.size_m=0.19"},
         "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
         "179 mm; expected at most 0.14 m"},
+       {{demo, "--set", "tags.size_m=0.1412"},
+        "tags.size_m is 0.1412: with its border a 36h11 tag is 179.5 mm wide, but a4 has room for "
+        "179 mm; expected at most 0.14 m. Print smaller tags"},
        {{demo, "--paper", "a5"}, "--paper: a5 not in {a4,letter}"},
        {{"--board", "--set", "tags.size_m=0.02"}, "which is not given; leave out --set"},
        {{"--board=chess"}, "--board: chess not in {tags,charuco}"},
@@ -314,6 +493,9 @@ TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
         "0.024"},
        {{"--square-size-m", "0.002"},
         "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more"},
+       {{"--squares", "7,10", "--paper", "letter"},
+        "a board of 168 x 240 mm; expected at most 184.9 x 231.4 mm, the printable area of "
+        "letter"},
        {{"--dictionary", "4X4"},
         "dictionary of markers: 4X4 is not known; expected one of DICT_4X4_50, DICT_4X4_100,"},
        {{"--square-size-m", "0.03"},

@@ -5,7 +5,7 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/tag_sheets.hpp"
+#include "helix_arm/procedures/unrolled_tags.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"
 

@@ -17,7 +17,9 @@ struct ReportPart {
   std::string name, content;
 };
 /// The same of a report that is in no file. @param beside  without a name: none.
-void drawReportText(const std::string& report, const std::filesystem::path& picture,
-                    const std::string& without, const ReportPart& beside = {});
+/// @return what plot_report printed.
+/// @throws also std::invalid_argument saying why the report cannot be drawn on its paper.
+std::string drawReportText(const std::string& report, const std::filesystem::path& picture,
+                           const std::string& without, const ReportPart& beside = {});
 
 }  // namespace helix_arm::procedures
