@@ -1,6 +1,6 @@
 #include "arm_camera.hpp"
 
-#include "ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

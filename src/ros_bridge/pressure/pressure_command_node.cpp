@@ -1,10 +1,15 @@
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/spinner.h>
 #include <ros/this_node.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+#include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
@@ -15,13 +20,17 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/lie/so3.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "pressure_loop.hpp"
 #include "regulator_setup.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
@@ -31,51 +40,53 @@
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "shape_publisher.hpp"
-#include "target_intake.hpp"
+#include "target_admission.hpp"
+#include "tip_handle.hpp"
 
 namespace helix_arm::ros_bridge {
-
-PressureCommandOptions PressureCommandOptions::load() {
-  ParameterReader reader{ros::NodeHandle("~")};
-  PressureCommandOptions out;
-  out.scene = reader.file("scene", "config/scenes", ".yaml");
-  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
-  out.tf_rate = std::min(out.rate, reader.number("tf_rate", out.tf_rate, {0.1, 1000.0}));
-  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
-  out.frames = reader.count("frames", out.frames, 2, 1000);
-  out.world_frame = reader.frame("world_frame", names::kWorldFrame);
-  out.frame_prefix = reader.frame("frame_prefix", "");
-  out.handle = reader.flag("handle", out.handle);
-  out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
-  out.auto_enable = reader.flag("auto_enable", out.regulator == "scene");
-  out.allow_sim_time = reader.flag("allow_sim_time", out.allow_sim_time);
-  out.realtime_priority = reader.count("realtime_priority", out.realtime_priority, 0,
-                                       regulator::kHighestRealtimePriority);
-  out.scene_folder = reader.folder("scene_folder", defaultFolder());
-  reader.finish();
-  return out;
-}
-
 namespace {
 
 using control::SafetyCause;
 using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
+/// Private parameters of pressure_command.
+struct PressureCommandOptions {
+  ParameterReader reader{ros::NodeHandle("~")};
+  std::string scene = reader.file("scene", "config/scenes", ".yaml");
+  double rate = reader.number("rate", 100.0, {1.0, 1000.0});  ///< of the loop [Hz]
+  /// Of the moving frames, at most the loop's [Hz].
+  double tf_rate = std::min(rate, reader.number("tf_rate", 100.0, {0.1, 1000.0}));
+  double draw_rate = reader.number("draw_rate", 20.0, {0.1, 100.0});  ///< of the markers [Hz]
+  int frames = reader.count("frames", 5, 2, 1000);  ///< on the curve: model_0 .. model_(frames - 1)
+  std::string world_frame = reader.frame("world_frame", names::kWorldFrame);
+  std::string frame_prefix = reader.frame("frame_prefix", "");  ///< of arm_base and model_*
+  bool handle = reader.flag("handle", true);                    ///< show the interactive marker
+  /// `scene` drives the scene's regulator, hardware or simulated, from this node; `topic` leaves
+  /// the pressures to another node, which reports them on pressure_measured.
+  std::string regulator = reader.choice("regulator", "scene", {"scene", "topic"});
+  /// A target enables the arm, at first and after commander or regulator fell silent. Never with
+  /// hardware.
+  bool auto_enable = reader.flag("auto_enable", regulator == "scene");
+  /// Drive hardware although ROS time is simulated; the safety rules run on the steady clock in any
+  /// case.
+  bool allow_sim_time = reader.flag("allow_sim_time", false);
+  /// Of the threads between targets and valves (SCHED_FIFO), and of the guard, if the user's limits
+  /// allow it; the log reports the result. 0: none. With hardware, memory is locked as well.
+  int realtime_priority = reader.count("realtime_priority", regulator::kRealtimePriority, 0,
+                                       regulator::kHighestRealtimePriority);
+  /// From which ~reload accepts scenes, besides those of the package and ~scene.
+  std::string scene_folder = reader.folder("scene_folder", defaultFolder());
+
+  PressureCommandOptions() { reader.finish(); }
+};
+
 constexpr double kSlowShare = 0.9;  // of ~rate; a slower loop is worth a warning
 
-const char* textOf(control::Valve valve) {
-  switch (valve) {
-    case control::Valve::kRegulate:
-      return "regulate";
-    case control::Valve::kClose:
-      return "close";
-    case control::Valve::kVent:
-      return "vent";
-  }
-  return "";
-}
+constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
+
+// By control::Valve.
+constexpr const char* kValves[] = {"vent", "regulate", "close"};
 
 unsigned char diagnosticLevel(const control::SafetyReport& report) {
   if (report.vent_overdue) return DiagnosticStatus::ERROR;
@@ -111,7 +122,8 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
                                int channel) {
   const model::Actuator& actuator = scene.arm.actuator(channel);
   const bool culprit = path.report.channel == channel;
-  const char* const valve = textOf(path.orders.valve[static_cast<std::size_t>(channel)]);
+  const char* const valve =
+      kValves[static_cast<int>(path.orders.valve[static_cast<std::size_t>(channel)])];
   const auto kpa = [](double pascals) { return fixed(1e-3 * pascals); };
   return makeStatus(names::kChannelStatus + actuator.name,
                     culprit ? diagnosticLevel(path.report) : std::uint8_t{DiagnosticStatus::OK},
@@ -124,6 +136,307 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
                      {names::kLowerLimitKey, fixed(1e-3 * actuator.limits.lower, 4)},
                      {names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4)}});
 }
+
+/// From measured pressures to the arm's shape: lets the responses of its actuators follow them,
+/// solves the model and publishes model, markers, tf and the tip handle. What the responses
+/// remember outlasts vents, stops and changes of the scene; time that goes back, as when a
+/// recording starts over, ends it.
+///
+/// Nothing is published where the model finds no shape, and the markers are removed when readings
+/// stop; the statuses say so. All of it belongs to the thread of the node's callback queue.
+class ShapePublisher {
+ public:
+  /// @param scene      Kept by reference: after a change to it, call adopt() before the next
+  ///                   reading.
+  /// @param on_target  As TipHandle's.
+  ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
+                 const PressureCommandOptions& options, TipHandle::OnTarget on_target)
+      : scene_(scene),
+        frames_(options.world_frame, options.frame_prefix, names::kModelFrames, options.frames),
+        readings_per_tf_(static_cast<std::uint64_t>(std::lround(options.rate / options.tf_rate))),
+        own_regulator_(options.regulator == "scene"),
+        markers_(scene, frames_.base, 1.0 / options.draw_rate),
+        measured_(scene.arm.inputAt(0)),
+        response_(scene.arm),
+        solution_(scene.model.solve(measured_)),
+        model_publisher_(node.advertise<ArmShape>(names::kModel, 10)),
+        marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2)) {
+    sendBaseFrame();
+    if (options.handle) {
+      handle_ = std::make_unique<TipHandle>(frames_.base, scene, std::move(on_target));
+    }
+  }
+
+  /// Follows a change of the scene: frames, and the shape at the last reading.
+  void adopt() {
+    sendBaseFrame();
+    response_.adopt(scene_.arm);
+    solve();
+  }
+
+  /// Publishes the shape at a reading.
+  /// @param measured  (n) gauge [Pa]
+  void take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
+    measured_ = measured;
+    const ros::Time at = stamp.isZero() ? ros::Time::now() : stamp;
+    if (response_.follow(at.toSec(), measured) && !response_.instant() && restarts_.add()) {
+      logWarning(
+          "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
+          "actuators' responses start anew, and their memory is unknown until the pressures have "
+          "moved by twice the largest play_kpa",
+          restarts_.total());
+    }
+    last_reading_ = ros::SteadyTime::now();
+    solve();
+    ++readings_;
+    if (!solution_.converged()) return;
+    const std_msgs::Header header = toHeaderMsg(stamp, frames_.base);
+    model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
+    if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
+  }
+
+  /// Brings the handle, if there is one, to the model's tip at these pressures once they are
+  /// effective, if it finds one.
+  /// @param goal  (n) gauge [Pa]
+  void moveHandle(const Eigen::VectorXd& goal) {
+    if (!handle_) return;
+    const statics::Tip commanded =
+        scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
+    if (commanded.converged()) handle_->follow(commanded.tip);
+  }
+  /// The state of the arm, drawn above its base from the next drawing on.
+  void tell(const control::SafetyReport& report, const std::string& reason) {
+    markers_.tell(report, reason);
+  }
+  /// Draws the shape at the last reading, or removes it if that is stale or has no shape.
+  void draw() {
+    if (!measures() || !solution_.converged()) {
+      if (drawn_) {
+        marker_publisher_.publish(markers_.remove(ros::Time::now()));
+        if (!measures() && losses_.add()) {
+          logWarning(
+              "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
+              "until "
+              "they are",
+              kFresh, losses_.total(), unmeasuredText().c_str());
+        }
+      }
+      drawn_ = false;
+      return;
+    }
+    drawn_ = true;
+    marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
+  }
+
+  /// What the actuators remember of their measured pressures.
+  const model::ArmResponse& response() const { return response_; }
+
+  const std::string& baseFrame() const { return frames_.base; }
+
+  /// The status `<node>: model`: its tier, and whether it finds a shape.
+  DiagnosticStatus status() const {
+    const statics::TierChoice& choice = scene_.model.choice();
+    const bool solved = solution_.converged();
+    DiagnosticStatus out =
+        makeStatus(names::kModelStatus, solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+                   solved ? "the model finds the arm's shape"
+                          : "the model finds no shape that balances the load: none is published; "
+                            "check the scene's load and arm.stiffness.K_eps_n",
+                   {{names::kTierKey, statics::nameOf(choice.setting.tier)},
+                    {"order", std::to_string(choice.setting.order)},
+                    {"tier_reason", choice.reason},
+                    {names::kSolveStatusKey, statics::nameOf(solution_.status)},
+                    {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
+    if (response_.instant()) return out;
+    addValue(out, "memory_known", response_.known() ? "true" : "false");
+    addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
+    return out;
+  }
+
+  /// Sets level and message of a status if there is no fresh reading.
+  void reportSilence(DiagnosticStatus& status) const {
+    if (measures()) return;
+    const bool never = last_reading_.isZero();
+    status.level = never ? DiagnosticStatus::WARN : DiagnosticStatus::ERROR;
+    status.message = never ? "waits for the first pressure_measured" : unmeasuredText();
+  }
+
+ private:
+  /// The shape at the effective pressures.
+  void solve() {
+    const bool rests = last_reading_.isZero();  // before the first reading
+    const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.effective());
+    solution_ = scene_.model.solve(pressure);
+    if (solution_.converged() || !unsolved_.add()) return;
+    std::ostringstream at;
+    at << (1e-3 * pressure).transpose();
+    logWarning(
+        "%s: the %s model finds no shape that balances the load at %s kPa (%s, residual %.2g; %lu "
+        "times "
+        "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
+        scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
+        statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
+  }
+
+  /// Whether the last reading is fresh.
+  bool measures() const {
+    return !last_reading_.isZero() &&
+           ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
+  }
+  std::string unmeasuredText() const {
+    return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
+                          : "no pressure_measured is received; is the regulator's node running?";
+  }
+  void sendBaseFrame() {
+    static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
+  }
+
+  const io::Scene& scene_;
+  const FrameNames frames_;
+  const std::uint64_t readings_per_tf_;
+  const bool own_regulator_;
+  ArmMarkers markers_;
+
+  Eigen::VectorXd measured_;  ///< last reading [Pa]
+  model::ArmResponse response_;
+  statics::Solution solution_;    ///< at the effective pressures, clamped
+  ros::SteadyTime last_reading_;  ///< zero: none yet
+  std::uint64_t readings_ = 0;
+  FaultCount unsolved_;  ///< readings at which the model finds no shape
+  FaultCount losses_;    ///< of pressure_measured
+  FaultCount restarts_;  ///< of the responses
+  bool drawn_ = false;   ///< the arm is on the screen
+
+  ros::Publisher model_publisher_, marker_publisher_;
+  CurveFrames curve_frames_{frames_, "pressure_measured is", "it"};
+  tf2_ros::StaticTransformBroadcaster static_tf_;
+  std::unique_ptr<TipHandle> handle_;
+};
+
+/// From a target to a command: checks its values and its stamp, then whether its sender may command
+/// the arm, turns shapes and tips into pressures, and commands them.
+///
+/// Subscribes to pressure_target, shape_target and tip_target; publishes target_status, one answer
+/// per target. A target that is not sound, or whose sender may not command, is counted and dropped,
+/// and the command stays. All of it belongs to the thread of the node's callback queue.
+class TargetIntake {
+ public:
+  /// Where accepted targets go.
+  struct Commands {
+    std::function<Eigen::VectorXd()> goal;  ///< (n) where the arm goes now [Pa]
+    /// Takes (n) [Pa], inside the limits, of a commander; or refuses it.
+    std::function<std::optional<control::Refusal>(const std::string& commander,
+                                                  const Eigen::VectorXd& pressure)>
+        send;
+  };
+
+  /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
+  ///                    to it, call adopt() before the next target.
+  /// @param base_frame  Frame of tip targets.
+  /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
+  TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
+               const model::ArmResponse& response, Commands commands)
+      : scene_(scene),
+        base_frame_(std::move(base_frame)),
+        response_(response),
+        commands_(std::move(commands)),
+        solver_(scene.model),
+        lower_(scene.arm.inputAt(0)),
+        upper_(lower_),
+        admission_(node, scene),
+        subscribers_{
+            listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this),
+            listen(node, names::kShapeTarget, 10, &TargetIntake::onShapeTarget, this),
+            listen(node, names::kTipTarget, 10, &TargetIntake::onTipTarget, this)} {}
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target) {
+    aimTip(TargetSender(target.header.stamp), target);
+  }
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt() {
+    admission_.adopt();
+    solver_ = statics::InverseSolver(scene_.model);
+  }
+
+  /// A warning about a commander whose pressures look like kPa, once for each; else empty.
+  std::string unitWarning() { return units_.warning(regulator::steadyNow()); }
+
+  /// As TargetAdmission::status().
+  DiagnosticStatus status() { return admission_.status(); }
+
+ private:
+  void onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
+    const PressureArray& target = *event.getMessage();
+    const TargetSender sender(names::kPressureTarget, event);
+    const auto checked = fromMsg(target, scene_.arm, commands_.goal());
+    const Eigen::VectorXd* pressure = admission_.admit(sender, checked);
+    if (pressure == nullptr || !command(sender, *pressure)) return;
+    admission_.accept(sender);
+    const auto largest = std::max_element(target.pressure.begin(), target.pressure.end());
+    if (largest != target.pressure.end()) {
+      units_.note(regulator::steadyNow(), sender.commander, *largest);
+    }
+  }
+
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
+    const TargetSender sender(names::kShapeTarget, event);
+    const auto checked = fromMsg(*event.getMessage(), scene_.arm.sectionCount());
+    if (const model::Twists* twists = admission_.admit(sender, checked)) {
+      const Eigen::VectorXd from = beginSearch();
+      follow(sender, solver_.toTwists(*twists, from));
+    }
+  }
+
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
+    aimTip({names::kTipTarget, event}, *event.getMessage());
+  }
+
+  void aimTip(const TargetSender& sender, const TipTarget& target) {
+    const auto checked = fromMsg(target, base_frame_);
+    if (const TipGoal* goal = admission_.admit(sender, checked)) {
+      const Eigen::VectorXd from = beginSearch();
+      follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, from)
+                                         : solver_.toPosition(goal->X_BT.translation, from));
+    }
+  }
+
+  /// Where the search begins: the effective pressure of the present command. Limits the search to
+  /// attainable effective pressures.
+  Eigen::VectorXd beginSearch() {
+    if (response_.instant()) return commands_.goal();
+    response_.effectiveLimits(scene_.arm, lower_, upper_);
+    solver_.limit(lower_, upper_);
+    return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+  }
+
+  /// Goes to where the result's pressures are effective.
+  void follow(const TargetSender& sender, const statics::InverseResult& result) {
+    Eigen::VectorXd pressure = result.input;
+    if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure);
+    if (result.converged() && !command(sender, pressure)) return;
+    admission_.accept(sender,
+                      {result.status, result.residual, result.position_error, result.limits});
+  }
+
+  /// Commands it; else drops the target and returns false.
+  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
+    const auto refusal = commands_.send(sender.commander, pressure);
+    if (refusal) admission_.drop(sender, *refusal);
+    return !refusal;
+  }
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  const model::ArmResponse& response_;
+  const Commands commands_;
+  statics::InverseSolver solver_;
+  Eigen::VectorXd lower_, upper_;  // of effective pressures
+  TargetAdmission admission_;
+  control::UnitWatch units_;
+  const std::array<ros::Subscriber, 3> subscribers_;
+};
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
@@ -529,7 +842,7 @@ class PressureCommandNode : public Node {
     }
   }
 
-  const PressureCommandOptions options_ = PressureCommandOptions::load();
+  const PressureCommandOptions options_{};
   io::Scene scene_ = requirePneumatic(io::loadScene(options_.scene));
   /// Rules that no reloaded file may loosen, with hardware.
   const io::SafetyConfig first_safety_ = scene_.safety;

@@ -2,8 +2,8 @@
 
 #include <cmath>
 
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
