@@ -72,6 +72,14 @@ geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
   return msg;
 }
 
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
+  geometry_msgs::Vector3 msg;
+  msg.x = vector.x();
+  msg.y = vector.y();
+  msg.z = vector.z();
+  return msg;
+}
+
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
   geometry_msgs::Quaternion msg;
@@ -97,9 +105,7 @@ boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
 
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X) {
   geometry_msgs::Transform msg;
-  msg.translation.x = X.translation.x();
-  msg.translation.y = X.translation.y();
-  msg.translation.z = X.translation.z();
+  msg.translation = toVectorMsg(X.translation);
   msg.rotation = toQuaternionMsg(X.rotation);
   return msg;
 }

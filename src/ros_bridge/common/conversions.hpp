@@ -24,6 +24,7 @@ namespace helix_arm::ros_bridge {
 
 std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X);

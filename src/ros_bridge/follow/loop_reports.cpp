@@ -1,34 +1,62 @@
-#include "loop_publisher.hpp"
+#include "loop_reports.hpp"
 
-#include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "helix_arm/ErrorBudget.h"
 #include "helix_arm/ExternalLoad.h"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
+void CalibrationWatch::note(double time, const Estimate& estimate) {
+  if (time < last_time_) since_.clear();
+  last_time_ = time;
+  since_.resize(estimate.names.size());
+  advice_.clear();
+  for (std::size_t k = 0; k < since_.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    const double prior = estimate.prior[i];
+    const bool differs =
+        std::abs(estimate.value[i]) > kSigmas * prior && estimate.deviation[i] < kKnown * prior;
+    if (!differs) {
+      since_[k].reset();
+      continue;
+    }
+    if (!since_[k]) since_[k] = time;
+    if (time - *since_[k] < kPatience) continue;
+    advice_ += (advice_.empty() ? "" : ", ") + estimate.names[k] +
+               basics::format(" %+.1f %%", 100 * std::expm1(estimate.value[i]));
+  }
+}
+
 namespace {
 
-using visualization_msgs::Marker;
+using diagnostic_msgs::DiagnosticStatus;
+using follow::LoopState;
 
-constexpr double kWantedSize = 0.016;     // [m]
-constexpr double kPredictedSize = 0.008;  // [m]
-constexpr double kCurveWidth = 0.004;     // between those of the model and of the measured one [m]
-constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
-// For an arm of 0.3 m: see SideView::scale.
-constexpr double kTextHeight = 0.02;    // [m]
-constexpr double kTextOffset = 0.06;    // beyond the tip, clear of the measured tip's text [m]
-constexpr double kTableHeight = 0.013;  // of its letters [m]
-constexpr double kTableOffset = 0.23;   // to the side of the tip, clear of the ellipsoid [m]
-constexpr double kTableRise = 0.03;     // its end is clear of the measured tip's text [m]
+std::uint8_t levelOf(LoopState state) {
+  if (state == LoopState::kDiverging) return DiagnosticStatus::ERROR;
+  const bool fine = state == LoopState::kIdle || state == LoopState::kClosed;
+  return fine ? DiagnosticStatus::OK : DiagnosticStatus::WARN;
+}
+
+std::string wrongStampText(double lead, estimation::ObservationFault fault) {
+  return "the last picture is stamped " + fixed(std::abs(lead), 2) + " s " +
+         (lead > 0 ? "after" : "before") + " the last reading of the pressures, and refused (" +
+         estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
+         (lead > 0 ? "" : ", or shorten the delay of the pictures");
+}
+
+std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
 
 // Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
@@ -47,14 +75,6 @@ constexpr char kUnexplained[] =
     "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a camera "
     "that has moved";
 
-geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
-  geometry_msgs::Vector3 out;
-  out.x = vector.x();
-  out.y = vector.y();
-  out.z = vector.z();
-  return out;
-}
-
 const std::string& stateOf(const follow::VisualServo& loop) {
   if (!loop.sees()) return ExternalLoad::UNSEEN;
   if (loop.load().contact) return ExternalLoad::CONTACT;
@@ -64,94 +84,100 @@ const std::string& stateOf(const follow::VisualServo& loop) {
 
 }  // namespace
 
-void LoopMarkers::addLegend(const ros::Time& stamp, const SideView& view, LegendLine line,
-                            bool drawn, visualization_msgs::MarkerArray& out) const {
-  out.markers.push_back(
-      legendLine(line, view, marker_(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
-  if (!drawn) out.markers.back().action = Marker::DELETE;
+void LoopDiagnostics::saw(double time, double lead, const estimation::Observation& observation,
+                          const estimation::ArmFilter& filter, bool with_tags) {
+  using estimation::ObservationFault;
+  const bool stamped_wrong = observation.fault == ObservationFault::kFuture ||
+                             observation.fault == ObservationFault::kTooOld;
+  wrong_stamp_ = stamped_wrong ? wrongStampText(lead, observation.fault) : "";
+  if (!observation.accepted()) {
+    ++refused_;
+    ++by_fault_[static_cast<std::size_t>(observation.fault)];
+    return;
+  }
+  ++accepted_;
+  if (!with_tags) ++without_tags_;
+  const int count = filter.parameterCount();
+  const estimation::Gaussian& state = filter.state();
+  calibration_.note(time,
+                    {filter.parameterNames(), state.mean.head(count),
+                     state.covariance.diagonal().head(count).cwiseSqrt(), filter.parameterPrior()});
 }
 
-Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
-                         const std::optional<Eigen::Vector3d>& centre, double size) const {
-  Marker out = marker_(stamp, ns, Marker::SPHERE);
-  if (!centre) {
-    out.action = Marker::DELETE;
-    return out;
+void LoopDiagnostics::sawForeign(const std::string& why) {
+  ++refused_;
+  if (!foreign_.add()) return;
+  logWarning("a message on measured was dropped (%lu so far): %s", foreign_.total(), why.c_str());
+}
+
+DiagnosticStatus LoopDiagnostics::loop(const follow::VisualServo& loop,
+                                       const std::string& message) const {
+  DiagnosticStatus out = makeStatus(names::kLoopStatus, levelOf(loop.state()), message,
+                                    {{"state", follow::nameOf(loop.state())},
+                                     {names::kAcceptedKey, std::to_string(accepted_)},
+                                     {names::kWithoutTagsKey, std::to_string(without_tags_)}});
+  for (int i = 1; i < estimation::kObservationFaultCount; ++i) {
+    const auto fault = static_cast<estimation::ObservationFault>(i);
+    addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),
+             std::to_string(by_fault_[static_cast<std::size_t>(i)]));
   }
-  out.pose.position = toPointMsg(*centre);
-  out.scale.x = out.scale.y = out.scale.z = size;
+  addValue(out, names::kRefusedPrefix + std::string("foreign"), std::to_string(foreign_.total()));
+  addValue(out, "tip_sd_mm", fixed(1e3 * loop.tipDeviation(), 2));
+  addValue(out, "drift_mm", fixed(1e3 * loop.drift().distance, 2));
+  addValue(out, "drift_allowed_mm", fixed(1e3 * loop.drift().allowed, 2));
+  addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
   return out;
 }
 
-Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker_(stamp, names::kTipForceNs, Marker::ARROW);
-  if (!tips.force || !tips.predicted) {
-    out.action = Marker::DELETE;
-    return out;
+DiagnosticStatus LoopDiagnostics::correction(const follow::VisualServo& loop) const {
+  const estimation::ArmFilter& filter = loop.tracker();
+  const estimation::Gaussian& state = filter.state();
+  const std::string& advice = calibration_.advice();
+  DiagnosticStatus out = makeStatus(
+      "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+      advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
+  const int count = filter.parameterCount();
+  for (int i = 0; i < count; ++i) {
+    addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
+             percent(state.mean[i]) + " +- " +
+                 percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
   }
-  const Eigen::Vector3d along = kArrowLength * tips.force->stableNormalized();
-  out.points = {toPointMsg(*tips.predicted - along), toPointMsg(*tips.predicted)};
-  out.scale.x = 0.006;
-  out.scale.y = 0.016;
-  out.color = color(1.0, 0.2, 0.1);
+  const auto& rows = filter.rows();
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const bool moves = rows[k] % 6 < 3;
+    addValue(out,
+             "bias of section " + std::to_string(rows[k] / 6 + 1) + ", " + (moves ? "v_" : "w_") +
+                 "xyz"[rows[k] % 3] + (moves ? " [mm]" : " [mrad]"),
+             fixed(1e3 * state.mean[count + static_cast<Eigen::Index>(k)], 2));
+  }
   return out;
 }
 
-Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
-  Marker out = marker_(stamp, "predicted_curve", Marker::LINE_STRIP);
-  if (tips.curve.empty()) {
-    out.action = Marker::DELETE;
-    return out;
+std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
+                                           const estimation::TagLayout& layout) {
+  std::vector<int> out;
+  for (const TagDetection& tag : detections.tags) {
+    if (!tag.fitted) continue;
+    const int index = layout.find(tag.id);
+    if (index < 0) return std::nullopt;
+    // Of a message with any number of tags, no more than the layout has are kept.
+    const auto place = std::lower_bound(out.begin(), out.end(), index);
+    if (place == out.end() || *place != index) out.insert(place, index);
   }
-  out.scale.x = kCurveWidth;
-  out.color = color(0.2, 0.9, 1.0);
-  for (const Eigen::Vector3d& point : tips.curve) out.points.push_back(toPointMsg(point));
+  if (out.empty()) return std::nullopt;
   return out;
 }
 
-Marker LoopMarkers::words(const ros::Time& stamp, const char* ns,
-                          const std::optional<Eigen::Vector3d>& place, double height,
-                          const std::string& text) const {
-  Marker out = marker_(stamp, ns, Marker::TEXT_VIEW_FACING);
-  if (!place || text.empty()) {
-    out.action = Marker::DELETE;
-    return out;
-  }
-  out.pose.position = toPointMsg(*place);
-  out.scale.z = height;
-  out.color = color(0.2, 0.9, 1.0);
-  out.text = text;
-  return out;
-}
-
-visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const SideView& view,
-                                                  const Tips& tips) const {
-  visualization_msgs::MarkerArray out;
-  Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
-  wanted.color = color(1.0, 0.3, 0.9, 0.7);
-  Marker predicted = ball(stamp, names::kPredictedTipNs, tips.predicted, kPredictedSize);
-  predicted.color = color(0.2, 0.9, 1.0);
-  Marker ellipsoid = ball(stamp, names::kPredictedCovarianceNs, tips.predicted, kPredictedSize);
-  ellipsoid.color = color(0.2, 0.9, 1.0, 0.35);
-  if (tips.predicted) shapeLike(tips.covariance, *tips.predicted, ellipsoid);
-  const auto beside = [&](double to_right, double beyond) {
-    if (!tips.predicted) return std::optional<Eigen::Vector3d>();
-    const Eigen::Vector3d offset = to_right * view.right + beyond * view.beyond;
-    return std::optional<Eigen::Vector3d>(*tips.predicted + offset * view.scale);
-  };
-  Marker table = words(stamp, names::kErrorBudgetNs, beside(kTableOffset, -kTableRise),
-                       kTableHeight * view.scale, tips.budget);
-  if (tips.outside) table.color = color(1.0, 0.5, 0.2);
-  out.markers = {std::move(wanted),
-                 std::move(predicted),
-                 std::move(ellipsoid),
-                 words(stamp, names::kLoopStateNs, beside(0, kTextOffset), kTextHeight * view.scale,
-                       tips.text),
-                 std::move(table),
-                 arrow(stamp, tips),
-                 curve(stamp, tips)};
-  addLegend(stamp, view, LegendLine::kPredicted, !tips.curve.empty(), out);
-  addLegend(stamp, view, LegendLine::kWanted, tips.wanted.has_value(), out);
+std::optional<SeenArm> TagMatcher::take(double now) {
+  if (shapes_.empty()) return std::nullopt;
+  Waiting& first = shapes_.front();
+  const auto of_it = std::find_if(tags_.begin(), tags_.end(), [&first](const Tags& tags) {
+    return tags.stamp == first.seen.stamp;
+  });
+  if (of_it == tags_.end() && mayGetTags(first, now)) return std::nullopt;
+  std::optional<SeenArm> out = std::move(first.seen);
+  shapes_.pop_front();
+  if (of_it != tags_.end()) out->tags = of_it->fitted;
   return out;
 }
 
@@ -160,16 +186,11 @@ LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std:
     : scene_(scene),
       base_frame_(std::move(base_frame)),
       period_(kSlack / rate),
-      markers_(base_frame_, std::max(1.0, 3.0 / draw_rate)),
+      markers_(base_frame_, 1.0 / draw_rate),
       status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
   if (on_target) handle_ = std::make_unique<TipHandle>(base_frame_, scene, std::move(on_target));
-}
-
-bool LoopPublisher::isDue(const View& view) const {
-  const double since = secondsBetween(status_.header.stamp, view.stamp);
-  return since < 0 || since >= period_ || status_.state != follow::nameOf(view.loop.state());
 }
 
 Eigen::Matrix3d LoopPublisher::tipCovariance(const View& view) {
@@ -182,40 +203,35 @@ Eigen::Matrix3d LoopPublisher::tipCovariance(const View& view) {
 void LoopPublisher::publish(const View& view) {
   const estimation::ExternalLoad& load = view.loop.load();
   const bool touched = load.contact && view.loop.sees();
-  force_ = touched ? std::optional(load.force) : std::nullopt;
-  force_text_.clear();
-  if (touched) {
-    force_text_ = load.normalised ? "contact" : "contact, " + fixed(load.force.norm(), 2) + " N";
-  }
-  if (!isDue(view)) return;
+  tips_.force = touched ? std::optional(load.force) : std::nullopt;
+  contact_ = touched ? "\ncontact" : "";
+  if (touched && !load.normalised) contact_ += ", " + fixed(load.force.norm(), 2) + " N";
+  const follow::Turn& turn = view.loop.turn();
+  const double since = secondsBetween(status_.header.stamp, view.stamp);
+  if (since >= 0 && since < period_ && status_.state == follow::nameOf(view.loop.state())) return;
   noteBudget(view);
   publishEstimate(view);
-  status_ = statusOf(view, tipCovariance(view));
+  tips_.covariance = tipCovariance(view);
+  tips_.wanted = turn.commands ? std::optional(turn.wanted.translation) : std::nullopt;
+  tips_.predicted = turn.predicted ? std::optional(turn.predicted->translation) : std::nullopt;
+  status_ = statusOf(view, tips_.covariance);
   status_publisher_.publish(status_);
-}
-
-void LoopPublisher::clear() {
-  status_ = {};
-  force_.reset();
-  force_text_.clear();
-  curve_.clear();
-  budget_text_.clear();
 }
 
 void LoopPublisher::noteBudget(const View& view) {
   const auto& budget = view.loop.budget();
   const bool fresh =
       view.last_picture && std::abs(secondsBetween(*view.last_picture, view.stamp)) < kFreshBudget;
-  budget_text_ = budget && fresh ? procedures::budgetText(*budget) : std::string();
-  outside_ = budget && budget->state == estimation::BudgetState::kOutside;
+  tips_.budget = budget && fresh ? procedures::budgetText(*budget) : std::string();
+  tips_.outside = budget && budget->state == estimation::BudgetState::kOutside;
 }
 
 void LoopPublisher::publishEstimate(const View& view) {
   const auto shape = view.loop.tracker().shape(view.loop.observer().newest().pressure);
   if (!shape) return;
-  curve_.clear();
+  tips_.curve.clear();
   for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kPoints)) {
-    curve_.push_back(point.X.translation);
+    tips_.curve.push_back(point.X.translation);
   }
   const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
   estimate_publisher_.publish(toShapeMsg(header, "estimated", *shape, twistCovariance(view)));
@@ -251,20 +267,11 @@ LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_
 }
 
 void LoopPublisher::draw() {
-  const auto positionOf = [](bool has, const geometry_msgs::Pose& pose) {
-    return has ? std::optional<Eigen::Vector3d>(fromMsg(pose).translation) : std::nullopt;
-  };
-  LoopMarkers::Tips tips;
-  tips.wanted = positionOf(status_.has_wanted, status_.wanted);
-  tips.predicted = positionOf(status_.has_predicted, status_.predicted);
-  tips.covariance = Eigen::Map<const Eigen::Matrix3d>(status_.predicted_covariance.data());
-  if (status_.has_predicted) tips.curve = curve_;
+  LoopMarkers::Tips tips = tips_;
+  if (!tips.predicted) tips.curve.clear();
   tips.text = status_.state;
-  tips.force = force_;
-  tips.budget = budget_text_;
-  tips.outside = outside_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
-  if (!force_text_.empty()) tips.text += "\n" + force_text_;
+  tips.text += contact_;
   marker_publisher_.publish(markers_.draw(ros::Time::now(), sideViewOf(scene_), tips));
   if (!handle_) return;
   if (const auto& at = tips.wanted ? tips.wanted : tips.predicted) {
