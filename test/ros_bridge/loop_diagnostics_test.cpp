@@ -1,4 +1,4 @@
-#include "ros_bridge/follow/loop_diagnostics.hpp"
+#include "ros_bridge/follow/loop_reports.hpp"
 
 #include <gtest/gtest.h>
 

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "ros_bridge/vision/picture_source.hpp"
+#include "ros_bridge/vision/picture_mailbox.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
