@@ -21,7 +21,6 @@
 #include <ros/steady_timer.h>
 
 #include "diagnostics.hpp"
-#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -85,38 +84,6 @@ class CheckedStream {
 // Exceptions of callbacks, and messages that cannot be deserialised, are dropped, counted and
 // warned of with their sender: at the first one, then once every five seconds. Arrays get no more
 // memory than their messages have bytes for (CheckedStream).
-
-/// Catches the exceptions of one source of work. Thread-safe.
-class FaultGuard {
- public:
-  using Log = std::function<void(const std::string& line)>;
-
-  /// @param source  named in the warnings, such as "a message on /tip_target".
-  /// @param log     receives the warnings; default: logWarning().
-  explicit FaultGuard(std::string source, Log log = {});
-
-  /// @param culprit  the sender; empty if there is none.
-  /// @return whether the body returned without throwing; otherwise *why is set to what it threw.
-  template <class Body>
-  bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
-    try {
-      body();
-      return true;
-    } catch (...) {
-      caught(culprit, why);
-      return false;
-    }
-  }
-
- private:
-  /// In a handler.
-  void caught(const std::string& culprit, std::string* why) noexcept;
-
-  const std::string source_;
-  const Log log_;
-  basics::Mutex mutex_;
-  FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
-};
 
 /// Passes the messages of one topic from roscpp to a callback.
 template <class Message>

@@ -4,11 +4,11 @@
 #include <ros/this_node.h>
 #include <std_srvs/Trigger.h>
 
-#include "end_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "log.hpp"
 #include "ros_bridge/names.hpp"
+#include "run_node.hpp"
 
 namespace helix_arm::ros_bridge {
 void CommandTrace::sent(const ros::Time& stamp) {
