@@ -189,7 +189,9 @@ LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std:
       markers_(base_frame_, 1.0 / draw_rate),
       status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
-      marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {
+      marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)),
+      budget_publisher_(node.advertise<ErrorBudget>(names::kErrorBudget, 10)),
+      load_publisher_(node.advertise<ExternalLoad>(names::kExternalLoad, 10, true)) {
   if (on_target) handle_ = std::make_unique<TipHandle>(base_frame_, scene, std::move(on_target));
 }
 
@@ -201,6 +203,7 @@ Eigen::Matrix3d LoopPublisher::tipCovariance(const View& view) {
 }
 
 void LoopPublisher::publish(const View& view) {
+  if (!last_load_.empty() && stateOf(view.loop) != last_load_) tellLoad(view.stamp, view.loop);
   const estimation::ExternalLoad& load = view.loop.load();
   const bool touched = load.contact && view.loop.sees();
   tips_.force = touched ? std::optional(load.force) : std::nullopt;
@@ -279,22 +282,17 @@ void LoopPublisher::draw() {
   }
 }
 
-LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
-    : base_frame_(std::move(base_frame)),
-      budget_publisher_(node.advertise<ErrorBudget>(names::kErrorBudget, 10)),
-      load_publisher_(node.advertise<ExternalLoad>(names::kExternalLoad, 10, true)) {}
-
-void LoadPublisher::publish(const ros::Time& picture, const follow::VisualServo& loop) {
+void LoopPublisher::publishLoad(const ros::Time& picture, const follow::VisualServo& loop) {
   const double since = secondsBetween(last_budget_, picture);
   // During a contact that is not doubted the budget is that of an earlier picture.
   const bool present = loop.budget() && loop.budget()->time == picture.toSec();
   if (present && (since < 0 || since >= kBudgetPeriod)) {
     publishBudget(picture, *loop.budget(), loop.drift());
   }
-  publishLoad(picture, loop);
+  tellLoad(picture, loop);
 }
 
-void LoadPublisher::publishBudget(const ros::Time& picture,
+void LoopPublisher::publishBudget(const ros::Time& picture,
                                   const estimation::TipErrorBudget& budget,
                                   const estimation::Drift& drift) {
   last_budget_ = picture;
@@ -324,15 +322,11 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
   budget_publisher_.publish(out);
 }
 
-void LoadPublisher::publishChange(const ros::Time& turn, const follow::VisualServo& loop) {
-  if (!last_state_.empty() && stateOf(loop) != last_state_) publishLoad(turn, loop);
-}
-
-void LoadPublisher::publishLoad(const ros::Time& stamp, const follow::VisualServo& loop) {
+void LoopPublisher::tellLoad(const ros::Time& stamp, const follow::VisualServo& loop) {
   const std::string& state = stateOf(loop);
   const bool touched = state == ExternalLoad::CONTACT;
-  if (!touched && state == last_state_) return;
-  last_state_ = state;
+  if (!touched && state == last_load_) return;
+  last_load_ = state;
   const estimation::ExternalLoad& load = loop.load();
   ExternalLoad out;
   out.state = state;

@@ -145,8 +145,8 @@ class TagMatcher {
   std::optional<double> last_tags_;
 };
 
-/// Publishes loop_status, estimate and loop_markers, and holds the tip handle at the wanted tip.
-/// For the thread of the node's callback queue.
+/// Publishes loop_status, estimate, loop_markers, error_budget and external_load, and holds the tip
+/// handle at the wanted tip. For the thread of the node's callback queue.
 class LoopPublisher {
  public:
   /// The loop after a turn.
@@ -166,8 +166,13 @@ class LoopPublisher {
   LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame, double rate,
                 double draw_rate, TipHandle::OnTarget on_target);
 
-  /// Publishes status and estimate: at a change of state, else at this rate.
+  /// After a turn: publishes status and estimate, at a change of state, else at this rate; and the
+  /// load, if its state has changed without a picture, as by a lack of pictures.
   void publish(const View& view);
+  /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
+  /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
+  /// while something touches the arm.
+  void publishLoad(const ros::Time& picture, const follow::VisualServo& loop);
   /// Draws what was published last.
   void draw();
   /// Nothing is measured any more: the next drawing removes all.
@@ -183,6 +188,9 @@ class LoopPublisher {
   LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const;
   void publishEstimate(const View& view);
   void noteBudget(const View& view);
+  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
+                     const estimation::Drift& drift);
+  void tellLoad(const ros::Time& stamp, const follow::VisualServo& loop);
 
   const io::Scene& scene_;
   const std::string base_frame_;
@@ -191,31 +199,11 @@ class LoopPublisher {
   LoopStatus status_;       ///< the last one
   LoopMarkers::Tips tips_;  ///< what of it is drawn, without the text
   std::string contact_;     ///< in words
-  ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_;
-  std::unique_ptr<TipHandle> handle_;
-};
-
-/// Publishes what the pictures tell of the arm besides its shape: error_budget and external_load.
-class LoadPublisher {
- public:
-  LoadPublisher(ros::NodeHandle& node, std::string base_frame);
-
-  /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
-  /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
-  /// while something touches the arm.
-  void publish(const ros::Time& picture, const follow::VisualServo& loop);
-  /// After a turn: the load, if its state has changed without a picture, as by a lack of pictures.
-  void publishChange(const ros::Time& turn, const follow::VisualServo& loop);
-
- private:
-  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
-                     const estimation::Drift& drift);
-  void publishLoad(const ros::Time& stamp, const follow::VisualServo& loop);
-
-  const std::string base_frame_;
-  ros::Publisher budget_publisher_, load_publisher_;
   ros::Time last_budget_;
-  std::string last_state_;  ///< of the load
+  std::string last_load_;  ///< its state
+  ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_, budget_publisher_,
+      load_publisher_;
+  std::unique_ptr<TipHandle> handle_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -68,66 +68,6 @@ control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sectio
       Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
 }
 
-/// Takes the measured shapes with the tags of their fits.
-///
-/// Subscribes to measured and tag_detections. For the thread of the node's callback queue.
-class ObservationIntake {
- public:
-  using OnSeen = std::function<void(const SeenArm& seen)>;
-
-  /// @param scene     Kept by reference: after a change to it, call adopt().
-  /// @param pictures  gets the shapes that are not of this arm. Outlives this.
-  /// @param on_seen   called with each shape, in the order of the messages.
-  ObservationIntake(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
-                    LoopDiagnostics& pictures, OnSeen on_seen)
-      : scene_(scene),
-        base_frame_(std::move(base_frame)),
-        pictures_(pictures),
-        on_seen_(std::move(on_seen)),
-        measured_subscriber_(
-            listen(node, names::kMeasured, 10, &ObservationIntake::onMeasured, this)),
-        tags_subscriber_(
-            listen(node, names::kTagDetections, 10, &ObservationIntake::onTags, this)) {}
-
-  /// Gives up the wait for tags that do not come. To be called regularly.
-  void poll() {
-    while (const auto seen = matcher_.take(now())) on_seen_(*seen);
-  }
-  /// Follows a change of the scene.
-  void adopt() { matcher_.clear(); }
-
- private:
-  void onMeasured(const ArmShapeConstPtr& shape) {
-    const auto checked = fromMsg(*shape, scene_.arm, base_frame_);
-    const auto covariance = covarianceOf(*shape, scene_.arm.sectionCount());
-    for (const auto* refusal :
-         {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
-      if (refusal == nullptr) continue;
-      pictures_.sawForeign(refusal->message);
-      return;
-    }
-    matcher_.add({shape->header.stamp, std::get<model::Shape>(checked),
-                  std::get<Eigen::MatrixXd>(covariance)},
-                 now());
-    poll();
-  }
-
-  void onTags(const TagDetectionsConstPtr& detections) {
-    if (!scene_.tags) return;
-    matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags), now());
-    poll();
-  }
-
-  static double now() { return ros::SteadyTime::now().toSec(); }
-
-  const io::Scene& scene_;
-  const std::string base_frame_;
-  LoopDiagnostics& pictures_;
-  const OnSeen on_seen_;
-  TagMatcher matcher_;
-  ros::Subscriber measured_subscriber_, tags_subscriber_;
-};
-
 using control::Fault;
 
 constexpr double kFreshCommand = 1.0;   // an older one is of a node that has ended [s]
@@ -843,6 +783,33 @@ class VisualServoNode : public Node {
     turn(stamp.isZero() ? ros::Time::now() : stamp, std::get<Eigen::VectorXd>(checked));
   }
 
+  void onMeasured(const ArmShapeConstPtr& message) {
+    const auto shape = fromMsg(*message, scene_.arm, frames_.baseFrame());
+    const auto covariance = covarianceOf(*message, scene_.arm.sectionCount());
+    for (const auto* refusal :
+         {std::get_if<control::Refusal>(&shape), std::get_if<control::Refusal>(&covariance)}) {
+      if (refusal == nullptr) continue;
+      pictures_.sawForeign(refusal->message);
+      return;
+    }
+    matcher_.add({message->header.stamp, std::get<model::Shape>(shape),
+                  std::get<Eigen::MatrixXd>(covariance)},
+                 ros::SteadyTime::now().toSec());
+    look();
+  }
+
+  void onTags(const TagDetectionsConstPtr& detections) {
+    if (!scene_.tags) return;
+    matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags),
+                     ros::SteadyTime::now().toSec());
+    look();
+  }
+
+  /// Takes the measured shapes that wait for their tags no longer.
+  void look() {
+    while (const auto seen = matcher_.take(ros::SteadyTime::now().toSec())) onSeen(*seen);
+  }
+
   void onSeen(const SeenArm& seen) {
     // Simulated time may reach this node later than the readings that it stamps.
     const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
@@ -852,7 +819,7 @@ class VisualServoNode : public Node {
                   seen.tags.has_value());
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
-    load_publisher_.publish(seen.stamp, loop_);
+    publisher_.publishLoad(seen.stamp, loop_);
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
@@ -872,7 +839,7 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
-    load_publisher_.publish(stamp_, loop_);
+    publisher_.publishLoad(stamp_, loop_);
     response.success = true;
     response.message =
         "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -918,12 +885,12 @@ class VisualServoNode : public Node {
     scene_ = std::move(next);
     loop_ = std::move(loop);
     targets_.adopt();
-    observation_.adopt();
-    load_publisher_.publish(stamp_, loop_);
+    matcher_.clear();
+    publisher_.publishLoad(stamp_, loop_);
   }
 
   void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
-    observation_.poll();
+    look();
     const LoopState before = loop_.state();
     stamp_ = stamp;
     const double time = stamp.toSec();
@@ -935,7 +902,6 @@ class VisualServoNode : public Node {
     command(turn);
     if (turn.commands) action_.watch(time, turn);
     tellState(before);
-    load_publisher_.publishChange(stamp, loop_);
     publisher_.publish(view());
   }
 
@@ -1074,6 +1040,7 @@ class VisualServoNode : public Node {
   ros::NodeHandle node_, private_node_{"~"};
   FrameLookup frames_{node_, options_.frame_prefix + names::kBaseFrame};
   LoopDiagnostics pictures_;
+  TagMatcher matcher_;
   CommandLink link_{node_, scene_};
   LoopTargets targets_{node_, scene_, frames_};
   LoopPublisher publisher_{
@@ -1084,13 +1051,12 @@ class VisualServoNode : public Node {
       options_.draw_rate,
       options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
                       : TipHandle::OnTarget()};
-  LoadPublisher load_publisher_{node_, frames_.baseFrame()};
   FollowAction action_{private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
-  ObservationIntake observation_{node_, scene_, frames_.baseFrame(), pictures_,
-                                 [this](const SeenArm& seen) { onSeen(seen); }};
+  const ros::Subscriber measured_ = listen(node_, names::kMeasured, 10, &Self::onMeasured, this);
+  const ros::Subscriber tags_ = listen(node_, names::kTagDetections, 10, &Self::onTags, this);
   const ros::ServiceServer close_ =
       serve(private_node_, names::kCloseLoop, &Self::onCloseLoop, this);
   const ros::ServiceServer reset_ = serve(private_node_, names::kReset, &Self::onReset, this);

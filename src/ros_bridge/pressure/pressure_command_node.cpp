@@ -1,21 +1,33 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
 
+#include <boost/make_shared.hpp>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/callback_queue.h>
 #include <ros/spinner.h>
 #include <ros/this_node.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -27,7 +39,6 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
-#include "pressure_loop.hpp"
 #include "regulator_setup.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
@@ -87,6 +98,345 @@ constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error
 
 // By control::Valve.
 constexpr const char* kValves[] = {"vent", "regulate", "close"};
+
+using regulator::steadyNow;
+
+// If more readings wait, the receiver is slower than the loop and gets only the last one.
+constexpr std::size_t kMostWaiting = 4;
+
+// A function as an entry of a callback queue.
+class Call : public ros::CallbackInterface {
+ public:
+  explicit Call(std::function<void()> call) : call_(std::move(call)) {}
+  CallResult call() override {
+    call_();
+    return Success;
+  }
+
+ private:
+  std::function<void()> call_;
+};
+
+// Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
+// clock of the rules.
+double ageOf(const ros::Time& stamp) {
+  if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
+  return ros::Time::now().toSec() - stamp.toSec();
+}
+
+helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
+  const control::SafetyCore& core = path.core();
+  const control::SafetyReport& report = core.report();
+  helix_arm::SafetyState out;
+  out.header.stamp = stamp;
+  out.state = nameOf(report.state);
+  out.cause = nameOf(report.cause);
+  const control::SafetyText text = path.text();
+  out.problem = text.problem;
+  out.action = text.action;
+  out.remedy = text.remedy;
+  out.reason = text.line(report.state);
+  if (report.channel >= 0) {
+    out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
+  }
+  out.value = report.value;
+  out.limit = report.limit;
+  out.resting = report.resting;
+  out.stopped = report.stopped;
+  out.vent_overdue = report.vent_overdue;
+  return out;
+}
+
+LogLevel levelOf(const control::SafetyReport& report) {
+  const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
+  if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
+  if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
+  return ros::console::levels::Info;
+}
+
+/// The pressure path of a node in its own thread: neither the path nor a stop is delayed by other
+/// work of the node.
+///
+/// Readings from a topic have their own thread too, so that they cannot delay a stop.
+///
+/// Publishes pressure_command, immediately on a new target and with every turn; pressure_measured,
+/// if the regulator is the node's own; and safety_state, latched, on every change, with a line in
+/// the log. Serves ~enable, ~rest, ~vent and ~emergency_stop. All times are of the steady clock,
+/// whatever ROS time does.
+class PressureLoop {
+ public:
+  /// A reading.
+  struct Reading {
+    Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
+    ros::Time stamp;
+  };
+  using Take = std::function<void(const Reading&)>;
+
+  /// The pressure path at one moment.
+  struct Snapshot {
+    control::SafetyReport report;
+    std::string reason;
+    control::ValveOrders orders;
+    Eigen::VectorXd goal, reading;          ///< (n) [Pa]
+    std::optional<regulator::IoStatus> io;  ///< where the regulator is the node's own
+    std::uint64_t turns = 0;                ///< so far
+    FaultCount bad_readings;
+  };
+
+  /// @param arm                Its actuators are named in the messages.
+  /// @param rate               Turns of the loop per second [Hz].
+  /// @param realtime_priority  Of its thread, as scheduleRealtime(), where that is allowed.
+  /// @param path               Without I/O where another node regulates; the readings then come
+  ///                           from pressure_measured.
+  /// @param auto_enable        A target enables the path, as SafetyCore::mayEnableItself() allows.
+  /// @param take               Receives the readings, in order, from the node's own callback
+  ///                           queue; only the last where it cannot keep up.
+  PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
+               regulator::PressurePath path, bool auto_enable, Take take)
+      : period_(1.0 / rate),
+        realtime_priority_(realtime_priority),
+        auto_enable_(auto_enable),
+        take_(std::move(take)),
+        arm_(arm),
+        path_(std::move(path)),
+        command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
+        safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
+        reading_spinner_(1, &reading_queue_),
+        take_guard_("a reading") {
+    node.setCallbackQueue(&queue_);
+    if (path_.io() != nullptr) {
+      measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+    } else {
+      ros::NodeHandle other = node;
+      other.setCallbackQueue(&reading_queue_);
+      reading_subscriber_ =
+          listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this);
+    }
+    ros::NodeHandle below("~");
+    below.setCallbackQueue(&queue_);
+    enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
+    rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
+    vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
+    stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this);
+    reading_spinner_.start();
+    thread_.start([this] { run(); });
+  }
+  ~PressureLoop() {
+    end();
+    ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
+  }
+  PressureLoop(const PressureLoop&) = delete;
+  PressureLoop& operator=(const PressureLoop&) = delete;
+
+  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that somebody else
+  /// asked for, it is refused until it pauses for target_timeout, asks for rest itself, or somebody
+  /// enables the arm.
+  std::optional<control::Refusal> command(const std::string& commander,
+                                          const Eigen::VectorXd& pressure)
+      HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    const double now = steadyNow();
+    control::SafetyCore& core = path_.core();
+    if (rested_.refuses(commander, now, core.rules().target_timeout)) {
+      return control::restedRefusal(core.rules().target_timeout);
+    }
+    std::string refusal;
+    if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
+    if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+    if (refusal.empty()) commander_ = commander;
+    publish(now);
+    if (refusal.empty()) return std::nullopt;
+    return control::Refusal{control::Fault::kNotEnabled, refusal};
+  }
+
+  /// Replaces the rules of the same channels, and the arm with the same actuators.
+  /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
+  void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
+             const control::SafetyRules& rules) HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    path_.core().adopt(std::move(channels), rules);
+    arm_ = arm;
+  }
+
+  /// As PressurePath::guardedBy().
+  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    path_.guardedBy(std::move(guard));
+  }
+  /// If the regulator is the node's own, vents and waits for a limited time until no pressure
+  /// remains. Does nothing from then on.
+  /// @return whether the readings confirm that it is vented.
+  bool end() HELIX_ARM_EXCLUDES(mutex_) {
+    ends_ = true;
+    thread_.join();
+    reading_spinner_.stop();
+    const regulator::PriorityLock lock(mutex_);
+    return path_.end();
+  }
+  /// Exit code of the node as far as the loop is concerned.
+  int verdict() const { return thread_.verdict(); }
+
+  /// (n) target of the commands [Pa]
+  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
+  }
+  Snapshot snapshot() const HELIX_ARM_EXCLUDES(mutex_) {
+    const regulator::PriorityLock lock(mutex_);
+    const control::SafetyCore& core = path_.core();
+    Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
+                 core.reading(), std::nullopt,   turns_,        bad_readings_};
+    if (path_.io() != nullptr) out.io = path_.io()->status();
+    return out;
+  }
+
+ private:
+  using Trigger = std_srvs::Trigger;
+  using SetBool = std_srvs::SetBool;
+
+  bool onEnable(Trigger::Request&, Trigger::Response& response) {
+    const regulator::PriorityLock lock(mutex_);
+    const double now = steadyNow();
+    const std::string refusal = path_.enable(now);
+    turn(now);
+    if (refusal.empty()) rested_.release();
+    response.success = refusal.empty();
+    response.message = refusal.empty() ? path_.reason() : refusal;
+    return true;
+  }
+  bool onRest(const std::string& caller, Trigger::Request&, Trigger::Response& response) {
+    const regulator::PriorityLock lock(mutex_);
+    const double now = steadyNow();
+    response.success = path_.core().rest(now);
+    if (response.success && caller != commander_) rested_.hold(commander_, now);
+    rested_.acknowledge(caller);
+    turn(now);
+    response.message =
+        (response.success ? "" : "not enabled, so nothing changes: ") + path_.reason();
+    return true;
+  }
+  bool onVent(Trigger::Request&, Trigger::Response& response) {
+    const regulator::PriorityLock lock(mutex_);
+    const double now = steadyNow();
+    path_.core().vent(now);
+    turn(now);
+    response.success = path_.core().linked();
+    response.message = path_.reason();
+    return true;
+  }
+  bool onStop(SetBool::Request& request, SetBool::Response& response) {
+    const regulator::PriorityLock lock(mutex_);
+    const double now = steadyNow();
+    path_.core().emergencyStop(now, request.data);
+    turn(now);
+    response.success = path_.core().linked() || !request.data;
+    response.message = path_.reason();
+    return true;
+  }
+  void onReading(const PressureArrayConstPtr& reading) {
+    const regulator::PriorityLock lock(mutex_);
+    const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
+    const double age = ageOf(reading->header.stamp);
+    auto refusal =
+        control::checkAge(age, path_.core().rules().reading_timeout, control::Timed::kReading);
+    if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
+    if (refusal) {
+      if (!bad_readings_.add()) return;
+      logWarning("a message on pressure_measured was dropped: %s", refusal->message.c_str());
+      return;
+    }
+    const auto& measured = std::get<Eigen::VectorXd>(checked);
+    path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
+    post({measured, reading->header.stamp});
+  }
+
+  void turn(double now) HELIX_ARM_REQUIRES(mutex_) {
+    path_.turn(now);
+    publish(now);
+  }
+  void publish(double now) HELIX_ARM_REQUIRES(mutex_) {
+    std_msgs::Header header = toHeaderMsg(ros::Time::now());
+    command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
+    noteChanges(header.stamp);
+    const regulator::Reading* news = path_.news();
+    if (news == nullptr || !news->pressures.pressure.allFinite()) return;
+    // Simulated time may stand still or not have started.
+    if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
+    measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
+    post({news->pressures.pressure, header.stamp});
+  }
+  void noteChanges(const ros::Time& stamp) HELIX_ARM_REQUIRES(mutex_) {
+    const control::SafetyReport& report = path_.core().report();
+    if (changes_noted_ == report.changes) return;
+    changes_noted_ = report.changes;
+    const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
+    safety_publisher_.publish(message);
+    logLine(levelOf(report), "%s", message.reason.c_str());
+  }
+  void post(Reading reading) HELIX_ARM_REQUIRES(mutex_) {
+    waiting_.push_back(std::move(reading));
+    if (waiting_.size() > kMostWaiting) waiting_.erase(waiting_.begin());
+    if (waiting_.size() > 1) return;
+    ros::getGlobalCallbackQueue()->addCallback(boost::make_shared<Call>([this] { takeWaiting(); }),
+                                               reinterpret_cast<std::uint64_t>(this));
+  }
+
+  void run() {
+    regulator::scheduleRealtime(realtime_priority_);
+    // On its own clock, since the thread of ROS timers has no real-time priority.
+    for (double due = steadyNow(); !ends_;) {
+      const double now = steadyNow();
+      if (now < due) {
+        queue_.callAvailable(ros::WallDuration(due - now));
+        continue;
+      }
+      {
+        const regulator::PriorityLock lock(mutex_);
+        ++turns_;
+        turn(steadyNow());
+      }
+      due = std::max(due + period_, now);
+      queue_.callAvailable();  // even if the turns are late
+    }
+  }
+  void takeWaiting() HELIX_ARM_EXCLUDES(mutex_) {
+    std::vector<Reading> readings;
+    {
+      const regulator::PriorityLock lock(mutex_);
+      readings.swap(waiting_);
+    }
+    if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);
+    for (const Reading& reading : readings) {
+      take_guard_.run("", [&] { take_(reading); });
+    }
+  }
+
+  const double period_;  ///< [s]
+  const int realtime_priority_;
+  const bool auto_enable_;
+  const Take take_;
+
+  mutable regulator::PriorityMutex mutex_;  ///< also orders the commands
+  model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);
+  regulator::PressurePath path_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string commander_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of the last target
+  control::RestedCommander rested_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t turns_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  std::optional<std::uint64_t> changes_noted_ HELIX_ARM_GUARDED_BY(mutex_);
+  FaultCount bad_readings_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::vector<Reading> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
+
+  ros::CallbackQueue queue_;  ///< queue of the members below, which leave it when destroyed
+  ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
+  ros::ServiceServer enable_server_, rest_server_, vent_server_, stop_server_;
+  /// For the readings only, so that no reading, however large, delays a stop.
+  ros::CallbackQueue reading_queue_;
+  ros::Subscriber reading_subscriber_;
+  ros::AsyncSpinner reading_spinner_;
+  FaultGuard take_guard_;
+  std::atomic<bool> ends_{false};
+  GuardedThread thread_;  ///< of the queue and the turns
+};
 
 unsigned char diagnosticLevel(const control::SafetyReport& report) {
   if (report.vent_overdue) return DiagnosticStatus::ERROR;
@@ -321,25 +671,17 @@ class ShapePublisher {
 /// and the command stays. All of it belongs to the thread of the node's callback queue.
 class TargetIntake {
  public:
-  /// Where accepted targets go.
-  struct Commands {
-    std::function<Eigen::VectorXd()> goal;  ///< (n) where the arm goes now [Pa]
-    /// Takes (n) [Pa], inside the limits, of a commander; or refuses it.
-    std::function<std::optional<control::Refusal>(const std::string& commander,
-                                                  const Eigen::VectorXd& pressure)>
-        send;
-  };
-
   /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
   ///                    to it, call adopt() before the next target.
   /// @param base_frame  Frame of tip targets.
   /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
+  /// @param loop        Takes accepted targets; is there before the first one.
   TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
-               const model::ArmResponse& response, Commands commands)
+               const model::ArmResponse& response, std::optional<PressureLoop>& loop)
       : scene_(scene),
         base_frame_(std::move(base_frame)),
         response_(response),
-        commands_(std::move(commands)),
+        loop_(loop),
         solver_(scene.model),
         lower_(scene.arm.inputAt(0)),
         upper_(lower_),
@@ -370,7 +712,7 @@ class TargetIntake {
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
     const PressureArray& target = *event.getMessage();
     const TargetSender sender(names::kPressureTarget, event);
-    const auto checked = fromMsg(target, scene_.arm, commands_.goal());
+    const auto checked = fromMsg(target, scene_.arm, loop_->goal());
     const Eigen::VectorXd* pressure = admission_.admit(sender, checked);
     if (pressure == nullptr || !command(sender, *pressure)) return;
     admission_.accept(sender);
@@ -405,10 +747,10 @@ class TargetIntake {
   /// Where the search begins: the effective pressure of the present command. Limits the search to
   /// attainable effective pressures.
   Eigen::VectorXd beginSearch() {
-    if (response_.instant()) return commands_.goal();
+    if (response_.instant()) return loop_->goal();
     response_.effectiveLimits(scene_.arm, lower_, upper_);
     solver_.limit(lower_, upper_);
-    return response_.effectiveAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+    return response_.effectiveAt(loop_->goal()).cwiseMax(lower_).cwiseMin(upper_);
   }
 
   /// Goes to where the result's pressures are effective.
@@ -422,7 +764,7 @@ class TargetIntake {
 
   /// Commands it; else drops the target and returns false.
   bool command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
-    const auto refusal = commands_.send(sender.commander, pressure);
+    const auto refusal = loop_->command(sender.commander, pressure);
     if (refusal) admission_.drop(sender, *refusal);
     return !refusal;
   }
@@ -430,7 +772,7 @@ class TargetIntake {
   const io::Scene& scene_;
   const std::string base_frame_;
   const model::ArmResponse& response_;
-  const Commands commands_;
+  std::optional<PressureLoop>& loop_;
   statics::InverseSolver solver_;
   Eigen::VectorXd lower_, upper_;  // of effective pressures
   TargetAdmission admission_;
@@ -662,11 +1004,7 @@ class PressureCommandNode : public Node {
   PressureCommandNode()
       : shapes_(node_, scene_, options_,
                 [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
-        intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(),
-                {[this] { return loop_->goal(); },
-                 [this](const std::string& commander, const Eigen::VectorXd& pressure) {
-                   return loop_->command(commander, pressure);
-                 }}),
+        intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_),
         model_server_(ros::NodeHandle("~"), scene_.model) {
     reload_ =
         std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
