@@ -18,8 +18,8 @@
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "ros_bridge/common/clock_gate.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 

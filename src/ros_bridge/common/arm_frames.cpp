@@ -4,14 +4,13 @@
 
 #include <tf2/exceptions.h>
 
-#include "clock_gate.hpp"
 #include "conversions.hpp"
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "log.hpp"
-#include "model_history.hpp"
 #include "ros_bridge/names.hpp"
+#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -83,7 +82,7 @@ void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event
   last_time_ = now;
   for (const auto& transform : event.getMessage()->transforms) {
     const ros::Time& stamp = transform.header.stamp;
-    if (!is_static && (!ClockGate::isSound(stamp) || endsTf(stamp))) continue;
+    if (!is_static && (!isSound(stamp) || endsTf(stamp))) continue;
     buffer_.setTransform(transform, event.getPublisherName(), is_static);
   }
 }

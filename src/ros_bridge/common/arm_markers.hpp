@@ -2,24 +2,28 @@
 
 #include <Eigen/Core>
 #include <deque>
+#include <functional>
 #include <optional>
 #include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include <interactive_markers/interactive_marker_server.h>
+#include <ros/time.h>
 #include <std_msgs/ColorRGBA.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include "helix_arm/TipTarget.h"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 
-/// What rviz shows of an arm: markers in the arm's base frame, in stable namespaces and ids.
+/// What rviz shows of an arm: markers in the arm's base frame, in stable namespaces and ids, and
+/// the handle that drags its tip.
 namespace helix_arm::ros_bridge {
-
-std_msgs::ColorRGBA color(double r, double g, double b, double a = 1.0);
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
 /// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
@@ -219,6 +223,32 @@ class LoopMarkers {
 
  private:
   Screen screen_;
+};
+
+/// A handle in rviz that drags the tip: an interactive marker that sends position targets,
+/// orientation free.
+class TipHandle {
+ public:
+  using OnTarget = std::function<void(const TipTarget&)>;
+
+  /// @param scene      of the arm: tip and handle of a planar one stay in the base's x-y plane.
+  /// @param on_target  called from the callback queue while the handle is held, with a target in
+  /// the base frame.
+  TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target);
+
+  /// Moves the handle to the commanded tip (base frame), unless it is held.
+  void follow(const lie::SE3& X_BT);
+
+ private:
+  void onFeedback(const visualization_msgs::InteractiveMarkerFeedbackConstPtr& feedback);
+  bool held() const;
+
+  FaultGuard guard_{"a feedback of the tip's handle"};
+  OnTarget on_target_;
+  interactive_markers::InteractiveMarkerServer server_;
+  Eigen::Vector3d position_ = Eigen::Vector3d::Constant(1e9);  ///< of the handle, base frame [m]
+  bool pressed_ = false;
+  ros::SteadyTime last_feedback_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -12,7 +12,7 @@
 #include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

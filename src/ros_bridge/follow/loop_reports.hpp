@@ -19,7 +19,6 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/pressure/tip_handle.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -9,7 +9,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -52,7 +52,6 @@
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 #include "target_admission.hpp"
-#include "tip_handle.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -16,11 +16,11 @@
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "model_history.hpp"
 #include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/model_history.hpp"
 
 /// What is seen in pictures, as messages, words and drawings.
 namespace helix_arm::ros_bridge {

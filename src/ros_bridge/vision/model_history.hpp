@@ -3,21 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <deque>
 #include <optional>
 
 #include <ros/time.h>
 
 #include "helix_arm/model/shape.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
-
-/// Exact difference of any two stamps [s]; that of ros::Time throws if they are far apart.
-inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
-  return 1e-9 * static_cast<double>(static_cast<std::int64_t>(to.toNSec()) -
-                                    static_cast<std::int64_t>(from.toNSec()));
-}
 
 /// The model's shapes of the last seconds, to find the one at the time of a picture.
 class ModelHistory {
