@@ -24,6 +24,15 @@ std::string text(const Eigen::Vector3d& vector) {
   return out.str();
 }
 
+std::optional<Refusal> refusedFrame(const char* what, const std_msgs::Header& header,
+                                    const std::string& base_frame) {
+  const std::string& frame = header.frame_id;
+  if (frame.empty() || frame == base_frame) return std::nullopt;
+  return Refusal{Fault::kWrongFrame, std::string("the frame of ") + what + " is '" +
+                                         basics::quoted(frame) + "'; transform it to '" +
+                                         base_frame + "', or leave frame_id empty"};
+}
+
 // Fault of piece_twist; absent if it is valid.
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
@@ -167,15 +176,6 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
   return msg;
 }
 
-control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const model::Arm& arm,
-                                          const model::InputRef& command) {
-  return control::checkPressures(arm, command, target.name, target.pressure);
-}
-
-control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections) {
-  return control::checkTwists(sections, target.twist);
-}
-
 control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame) {
   const int sections = arm.sectionCount();
@@ -207,12 +207,7 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& 
 }
 
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
-  const std::string& frame = target.header.frame_id;
-  if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the frame of the tip target is '" + basics::quoted(frame) +
-                                           "'; transform it to '" + base_frame +
-                                           "', or leave frame_id empty"};
-  }
+  if (auto refusal = refusedFrame("the tip target", target.header, base_frame)) return *refusal;
   const auto& p = target.pose.position;
   const auto& q = target.pose.orientation;
   if (target.mode == TipTarget::POSITION) {
@@ -231,12 +226,7 @@ control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& ba
 
 control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wrench,
                                           const std::string& base_frame) {
-  const std::string& frame = wrench.header.frame_id;
-  if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the frame of the force is '" + basics::quoted(frame) +
-                                           "'; transform it to '" + base_frame +
-                                           "', or leave frame_id empty"};
-  }
+  if (auto refusal = refusedFrame("the force", wrench.header, base_frame)) return *refusal;
   const auto& f = wrench.wrench.force;
   const auto& t = wrench.wrench.torque;
   const Eigen::Vector3d force(f.x, f.y, f.z), torque(t.x, t.y, t.z);

@@ -340,7 +340,7 @@ class LoopTargets {
 
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
     const TargetSender sender(names::kShapeTarget, event);
-    const auto checked = fromMsg(*event.getMessage(), scene_.arm.sectionCount());
+    const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
     if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
   }
 

@@ -24,6 +24,7 @@
 #include "helix_arm/Inverse.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/SafetyState.h"
+#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -711,7 +712,8 @@ class TargetIntake {
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
     const PressureArray& target = *event.getMessage();
     const TargetSender sender(names::kPressureTarget, event);
-    const auto checked = fromMsg(target, scene_.arm, loop_->goal());
+    const auto checked =
+        control::checkPressures(scene_.arm, loop_->goal(), target.name, target.pressure);
     const Eigen::VectorXd* pressure = admission_.admit(sender, checked);
     if (pressure == nullptr || !command(sender, *pressure)) return;
     admission_.accept(sender);
@@ -723,7 +725,7 @@ class TargetIntake {
 
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
     const TargetSender sender(names::kShapeTarget, event);
-    const auto checked = fromMsg(*event.getMessage(), scene_.arm.sectionCount());
+    const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
     if (const model::Twists* twists = admission_.admit(sender, checked)) {
       const Eigen::VectorXd from = beginSearch();
       follow(sender, solver_.toTwists(*twists, from));

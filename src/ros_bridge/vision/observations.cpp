@@ -5,7 +5,6 @@
 #include <cmath>
 #include <sstream>
 
-#include <boost/make_shared.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
@@ -155,29 +154,6 @@ std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
          fixed(error->tip_error_percent) + " %)";
 }
 
-/// @param base_frame    of the arm.
-/// @param camera_frame  of the picture.
-ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
-                           const std::string& camera_frame) {
-  const vision::Observation& observation = measurement.observation;
-  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
-
-  ObservationReport out;
-  out.tags = tagsOfArm(observation);
-  out.account = describe(observation, out.tags, measurement.config);
-  out.detections =
-      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
-  if (!measurement.measured()) {
-    out.lines = {out.account};
-    return out;
-  }
-  out.shape = toShapeMsg(header, "measured", observation.fit.shape, observation.fit.covariance);
-  if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
-  out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
-  out.lines = {out.tip, summarise(observation, out.tags)};
-  return out;
-}
-
 constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
 constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
 
@@ -250,12 +226,42 @@ cv::Scalar colorOf(const TagDetection& tag) {
   return tag.outlier ? kDoesNotFit : kFits;
 }
 
-/// Draws over a picture what was seen in it.
-///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
-/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
-/// are in the upper left corner.
-/// @return (CV_8UC3), BGR.
+// Of VisionStatus, by vision::ObservationState.
+constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
+                                    VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
+
+// By PictureFault.
+constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
+    &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
+    &VisionStatus::bad_camera_info, &VisionStatus::bad_model,      &VisionStatus::source_faults};
+
+std::string rateText(std::uint64_t count, double seconds) {
+  return fixed(static_cast<double>(count) / seconds);
+}
+
+}  // namespace
+
+ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                           const std::string& camera_frame) {
+  const vision::Observation& observation = measurement.observation;
+  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
+
+  ObservationReport out;
+  out.tags = tagsOfArm(observation);
+  out.account = describe(observation, out.tags, measurement.config);
+  out.detections =
+      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
+  if (!measurement.measured()) {
+    out.lines = {out.account};
+    return out;
+  }
+  out.shape = toShapeMsg(header, "measured", observation.fit.shape, observation.fit.covariance);
+  if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
+  out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
+  out.lines = {out.tip, summarise(observation, out.tags)};
+  return out;
+}
+
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report) {
   const vision::Observation& observation = measurement.observation;
   const estimation::ArmView& view = measurement.view;
@@ -286,24 +292,6 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
   }
   return picture;
 }
-
-// Pictures are not exactly periodic; one slightly early must not be skipped.
-constexpr double kDrawingSlack = 0.9;
-
-// Of VisionStatus, by vision::ObservationState.
-constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
-                                    VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
-
-// By PictureFault.
-constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
-    &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
-    &VisionStatus::bad_camera_info, &VisionStatus::bad_model,      &VisionStatus::source_faults};
-
-std::string rateText(std::uint64_t count, double seconds) {
-  return fixed(static_cast<double>(count) / seconds);
-}
-
-}  // namespace
 
 VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const Options& options)
     : node_name_(options.node_name),
@@ -441,57 +429,6 @@ void VisionStatusPublisher::publishStatusLocked() {
   VisionStatus status = status_;
   status.header.stamp = ros::Time::now();
   status_publisher_.publish(status);
-}
-
-MeasurementPublisher::MeasurementPublisher(ros::NodeHandle& node, const Options& options,
-                                           VisionStatusPublisher& status)
-    : frames_(options.frames),
-      camera_frame_(options.camera_frame),
-      drawing_period_(kDrawingSlack / options.draw_rate),
-      status_(status),
-      measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
-      detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
-      error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
-  if (!options.publish_image) return;
-  image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
-  info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
-}
-
-void MeasurementPublisher::publish(const Measurement& measurement) {
-  const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
-  status_.saw(measurement, report);
-  if (report.shape) measured_publisher_.publish(*report.shape);
-  if (report.error) error_publisher_.publish(*report.error);
-  if (measurement.measured()) {
-    const estimation::TwistFit& fit = measurement.observation.fit;
-    curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
-  }
-  detections_publisher_.publish(report.detections);
-  republish(measurement);
-  draw(measurement, report);
-}
-
-void MeasurementPublisher::republish(const Measurement& measurement) {
-  const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
-  if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
-    info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
-  }
-  if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
-    image_publisher_.publish(
-        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
-  }
-}
-
-void MeasurementPublisher::draw(const Measurement& measurement, const ObservationReport& report) {
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  if (now - last_drawing_ < drawing_period_) return;
-  last_drawing_ = now;
-  if (overlay_publisher_.getNumSubscribers() > 0) {
-    overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-        toImageMsg(report.detections.header, drawOverlay(measurement, report))));
-  }
-  if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -172,36 +172,18 @@ class VisionStatusPublisher {
   DiagnosticsPublisher diagnostics_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
-/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. With Options::publish_image also the picture
-/// itself and its camera_info, while someone subscribes to them. For one thread.
-class MeasurementPublisher {
- public:
-  struct Options {
-    FrameNames frames;  ///< of the measured shape
-    std::string camera_frame;
-    double draw_rate;    ///< maximum of markers and overlay [Hz]
-    bool publish_image;  ///< pictures come from a webcam or file
-  };
-  /// @param status  outlives this.
-  MeasurementPublisher(ros::NodeHandle& node, const Options& options,
-                       VisionStatusPublisher& status);
+/// All that is published of a picture.
+/// @param base_frame    of the arm.
+/// @param camera_frame  of the picture.
+ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                           const std::string& camera_frame);
 
-  void publish(const Measurement& measurement);
-
- private:
-  void republish(const Measurement& measurement);
-  void draw(const Measurement& measurement, const ObservationReport& report);
-
-  const FrameNames frames_;
-  const std::string camera_frame_;
-  const ros::WallDuration drawing_period_;
-  VisionStatusPublisher& status_;
-
-  ros::SteadyTime last_drawing_;
-  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
-  ros::Publisher image_publisher_, info_publisher_;  // only with Options::publish_image
-  CurveFrames curve_frames_{frames_, "pictures are", "them"};
-};
+/// Draws over a picture what was seen in it.
+///
+/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
+/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
+/// are in the upper left corner.
+/// @return (CV_8UC3), BGR.
+cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 
 }  // namespace helix_arm::ros_bridge

@@ -5,6 +5,7 @@
 #include <memory>
 #include <system_error>
 
+#include <boost/make_shared.hpp>
 #include <camera_info_manager/camera_info_manager.h>
 #include <opencv2/core.hpp>
 #include <sensor_msgs/CameraInfo.h>
@@ -280,6 +281,78 @@ class PictureSource {
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;
+};
+
+// Pictures are not exactly periodic; one slightly early must not be skipped.
+constexpr double kDrawingSlack = 0.9;
+
+/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
+/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
+/// itself and its camera_info, while someone subscribes to them. For one thread.
+class MeasurementPublisher {
+ public:
+  /// @param frames  of the measured shape.
+  /// @param status  outlives this.
+  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options,
+                       const FrameNames& frames, VisionStatusPublisher& status)
+      : frames_(frames),
+        camera_frame_(options.cameraFrame()),
+        drawing_period_(kDrawingSlack / options.draw_rate),
+        status_(status),
+        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
+        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
+        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
+        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
+    if (!options.publish_image) return;
+    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
+    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+  }
+
+  void publish(const Measurement& measurement) {
+    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
+    status_.saw(measurement, report);
+    if (report.shape) measured_publisher_.publish(*report.shape);
+    if (report.error) error_publisher_.publish(*report.error);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
+    detections_publisher_.publish(report.detections);
+    republish(measurement);
+    draw(measurement, report);
+  }
+
+ private:
+  void republish(const Measurement& measurement) {
+    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
+    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+    }
+    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
+      image_publisher_.publish(
+          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
+    }
+  }
+  void draw(const Measurement& measurement, const ObservationReport& report) {
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    if (now - last_drawing_ < drawing_period_) return;
+    last_drawing_ = now;
+    if (overlay_publisher_.getNumSubscribers() > 0) {
+      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
+          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
+    }
+    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+  }
+
+  const FrameNames frames_;
+  const std::string camera_frame_;
+  const ros::WallDuration drawing_period_;
+  VisionStatusPublisher& status_;
+
+  ros::SteadyTime last_drawing_;
+  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
+  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
 };
 
 // Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
@@ -639,9 +712,7 @@ class VisionNode : public Node {
         source_(node_, options_, scene_, status_),
         models_(scene_, status_),
         measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-        publisher_(node_,
-                   {frames_, options_.cameraFrame(), options_.draw_rate, options_.publish_image},
-                   status_) {
+        publisher_(node_, options_, frames_, status_) {
     sendCameraFrame();
     status_.lookAt(scene_);
     using Self = VisionNode;
