@@ -2,12 +2,12 @@
 
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <exception>
 #include <system_error>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "ros_bridge/common/ros_time.hpp"
 
@@ -17,13 +17,6 @@ namespace {
 using Result = FollowTipPathResult;
 
 constexpr double kMemory = 2.0;  // of moments; pictures are younger [s]
-
-template <class... Values>
-std::string text(const char* format, Values... values) {
-  char out[256];
-  std::snprintf(out, sizeof out, format, values...);
-  return out;
-}
 
 using Goal = FollowTipPathGoal;
 using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
@@ -165,23 +158,25 @@ std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Tur
 GoalEnding GoalWatch::lateEnding(const follow::Turn& turn) const {
   const double tolerance = 1e3 * rules_.goal_tolerance;
   if (last_error_) {
-    return {Result::GOAL_TOLERANCE_VIOLATED,
-            text("the measured tip is %.2f mm from the last point %g s after the path's end; "
-                 "goal_tolerance is %g mm: allow more, or a later end",
-                 1e3 * *last_error_, rules_.time_tolerance, tolerance)};
+    return {
+        Result::GOAL_TOLERANCE_VIOLATED,
+        basics::format("the measured tip is %.2f mm from the last point %g s after the path's end; "
+                       "goal_tolerance is %g mm: allow more, or a later end",
+                       1e3 * *last_error_, rules_.time_tolerance, tolerance)};
   }
   const double error = turn.predicted
                            ? (turn.predicted->translation - turn.wanted.translation).norm()
                            : std::numeric_limits<double>::infinity();
   if (error <= rules_.goal_tolerance) {
-    return {
-        Result::SUCCESSFUL,
-        text("not seen at its end: the predicted tip is %.2f mm from the last point", 1e3 * error)};
+    return {Result::SUCCESSFUL,
+            basics::format("not seen at its end: the predicted tip is %.2f mm from the last point",
+                           1e3 * error)};
   }
   return {Result::GOAL_TOLERANCE_VIOLATED,
-          text("the tip is not seen, and predicted %.2f mm from the last point %g s after the "
-               "path's end; goal_tolerance is %g mm",
-               1e3 * error, rules_.time_tolerance, tolerance)};
+          basics::format(
+              "the tip is not seen, and predicted %.2f mm from the last point %g s after the "
+              "path's end; goal_tolerance is %g mm",
+              1e3 * error, rules_.time_tolerance, tolerance)};
 }
 
 std::optional<GoalWatch::Moment> GoalWatch::momentOf(double stamp) const {
@@ -211,15 +206,16 @@ std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::
     max_ = std::max(max_, error);
     ++pictures_;
     if (error <= rules_.path_tolerance) return std::nullopt;
-    return GoalEnding{Result::PATH_TOLERANCE_VIOLATED,
-                      text("the measured tip was %.2f mm from the path %.2f s after its start; "
-                           "path_tolerance is %g mm: allow more, or a slower path",
-                           1e3 * error, moment.path_time, 1e3 * rules_.path_tolerance)};
+    return GoalEnding{
+        Result::PATH_TOLERANCE_VIOLATED,
+        basics::format("the measured tip was %.2f mm from the path %.2f s after its start; "
+                       "path_tolerance is %g mm: allow more, or a slower path",
+                       1e3 * error, moment.path_time, 1e3 * rules_.path_tolerance)};
   }
   last_error_ = error;
   if (error > rules_.goal_tolerance) return std::nullopt;
   return GoalEnding{Result::SUCCESSFUL,
-                    text("the measured tip is %.2f mm from the last point", 1e3 * error)};
+                    basics::format("the measured tip is %.2f mm from the last point", 1e3 * error)};
 }
 
 std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
