@@ -25,7 +25,7 @@ geometry_msgs::TransformStamped transform(const std::string& parent, const std::
   return msg;
 }
 
-lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
+lie::SE3 poseOf(const geometry_msgs::Transform& transform) {
   const auto& q = transform.rotation;
   const auto& p = transform.translation;
   return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
@@ -91,7 +91,7 @@ control::Checked<FrameLookup::Place> FrameLookup::find(const std::string& frame)
   if (frame.empty() || frame == base_frame_) return Place{lie::SE3(), true};
   try {
     const auto found = buffer_.lookupTransform(base_frame_, frame, ros::Time());
-    return Place{fromMsg(found.transform), found.header.stamp.isZero()};
+    return Place{poseOf(found.transform), found.header.stamp.isZero()};
   } catch (const tf2::TransformException&) {
     return control::Refusal{control::Fault::kWrongFrame,
                             "tf has no transform from the frame '" + basics::quoted(frame) +

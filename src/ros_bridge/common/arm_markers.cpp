@@ -167,7 +167,7 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
 }
 
 // Of vision and its loop.
-constexpr int kPoints = 32;  // of a curve, per section; even, since dashes are drawn in pairs
+constexpr int kMarkerPoints = 32;  // of a curve, per section; even, since dashes are drawn in pairs
 constexpr double kMeasuredCurve = 0.008;   // width, larger than the others [m]
 constexpr double kTipTextHeight = 0.018;   // [m]
 constexpr double kTipTextOffset = 0.14;    // beyond the tip and its handle [m]
@@ -183,7 +183,7 @@ constexpr double kTableRise = 0.03;        // its end is clear of the measured t
 
 std::vector<Eigen::Vector3d> pointsOf(const model::Shape& shape) {
   std::vector<Eigen::Vector3d> points;
-  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kMarkerPoints)) {
     points.push_back(point.X.translation);
   }
   return points;

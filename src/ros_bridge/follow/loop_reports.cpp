@@ -60,7 +60,7 @@ std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm)
 
 // Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
-constexpr int kPoints = 24;           // of the drawn curve, a section
+constexpr int kEstimatePoints = 24;   // of the drawn curve, a section
 constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
 // Covariance of the filter's shape at the present pressures.
@@ -233,7 +233,7 @@ void LoopPublisher::publishEstimate(const View& view) {
   const auto shape = view.loop.tracker().shape(view.loop.observer().newest().pressure);
   if (!shape) return;
   tips_.curve.clear();
-  for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kEstimatePoints)) {
     tips_.curve.push_back(point.X.translation);
   }
   const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);

@@ -689,7 +689,7 @@ class FollowAction {
 
 using follow::LoopState;
 
-constexpr double kFresh = 1.0;  // pressures silent for longer end a command [s]
+constexpr double kFreshReading = 1.0;  // pressures silent for longer end a command [s]
 
 ros::console::Level levelOf(LoopState state, LoopState before) {
   if (state == LoopState::kDiverging) return ros::console::levels::Error;
@@ -849,7 +849,7 @@ class VisualServoNode : public Node {
 
   void onDraw(const ros::SteadyTimerEvent&) {
     const bool measures = !last_reading_.isZero() &&
-                          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
+                          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFreshReading);
     if (!measures) {
       giveUp("no pressure_measured is received; is the regulator's node running?");
       letGo();

@@ -57,8 +57,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using control::SafetyCause;
-using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
 /// Private parameters of pressure_command.
@@ -102,7 +100,7 @@ constexpr const char* kValves[] = {"vent", "regulate", "close"};
 using regulator::steadyNow;
 
 // If more readings wait, the receiver is slower than the loop and gets only the last one.
-constexpr std::size_t kMostWaiting = 4;
+constexpr std::size_t kMostReadings = 4;
 
 // A function as an entry of a callback queue.
 class Call : public ros::CallbackInterface {
@@ -148,7 +146,9 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::Pres
 }
 
 LogLevel levelOf(const control::SafetyReport& report) {
-  const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
+  using control::SafetyState;
+  const bool asked_for =
+      report.cause == control::SafetyCause::kVentRequested && !report.vent_overdue;
   if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
   if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
   return ros::console::levels::Info;
@@ -375,7 +375,7 @@ class PressureLoop {
   }
   void post(Reading reading) HELIX_ARM_REQUIRES(mutex_) {
     waiting_.push_back(std::move(reading));
-    if (waiting_.size() > kMostWaiting) waiting_.erase(waiting_.begin());
+    if (waiting_.size() > kMostReadings) waiting_.erase(waiting_.begin());
     if (waiting_.size() > 1) return;
     ros::getGlobalCallbackQueue()->addCallback(boost::make_shared<Call>([this] { takeWaiting(); }),
                                                reinterpret_cast<std::uint64_t>(this));
@@ -405,7 +405,7 @@ class PressureLoop {
       const regulator::PriorityLock lock(mutex_);
       readings.swap(waiting_);
     }
-    if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);
+    if (readings.size() == kMostReadings) readings.erase(readings.begin(), readings.end() - 1);
     for (const Reading& reading : readings) {
       take_guard_.run("", [&] { take_(reading); });
     }
@@ -439,10 +439,12 @@ class PressureLoop {
 };
 
 unsigned char diagnosticLevel(const control::SafetyReport& report) {
+  using control::SafetyCause;
   if (report.vent_overdue) return DiagnosticStatus::ERROR;
   if (report.cause == SafetyCause::kNone) return DiagnosticStatus::OK;
   if (report.cause == SafetyCause::kVentRequested) return DiagnosticStatus::WARN;
-  return report.state == SafetyState::kEnabled ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
+  const bool enabled = report.state == control::SafetyState::kEnabled;
+  return enabled ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
 }
 
 DiagnosticStatus safetyStatus(const io::Scene& scene, const PressureLoop::Snapshot& path) {

@@ -154,7 +154,7 @@ std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
          fixed(error->tip_error_percent) + " %)";
 }
 
-constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
+constexpr int kOverlayPoints = 48;   // of a curve, per section; even: dashes are drawn in pairs
 constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
 
 constexpr int kShift = 4;  // OpenCV's fixed point: sixteenths of a pixel
@@ -213,7 +213,7 @@ void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3&
                const model::Shape& shape, const cv::Scalar& color, bool dashed) {
   std::optional<Eigen::Vector2d> last;
   int k = 0;
-  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kOverlayPoints)) {
     const auto pixel = camera.project(X_CB * point.X.translation);
     if (pixel && last && (!dashed || k % 2 == 1)) pen.line(*last, *pixel, color);
     last = pixel;

@@ -626,7 +626,7 @@ class PictureMeasurer {
   std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
-constexpr double kWatchPeriod = 0.05;  // [s]
+constexpr double kSilencePeriod = 0.05;  // [s]
 
 // Checks that the scene has a camera and tags.
 io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
@@ -719,7 +719,7 @@ class VisionNode : public Node {
     model_subscriber_ = listen(node_, names::kModel, 100, &Self::onModel, this);
     reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                              [this](io::Scene next) { adopt(std::move(next)); });
-    watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Self::onWatch, this);
+    watch_timer_ = repeat(node_, "the watch of the pictures", kSilencePeriod, &Self::onWatch, this);
     second_timer_ = repeat(node_, "the diagnostics", 1.0, &Self::onSecond, this);
     const auto on_failure = [this] { onFailure(); };
     try {
