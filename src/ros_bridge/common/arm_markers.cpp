@@ -66,7 +66,7 @@ constexpr double kReasonHeight = 0.012;  // [m]
 constexpr double kLineHeight = 0.016;    // [m]
 // Of the state's reason. The cockpit shows all of it.
 constexpr std::size_t kLongestLine = 78;  // in characters
-constexpr int kMostLines = 4;
+constexpr std::size_t kMostLines = 4;
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
@@ -139,20 +139,13 @@ std::string stateText(const control::SafetyReport& report) {
 }
 
 // A text in few lines that fit the view; its first word, the state, stands above it already.
-std::vector<std::string> wrapped(const std::string& text) {
+std::vector<std::string> reasonLines(const std::string& text) {
   const std::size_t cut = text.find(": ");
-  std::istringstream words(cut == std::string::npos ? text : text.substr(cut + 2));
-  std::vector<std::string> out;
-  for (std::string word; words >> word;) {
-    if (out.empty() || out.back().size() + word.size() >= kLongestLine) {
-      if (out.size() == kMostLines) {
-        out.back() += " ...";
-        break;
-      }
-      out.push_back(word);
-    } else {
-      out.back() += " " + word;
-    }
+  auto out = wrapped(cut == std::string::npos ? text : text.substr(cut + 2),
+                     [](const std::string& line) { return line.size() <= kLongestLine; });
+  if (out.size() > kMostLines) {
+    out.resize(kMostLines);
+    out.back() += " ...";
   }
   return out;
 }
@@ -320,6 +313,20 @@ SideView sideViewOf(const io::Scene& scene) {
       R_WB, sideView(R_WB.col(0), scene.arm.restLength(), scene.looks.front().separator_radius));
 }
 
+std::vector<std::string> wrapped(const std::string& text,
+                                 const std::function<bool(const std::string& line)>& fits) {
+  std::vector<std::string> lines;
+  std::istringstream rest(text);
+  for (std::string word; rest >> word;) {
+    if (lines.empty() || !fits(lines.back() + " " + word)) {
+      lines.push_back(word);
+    } else {
+      lines.back() += " " + word;
+    }
+  }
+  return lines;
+}
+
 Screen::Screen(std::string frame, double period)
     : frame_(std::move(frame)), lifetime_(std::max(1.0, 3.0 * period)) {}
 
@@ -411,7 +418,7 @@ void ArmMarkers::addWords(const SideView& view) {
   const std_msgs::ColorRGBA ink = stateColor(safety_);
   const double headline = kBannerHeight * view.scale, small = kReasonHeight * view.scale;
   screen_.addText(names::kStateBannerNs, view.headline, headline, ink, arm_ + stateText(safety_));
-  const std::vector<std::string> lines = wrapped(reason_);
+  const std::vector<std::string> lines = reasonLines(reason_);
   if (!lines.empty()) {
     // The first line stays below the state, however many follow.
     const Eigen::Vector3d first = view.headline - headline * view.up;

@@ -63,6 +63,10 @@ SideView sideViewOf(const io::Scene& scene);
 /// From the centre of a line of text to that of the next, by rviz, in heights of a letter.
 inline constexpr double kLineSpacing = 1.75;
 
+/// Lines of whole words; each fits, unless a word does not.
+std::vector<std::string> wrapped(const std::string& text,
+                                 const std::function<bool(const std::string& line)>& fits);
+
 /// The markers of one drawing after the other. What was drawn once and is not drawn now is deleted,
 /// with each drawing, since rviz may miss one.
 class Screen {

@@ -3,6 +3,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -782,6 +783,52 @@ class TargetIntake {
   control::UnitWatch units_;
   const std::array<ros::Subscriber, 3> subscribers_;
 };
+
+constexpr double kReadingShare = 0.9;   // of a turn: a reading is there when the next one begins
+constexpr double kLongestGap = 0.4;     // between turns [s]
+constexpr double kMissedTurns = 4;      // of a slow loop, before it counts as stopped
+constexpr double kLinePatience = 1.25;  // of the line, so that the safety core detects a gap first
+
+/// Longest gap between two turns of a loop at this rate [Hz] before the receiver of its orders may
+/// have vented by itself [s].
+double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
+
+/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeSimulatedRegulator()
+/// does.
+/// @param rate               of the loop that gives the orders [Hz].
+/// @param realtime_priority  as IoRules::realtime_priority.
+/// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
+/// regulator::RegulatorIo.
+std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene, double rate,
+                                                         int realtime_priority) {
+  const regulator::Config& config = requireRegulator(scene);
+  regulator::IoRules rules = regulator::ioRulesOf(scene.safety.rules);
+  rules.period = kReadingShare / rate;
+  rules.order_timeout = kLinePatience * longestGap(rate);
+  rules.realtime_priority = realtime_priority;
+  const int channels = scene.arm.actuatorCount();
+  logInfo("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
+  auto driver = regulator::makeDriver(config, channels);
+  if (std::isfinite(driver->watchdog())) {
+    logInfo("%s: by its profile the regulator vents itself if no line comes for %g s; test this",
+            scene.name.c_str(), driver->watchdog());
+  }
+  if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
+    warnOfShortSupply(scene.arm, *simulated);
+  }
+  return std::make_unique<regulator::RegulatorIo>(std::move(driver), channels, rules);
+}
+
+/// A guard that vents the scene's regulator if this process is killed.
+/// @throws std::runtime_error as regulator::GuardProcess.
+std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& scene_path,
+                                                           int realtime_priority) {
+  const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";
+  return std::make_shared<regulator::GuardProcess>(
+      std::vector<std::string>{program.string(), "regulator", scene_path, "guard",
+                               "--realtime-priority", std::to_string(realtime_priority)},
+      realtime_priority);
+}
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 

@@ -3,7 +3,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include <opencv2/imgproc.hpp>
 
@@ -190,22 +189,10 @@ struct Pen {
     put(color, width + 1);
   }
 
-  // Lines of whole words, none wider than this unless a word is [px].
-  std::vector<std::string> wrapped(const std::string& words, double widest) const {
-    std::vector<std::string> lines(1);
-    std::istringstream rest(words);
-    for (std::string word; rest >> word;) {
-      std::string& line = lines.back();
-      const std::string longer = line.empty() ? word : line + " " + word;
-      const cv::Size size =
-          cv::getTextSize(longer, cv::FONT_HERSHEY_SIMPLEX, letter, width + 1, nullptr);
-      if (line.empty() || size.width <= widest) {
-        line = longer;
-      } else {
-        lines.push_back(word);
-      }
-    }
-    return lines;
+  // Whether a line is no wider than this [px].
+  bool fits(const std::string& line, double widest) const {
+    return cv::getTextSize(line, cv::FONT_HERSHEY_SIMPLEX, letter, width + 1, nullptr).width <=
+           widest;
   }
 };
 
@@ -286,7 +273,10 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
   const int height = static_cast<int>(std::lround(32 * pen.letter));
   int row = 0;
   for (const std::string& text : report.lines) {
-    for (const std::string& line : pen.wrapped(text, kTextShare * picture.cols)) {
+    const auto fits = [&](const std::string& line) {
+      return pen.fits(line, kTextShare * picture.cols);
+    };
+    for (const std::string& line : wrapped(text, fits)) {
       pen.text(line, {height / 3, height * ++row}, pen.letter, kMeasured);
     }
   }
