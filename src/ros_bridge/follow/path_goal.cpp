@@ -1,13 +1,12 @@
 #include "path_goal.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <exception>
-#include <system_error>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "ros_bridge/common/ros_time.hpp"
 
@@ -94,10 +93,6 @@ PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
   out.rules.require_vision = goal.require_vision;
   if (goal.hold_s > 0) out.hold = goal.hold_s;
   return out;
-}
-
-bool isReady(const std::future<DecidedGoal>& result) {
-  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
 }  // namespace
@@ -239,19 +234,6 @@ std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
           " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
 }
 
-std::variant<lie::SE3, GoalEnding> frameOf(const UnreadGoal& goal, const FrameLookup& frames) {
-  const std::string& frame = goal.path_header.frame_id;
-  try {
-    const auto place = orThrow(frames.find(frame), "the path: ");
-    basics::require(place.fixed, "the frame '", basics::quoted(frame), "' moves relative to '",
-                    frames.baseFrame(),
-                    "'; send the path in a frame with a static transform to it");
-    return place.X_BF;
-  } catch (const std::invalid_argument& fault) {
-    return GoalEnding{Result::INVALID_GOAL, fault.what()};
-  }
-}
-
 DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
                    const std::atomic<bool>& stop) {
   try {
@@ -293,41 +275,3 @@ void Serializer<helix_arm::ros_bridge::UnreadGoal>::read(
 }
 
 }  // namespace ros::serialization
-namespace helix_arm::ros_bridge {
-
-void PathChecker::discard() {
-  waiting_ = nullptr;
-  if (!present_) return;
-  *present_->stop = true;
-  discarded_.push_back(std::move(*present_));
-  present_.reset();
-}
-
-std::optional<DecidedGoal> PathChecker::take() {
-  start();
-  if (!present_ || !isReady(present_->result)) return std::nullopt;
-  Run run = std::move(*present_);
-  present_.reset();
-  try {
-    return run.result.get();
-  } catch (const std::exception& fault) {
-    return GoalEnding{FollowTipPathResult::INVALID_GOAL, fault.what()};
-  }
-}
-
-void PathChecker::start() {
-  discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(),
-                                  [](const Run& run) { return isReady(run.result); }),
-                   discarded_.end());
-  if (!waiting_ || discarded_.size() >= kMostThreads) return;
-  const auto stop = std::make_shared<std::atomic<bool>>(false);
-  try {
-    auto result = std::async(std::launch::async, [check = waiting_, stop] { return check(*stop); });
-    present_.emplace(Run{stop, std::move(result)});
-    waiting_ = nullptr;
-  } catch (const std::system_error&) {
-    // The system has no thread left; it may have one the next time.
-  }
-}
-
-}  // namespace helix_arm::ros_bridge

@@ -554,9 +554,16 @@ class FollowAction {
       reject(handle, *refusal);
       return;
     }
-    const auto frame = frameOf(goal, frames_);
-    if (const auto* refusal = std::get_if<GoalEnding>(&frame)) {
-      reject(handle, *refusal);
+    const std::string& frame = goal.path_header.frame_id;
+    const auto found = frames_.find(frame);
+    const auto* const place = std::get_if<FrameLookup::Place>(&found);
+    if (place == nullptr || !place->fixed) {
+      reject(handle,
+             {Result::INVALID_GOAL,
+              place == nullptr ? "the path: " + std::get<control::Refusal>(found).message
+                               : "the frame '" + basics::quoted(frame) + "' moves relative to '" +
+                                     frames_.baseFrame() +
+                                     "'; send the path in a frame with a static transform to it"});
       return;
     }
     if (candidate_) {
@@ -566,7 +573,7 @@ class FollowAction {
            "goal before the next one"}));
       discardCandidate();
     }
-    checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
+    checker_.begin([goal, X_BF = place->X_BF, check = make_check_()](
                        const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
     client_.watchNext(*handle.getGoal());
     candidate_ = std::move(handle);
