@@ -13,8 +13,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
 
 double steadySeconds() { return ros::SteadyTime::now().toSec(); }
@@ -26,10 +24,11 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
   XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
   if (!client.executeNonBlock(method, question)) return Reply::kIsGone;
   using XmlRpc::XmlRpcDispatch;
-  const auto end = Clock::now() + std::chrono::duration<double>(kAnswerPatience);
+  const auto end =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(kAnswerPatience);
   unsigned awaited = XmlRpcDispatch::WritableEvent;
   while (awaited != 0) {
-    const std::chrono::duration<double, std::milli> left = end - Clock::now();
+    const std::chrono::duration<double, std::milli> left = end - std::chrono::steady_clock::now();
     if (left.count() <= 0) return Reply::kHangs;
     pollfd line{client.getfd(), POLLIN, 0};
     if (awaited == XmlRpcDispatch::WritableEvent) line.events = POLLOUT;
