@@ -18,7 +18,7 @@ foreach(planted "\"ros/ros.h\"" "<ceres/ceres.h>" "\"../io/document.hpp\"" "<yam
     "\"helix_arm/model/arm.hpp\"" "\"helix_arm/ArmShape.h\"" "\"ros_bridge/common/log.hpp\"")
   expect_fault(src/lie/se3.cpp "#include ${planted}")
 endforeach()
-expect_fault(src/ros_bridge/vision/measurement_publisher.cpp "#include \"ros_bridge/pressure/pressure_loop.hpp\"")
+expect_fault(src/ros_bridge/vision/observations.cpp "#include \"ros_bridge/pressure/target_admission.hpp\"")
 expect_fault(src/model/arm.cpp "#include \"helix_arm/statics/load.hpp\"")
 expect_fault(src/rviz_panel/cockpit_panel.cpp "#include <ros/time.h>")
 expect_fault(src/stray.cpp "// a file outside the layers")

@@ -151,7 +151,7 @@ SYNTAX = (
     ("src/regulator/regulator_io.cpp", "  const basics::MutexLock lock(error_mutex_);\n", "",
      "requires holding mutex 'error_mutex_'"),
     ("src/regulator/guard_process.cpp", "[this]() HELIX_ARM_REQUIRES(mutex_)", "[this]()", "requires holding mutex 'mutex_'"),
-    ("src/ros_bridge/pressure/pressure_loop.cpp", "  const regulator::PriorityLock lock(mutex_);\n", "",
+    ("src/ros_bridge/pressure/pressure_command_node.cpp", "    const regulator::PriorityLock lock(mutex_);\n", "",
      "requires holding mutex 'mutex_'"),
 )
 DECLARATIONS = (

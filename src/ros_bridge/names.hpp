@@ -91,6 +91,7 @@ inline constexpr char kTipErrorNs[] = "tip_error";
 inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 inline constexpr char kWantedTipNs[] = "wanted_tip";
 inline constexpr char kPredictedTipNs[] = "predicted_tip";
+inline constexpr char kPredictedCurveNs[] = "predicted_curve";
 inline constexpr char kTipForceNs[] = "tip_force";
 inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
 inline constexpr char kLoopStateNs[] = "loop_state";

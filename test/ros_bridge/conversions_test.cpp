@@ -47,10 +47,7 @@ TEST(Conversions, AShapeIsWrittenSectionBySection) {
     for (int i = 0; i < 6; ++i) EXPECT_EQ(msg.twist[6 * k + i], twists(i, k));
   }
   EXPECT_LT((fromMsg(msg.tip).translation - arm.tip(q).translation).norm(), 1e-15);
-
-  ShapeTarget same;
-  same.twist = msg.twist;
-  EXPECT_EQ(std::get<model::Twists>(fromMsg(same, 2)), twists);
+  EXPECT_EQ(std::get<model::Twists>(control::checkTwists(2, msg.twist)), twists);
 }
 
 // Two sections of three pieces, none like another.
@@ -164,7 +161,8 @@ TEST(Conversions, PressuresAreNamed) {
   const PressureArray msg = toPressureMsg({}, arm, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(msg.name, (std::vector<std::string>{"s1_m1", "s1_m2", "s1_m3"}));
   EXPECT_EQ(msg.pressure, (std::vector<double>{1, 2, 3}));
-  EXPECT_EQ(std::get<Eigen::VectorXd>(fromMsg(msg, arm, Eigen::Vector3d::Zero())),
+  EXPECT_EQ(std::get<Eigen::VectorXd>(
+                control::checkPressures(arm, Eigen::Vector3d::Zero(), msg.name, msg.pressure)),
             Eigen::Vector3d(1, 2, 3));
 }
 

@@ -10,10 +10,8 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "ros_bridge/follow/loop_publisher.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_bridge/pressure/shape_publisher.hpp"
-#include "ros_bridge/vision/vision_status_publisher.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -40,13 +38,11 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
   const io::Scene scene = io::loadScene(file.path());
   const model::Shape shape = scene.model.solve(Eigen::Vector3d(2e5, 0, 1e5)).shape;
   ASSERT_TRUE(shape.links());
-  vision::Observation observation;
-  observation.fit.shape = shape;
-  const estimation::ArmView view = scene.view();
-  const vision::LocalizerConfig config;
-  Measurement measurement{ros::Time(5), {}, observation, view, config, {}, {}};
-  measurement.model = ModelHistory::Entry{ros::Time(5), shape};
-  const auto drawn = VisionMarkers("arm_base", 1.0).draw(measurement, "");
+  estimation::TwistFit fit;
+  fit.shape = shape;
+  const auto drawn =
+      VisionMarkers("arm_base", 1.0)
+          .draw(ros::Time(5), sideViewOf(scene), scene.view().layout, fit, &shape, "");
   const Eigen::Vector3d tip = model::tipPose(shape).translation;
   for (const char* ns : {names::kMeasuredCurveNs, names::kModelCurveNs}) {
     const auto markers = inNamespace(drawn, ns);
@@ -179,11 +175,16 @@ LoopMarkers::Tips sample() {
   return out;
 }
 
+// After a drawing of everything.
 Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
   Eigen::Matrix3d R_WB;  // it hangs
   R_WB << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
-  const auto array = LoopMarkers("arm_base", 1.0).draw(ros::Time(5), view, tips);
+  LoopMarkers markers("arm_base", 1.0);
+  LoopMarkers::Tips everything = sample();
+  everything.force = Eigen::Vector3d(0, 0, 1);
+  markers.draw(ros::Time(4), view, everything);
+  const auto array = markers.draw(ros::Time(5), view, tips);
   for (const Marker& marker : array.markers) {
     if (marker.ns == ns) return marker;
   }
@@ -206,7 +207,7 @@ TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
 
 // The same markers draw an arm that is mounted otherwise.
 TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
-  const LoopMarkers markers("arm_base", 1.0);
+  LoopMarkers markers("arm_base", 1.0);
   Eigen::Matrix3d hangs, rolled;
   hangs << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y

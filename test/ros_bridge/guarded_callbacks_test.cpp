@@ -162,7 +162,7 @@ void expectNowhereBut(const char* exception, const std::string& pattern, const c
       ++files;
     }
   }
-  EXPECT_GT(files, 60);
+  EXPECT_GT(files, 30);
 }
 
 TEST(GuardedCallbacks, NoNodeBypassesThem) {

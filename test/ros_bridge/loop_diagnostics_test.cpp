@@ -1,7 +1,6 @@
-#include "ros_bridge/follow/loop_diagnostics.hpp"
-
 #include <gtest/gtest.h>
 
+#include "ros_bridge/follow/loop_reports.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::ros_bridge {

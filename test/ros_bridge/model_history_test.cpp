@@ -1,4 +1,4 @@
-#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/vision/model_history.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,8 +1,8 @@
+#include "ros_bridge/vision/picture_mailbox.hpp"
+
 #include <future>
 
 #include <gtest/gtest.h>
-
-#include "ros_bridge/vision/picture_source.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

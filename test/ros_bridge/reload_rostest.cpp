@@ -11,7 +11,7 @@
 
 #include "helix_arm/Reload.h"
 #include "ros_bridge/common/reload_server.hpp"
-#include "ros_bridge/vision/vision_status_publisher.hpp"
+#include "ros_bridge/vision/observations.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
@@ -267,7 +267,7 @@ TEST_F(ReloadServer, KeepsTheFileOfASceneThatIsNotAdopted) {
 TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   ros::NodeHandle node("failed_vision");
   Inbox<VisionStatus> statuses(node, names::kVisionStatus);
-  ros_bridge::VisionStatusPublisher publisher(node, {}, "vision", "arm_base");
+  ros_bridge::VisionStatusPublisher publisher(node, {"vision", "arm_base", "topic"});
   ASSERT_TRUE(waitFor([&] {
     publisher.report("demo");
     return !statuses.all().empty();

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "ros_bridge/follow/loop_diagnostics.hpp"
+#include "ros_bridge/follow/loop_reports.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -31,7 +31,6 @@
 #include "recorder.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/end_watch.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"

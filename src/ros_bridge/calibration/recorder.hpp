@@ -25,13 +25,13 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "ros_bridge/common/clock_gate.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

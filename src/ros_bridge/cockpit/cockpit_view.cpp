@@ -13,7 +13,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
-#include "ros_bridge/common/marker_parts.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -4,14 +4,13 @@
 
 #include <tf2/exceptions.h>
 
-#include "clock_gate.hpp"
 #include "conversions.hpp"
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "log.hpp"
-#include "model_history.hpp"
 #include "ros_bridge/names.hpp"
+#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -26,7 +25,7 @@ geometry_msgs::TransformStamped transform(const std::string& parent, const std::
   return msg;
 }
 
-lie::SE3 fromMsg(const geometry_msgs::Transform& transform) {
+lie::SE3 poseOf(const geometry_msgs::Transform& transform) {
   const auto& q = transform.rotation;
   const auto& p = transform.translation;
   return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
@@ -83,7 +82,7 @@ void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event
   last_time_ = now;
   for (const auto& transform : event.getMessage()->transforms) {
     const ros::Time& stamp = transform.header.stamp;
-    if (!is_static && (!ClockGate::isSound(stamp) || endsTf(stamp))) continue;
+    if (!is_static && (!isSound(stamp) || endsTf(stamp))) continue;
     buffer_.setTransform(transform, event.getPublisherName(), is_static);
   }
 }
@@ -92,7 +91,7 @@ control::Checked<FrameLookup::Place> FrameLookup::find(const std::string& frame)
   if (frame.empty() || frame == base_frame_) return Place{lie::SE3(), true};
   try {
     const auto found = buffer_.lookupTransform(base_frame_, frame, ros::Time());
-    return Place{fromMsg(found.transform), found.header.stamp.isZero()};
+    return Place{poseOf(found.transform), found.header.stamp.isZero()};
   } catch (const tf2::TransformException&) {
     return control::Refusal{control::Fault::kWrongFrame,
                             "tf has no transform from the frame '" + basics::quoted(frame) +

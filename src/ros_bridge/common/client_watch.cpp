@@ -1,46 +1,19 @@
 #include "client_watch.hpp"
 
-#include <limits>
+#include <chrono>
 
 #include <poll.h>
-#include <ros/init.h>
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
-#include "end_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
-#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
-
-const char* textOf(Reply answer) {
-  switch (answer) {
-    case Reply::kFailure:
-      return "was restarted and does not know this node";
-    case Reply::kHangs:
-      return "does not answer: it hangs, or is cut off";
-    default:
-      return "is gone";
-  }
-}
-
-// After a restart, the master answers but does not know this node, which nobody can then find.
-Reply askMaster() {
-  XmlRpc::XmlRpcValue question, answer;
-  question[0] = ros::this_node::getName();
-  question[1] = ros::this_node::getName();
-  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
-                    question, answer);
-}
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double steadySeconds() { return ros::SteadyTime::now().toSec(); }
 
@@ -51,10 +24,11 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
   XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
   if (!client.executeNonBlock(method, question)) return Reply::kIsGone;
   using XmlRpc::XmlRpcDispatch;
-  const auto end = Clock::now() + std::chrono::duration<double>(MasterWatch::kPatience);
+  const auto end =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(kAnswerPatience);
   unsigned awaited = XmlRpcDispatch::WritableEvent;
   while (awaited != 0) {
-    const std::chrono::duration<double, std::milli> left = end - Clock::now();
+    const std::chrono::duration<double, std::milli> left = end - std::chrono::steady_clock::now();
     if (left.count() <= 0) return Reply::kHangs;
     pollfd line{client.getfd(), POLLIN, 0};
     if (awaited == XmlRpcDispatch::WritableEvent) line.events = POLLOUT;
@@ -72,58 +46,20 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
   return Reply::kSuccess;
 }
 
-bool masterAnswers() {
-  const Reply answer = askMaster();
-  return answer == Reply::kSuccess || answer == Reply::kFailure;
-}
-
-MasterWatch::~MasterWatch() {
-  {
-    const basics::MutexLock lock(mutex_);
-    stop_ = true;
-  }
-  wake_.notifyAll();
-  thread_.join();
-}
-
-void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
-  int missed = 0;
-  basics::MutexLock lock(mutex_);
-  while (!wake_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; })) {
-    lock.unlock();
-    const Reply answer = askMaster();
-    missed = answer == Reply::kSuccess ? 0 : missed + 1;
-    if (missed >= misses && ros::ok()) {
-      lost_ = true;
-      EndRequest::make();
-      logFatal("the ROS master at %s %s: this node exits", ros::master::getURI().c_str(),
-               textOf(answer));
-      return;
-    }
-    lock.lock();
-  }
-}
-
-ClientWatch::ClientWatch() : last_answer_(kInfinity), thread_([this] { run(); }) {}
-
-ClientWatch::~ClientWatch() {
-  {
-    const basics::MutexLock lock(mutex_);
-    stop_ = true;
-  }
-  wake_.notifyAll();
-  thread_.join();
+Reply askMaster() {
+  XmlRpc::XmlRpcValue question, answer;
+  question[0] = ros::this_node::getName();
+  question[1] = ros::this_node::getName();
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, answer);
 }
 
 void ClientWatch::watch(const std::string& node) {
-  {
-    const basics::MutexLock lock(mutex_);
-    node_ = node;
-    ++number_;
-    last_answer_ = steadySeconds();
-    gone_ = node.empty();
-  }
-  wake_.notifyAll();
+  const basics::MutexLock lock(mutex_);
+  node_ = node;
+  ++number_;
+  last_answer_ = steadySeconds();
+  gone_ = node.empty();
 }
 
 void ClientWatch::release() {
@@ -145,29 +81,20 @@ std::string ClientWatch::whyGone() const {
          " is gone or does not answer; keep it running until the goal has ended";
 }
 
-void ClientWatch::run() {
-  std::string uri;
-  unsigned number = 0;
-  int misses = 0;
+void ClientWatch::ask() {
   basics::MutexLock lock(mutex_);
-  for (;;) {
-    wake_.wait(lock,
-               [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_ || (!node_.empty() && !gone_); });
-    if (stop_) return;
-    if (number != number_) {
-      uri.clear();
-      misses = 0;
-    }
-    number = number_;
-    const std::string node = node_;
-    lock.unlock();
-    misses = answers(node, uri) ? 0 : misses + 1;
-    lock.lock();
-    if (number == number_ && misses == 0) last_answer_ = steadySeconds();
-    if (number == number_ && misses >= kMisses) gone_ = true;
-    wake_.waitFor(lock, std::chrono::duration<double>(kPeriod),
-                  [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
+  if (node_.empty() || gone_) return;
+  const std::string node = node_;
+  if (std::exchange(asked_, number_) != number_) {
+    uri_.clear();
+    misses_ = 0;
   }
+  lock.unlock();
+  misses_ = answers(node, uri_) ? 0 : misses_ + 1;
+  lock.lock();
+  if (asked_ != number_) return;
+  if (misses_ == 0) last_answer_ = steadySeconds();
+  if (misses_ >= kMisses) gone_ = true;
 }
 
 // The address is looked up once: a node that was restarted has another one, and knows no goal of

@@ -1,10 +1,9 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
+#include <limits>
 #include <list>
 #include <string>
-#include <thread>
 #include <utility>
 
 #include <boost/weak_ptr.hpp>
@@ -14,59 +13,38 @@
 
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/mutex.hpp"
+#include "run_node.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// Longest wait for an answer [s].
+inline constexpr double kAnswerPatience = 2;
 
 /// What became of a call of the XML-RPC interface of the master or of a node.
 enum class Reply {
   kSuccess,
   kFailure,  ///< it answers that it failed
-  kHangs,    ///< no answer within MasterWatch::kPatience
+  kHangs,    ///< no answer within kAnswerPatience
   kIsGone,   ///< nobody is there, or it ended
 };
 
-/// Calls and waits for at most MasterWatch::kPatience, unlike ros::master::execute(), which waits
+/// Calls and waits for at most kAnswerPatience, unlike ros::master::execute(), which waits
 /// without end for one that hangs.
 ///
 /// @param answer  the value of a success.
 Reply callXmlRpc(const std::string& host, int port, const char* method,
                  const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer);
 
-/// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
-/// node; roscpp notices none of these.
-///
-/// Queries the master from its own thread and waits at most kPatience for an answer, so that a
-/// hanging master blocks nothing.
-class MasterWatch {
- public:
-  static constexpr double kPatience = 2;  ///< for an answer [s]
+/// Asks the master for this node: after a restart it answers, but does not know the node, which
+/// nobody can then find.
+Reply askMaster();
 
-  /// @param period  time between two queries.
-  /// @param misses  number of unanswered queries in a row after which the master counts as gone, >=
-  /// 1.
-  explicit MasterWatch(std::chrono::milliseconds period = std::chrono::seconds(1), int misses = 3)
-      : thread_([this, period, misses] { watch(period, misses); }) {}
-  /// Waits at most kPatience.
-  ~MasterWatch();
-  MasterWatch(const MasterWatch&) = delete;
-  MasterWatch& operator=(const MasterWatch&) = delete;
-
-  /// True once the master is gone and the node was asked to end.
-  bool lost() const { return lost_; }
-
- private:
-  void watch(std::chrono::milliseconds period, int misses);
-
-  basics::Mutex mutex_;
-  basics::Condition wake_;
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
-  std::atomic<bool> lost_{false};
-  std::thread thread_;
-};
-
-/// Whether the ROS master answers within MasterWatch::kPatience; unlike ros::master::check(), which
+/// Whether the ROS master answers within kAnswerPatience; unlike ros::master::check(), which
 /// waits for one that hangs without end.
-bool masterAnswers();
+inline bool masterAnswers() {
+  const Reply answer = askMaster();
+  return answer == Reply::kSuccess || answer == Reply::kFailure;
+}
 
 /// Whether another node is still there: an arm that it set in motion has a living commander.
 ///
@@ -80,12 +58,6 @@ class ClientWatch {
   static constexpr int kMisses = 3;
   static constexpr double kLongestSilence = 7.0;  ///< [s]
 
-  ClientWatch();
-  /// Waits for at most MasterWatch::kPatience.
-  ~ClientWatch();
-  ClientWatch(const ClientWatch&) = delete;
-  ClientWatch& operator=(const ClientWatch&) = delete;
-
   /// Watches this node from now on, in place of another. @param node  its name; empty: gone.
   void watch(const std::string& node);
   /// Watches no node.
@@ -97,18 +69,27 @@ class ClientWatch {
   std::string whyGone() const;
 
  private:
-  void run();
+  /// One question.
+  void ask() HELIX_ARM_EXCLUDES(mutex_);
   /// Asks it. @param uri  of its interface; empty: still to be looked up.
   static bool answers(const std::string& node, std::string& uri);
 
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
   mutable basics::Mutex mutex_;
-  basics::Condition wake_;
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::string node_ HELIX_ARM_GUARDED_BY(mutex_);     ///< empty: none
   unsigned number_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< of watched nodes so far
   std::atomic<bool> gone_{false};
-  std::atomic<double> last_answer_;  ///< of the steady clock; infinite while no node is watched [s]
-  std::thread thread_;
+  /// Of the steady clock; infinite while no node is watched [s].
+  std::atomic<double> last_answer_{kInfinity};
+  // Of the thread that asks.
+  std::string uri_;
+  unsigned asked_ = 0;  ///< number of the node
+  int misses_ = 0;
+  Ticker ticker_{kPeriod, [this] {  // last: its end waits for at most kAnswerPatience
+                   ask();
+                   return true;
+                 }};
 };
 
 /// Watches the node that sent the goal of an action. Thread-safe.

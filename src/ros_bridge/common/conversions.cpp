@@ -24,6 +24,15 @@ std::string text(const Eigen::Vector3d& vector) {
   return out.str();
 }
 
+std::optional<Refusal> refusedFrame(const char* what, const std_msgs::Header& header,
+                                    const std::string& base_frame) {
+  const std::string& frame = header.frame_id;
+  if (frame.empty() || frame == base_frame) return std::nullopt;
+  return Refusal{Fault::kWrongFrame, std::string("the frame of ") + what + " is '" +
+                                         basics::quoted(frame) + "'; transform it to '" +
+                                         base_frame + "', or leave frame_id empty"};
+}
+
 // Fault of piece_twist; absent if it is valid.
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
@@ -72,6 +81,14 @@ geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
   return msg;
 }
 
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
+  geometry_msgs::Vector3 msg;
+  msg.x = vector.x();
+  msg.y = vector.y();
+  msg.z = vector.z();
+  return msg;
+}
+
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
   geometry_msgs::Quaternion msg;
@@ -97,9 +114,7 @@ boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
 
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X) {
   geometry_msgs::Transform msg;
-  msg.translation.x = X.translation.x();
-  msg.translation.y = X.translation.y();
-  msg.translation.z = X.translation.z();
+  msg.translation = toVectorMsg(X.translation);
   msg.rotation = toQuaternionMsg(X.rotation);
   return msg;
 }
@@ -161,15 +176,6 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
   return msg;
 }
 
-control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const model::Arm& arm,
-                                          const model::InputRef& command) {
-  return control::checkPressures(arm, command, target.name, target.pressure);
-}
-
-control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections) {
-  return control::checkTwists(sections, target.twist);
-}
-
 control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame) {
   const int sections = arm.sectionCount();
@@ -201,12 +207,7 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& 
 }
 
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
-  const std::string& frame = target.header.frame_id;
-  if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the frame of the tip target is '" + basics::quoted(frame) +
-                                           "'; transform it to '" + base_frame +
-                                           "', or leave frame_id empty"};
-  }
+  if (auto refusal = refusedFrame("the tip target", target.header, base_frame)) return *refusal;
   const auto& p = target.pose.position;
   const auto& q = target.pose.orientation;
   if (target.mode == TipTarget::POSITION) {
@@ -225,12 +226,7 @@ control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& ba
 
 control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wrench,
                                           const std::string& base_frame) {
-  const std::string& frame = wrench.header.frame_id;
-  if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the frame of the force is '" + basics::quoted(frame) +
-                                           "'; transform it to '" + base_frame +
-                                           "', or leave frame_id empty"};
-  }
+  if (auto refusal = refusedFrame("the force", wrench.header, base_frame)) return *refusal;
   const auto& f = wrench.wrench.force;
   const auto& t = wrench.wrench.torque;
   const Eigen::Vector3d force(f.x, f.y, f.z), torque(t.x, t.y, t.z);

@@ -10,7 +10,6 @@
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -24,6 +23,7 @@ namespace helix_arm::ros_bridge {
 
 std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
+geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X);
@@ -51,14 +51,6 @@ std::vector<std::string> namesAt(statics::Limit limit, const model::Arm& arm,
 /// Pressures (n) [Pa] of all the arm's actuators, with their names.
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,
                             const model::InputRef& pressure);
-
-/// The command (n) [Pa] that a target asks for; actuators it does not name keep `command`.
-control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const model::Arm& arm,
-                                          const model::InputRef& command);
-
-/// The twists (6 x sections) of a target; its frame_id is ignored, since twists are relative to
-/// their sections.
-control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections);
 
 /// The shape of a message, whose curve must not have length 0. Without `pieces`, each section is
 /// one piece; with several, their sum must be `twist`.

@@ -1,15 +1,29 @@
 #include "diagnostics.hpp"
 
-#include <cstdio>
+#include <exception>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
+#include "log.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr double kWarningPeriod = 5.0;  // of each kind of fault [s]
+
+// Message of the exception that is being handled.
+std::string reason() {
+  try {
+    throw;
+  } catch (const std::exception& fault) {
+    return basics::printableLines(fault.what());
+  } catch (...) {
+    return "an exception was thrown that is not a std::exception";
+  }
+}
 
 }  // namespace
 
@@ -58,17 +72,30 @@ std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::
   return "";
 }
 
-std::string fixed(double value, int decimals) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", decimals, value);
-  return text;
-}
+std::string fixed(double value, int decimals) { return basics::format("%.*f", decimals, value); }
 
 bool FaultCount::add() {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (total_++ > 0 && now - last_warning_ < ros::WallDuration(kWarningPeriod)) return false;
   last_warning_ = now;
   return true;
+}
+
+FaultGuard::FaultGuard(std::string source, Log log)
+    : source_(std::move(source)),
+      log_(log ? std::move(log) : [](const std::string& line) { logWarning("%s", line.c_str()); }) {
+}
+
+void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
+  try {
+    const std::string text = reason();
+    if (why != nullptr) *why = text;
+    const basics::MutexLock lock(mutex_);
+    if (!faults_.add()) return;
+    log_(source_ + (culprit.empty() ? "" : " from " + culprit) + " was dropped (" +
+         std::to_string(faults_.total()) + " so far): " + text);
+  } catch (...) {  // out of memory: the next warning has the count
+  }
 }
 
 }  // namespace helix_arm::ros_bridge

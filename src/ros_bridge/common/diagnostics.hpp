@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -7,6 +8,8 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 #include <ros/time.h>
+
+#include "helix_arm/basics/mutex.hpp"
 
 /// Diagnostics and warnings common to all nodes.
 namespace helix_arm::ros_bridge {
@@ -51,6 +54,38 @@ class FaultCount {
  private:
   unsigned long total_ = 0;
   ros::SteadyTime last_warning_;
+};
+
+/// Catches the exceptions of one source of work. Thread-safe.
+class FaultGuard {
+ public:
+  using Log = std::function<void(const std::string& line)>;
+
+  /// @param source  named in the warnings, such as "a message on /tip_target".
+  /// @param log     receives the warnings; default: logWarning().
+  explicit FaultGuard(std::string source, Log log = {});
+
+  /// @param culprit  the sender; empty if there is none.
+  /// @return whether the body returned without throwing; otherwise *why is set to what it threw.
+  template <class Body>
+  bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
+    try {
+      body();
+      return true;
+    } catch (...) {
+      caught(culprit, why);
+      return false;
+    }
+  }
+
+ private:
+  /// In a handler.
+  void caught(const std::string& culprit, std::string* why) noexcept;
+
+  const std::string source_;
+  const Log log_;
+  basics::Mutex mutex_;
+  FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -13,6 +13,7 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -22,12 +23,6 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kLongestPath = 300;  // in a message
 constexpr std::size_t kLongestTitle = 64;
-
-std::string join(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& word : words) out += (out.empty() ? "" : " or ") + word;
-  return out;
-}
 
 bool isBelow(const fs::path& path, const fs::path& folder) {
   const auto [of_folder, of_path] =
@@ -126,7 +121,7 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
   const std::string quoted = basics::quoted(given, kLongestPath);
   const auto require = [&](bool holds) {
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
-                    join(endings), " file", below);
+                    basics::joined(endings, " or "), " file", below);
   };
   // The system would cut a path at a null character, and messages repeat it.
   require(!given.empty() && given.front() == '/' && basics::printable(given) == given);

@@ -8,8 +8,8 @@
 #include <actionlib_msgs/GoalStatusArray.h>
 #include <ros/serialization.h>
 
-#include "clock_gate.hpp"
 #include "guarded_callbacks.hpp"
+#include "ros_time.hpp"
 
 /// How the servers and clients of actions read what the other side sends. Every source that
 /// instantiates one includes it; a server makes the Serializer of its goals a GoalSerializer.
@@ -55,7 +55,7 @@ struct Serializer<actionlib_msgs::GoalID> {
   static void read(Stream& stream, GoalID& goal) {
     stream.next(goal.stamp);
     stream.next(goal.id);
-    if (helix_arm::ros_bridge::ClockGate::isSound(goal.stamp)) return;
+    if (helix_arm::ros_bridge::isSound(goal.stamp)) return;
     throw std::runtime_error("its stamp is " + std::to_string(goal.stamp.sec) + " s and " +
                              std::to_string(goal.stamp.nsec) + " ns; expected less than 2^31 s");
   }

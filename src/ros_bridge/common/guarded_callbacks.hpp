@@ -7,6 +7,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <typeinfo>
 #include <utility>
@@ -21,7 +22,6 @@
 #include <ros/steady_timer.h>
 
 #include "diagnostics.hpp"
-#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -85,38 +85,6 @@ class CheckedStream {
 // Exceptions of callbacks, and messages that cannot be deserialised, are dropped, counted and
 // warned of with their sender: at the first one, then once every five seconds. Arrays get no more
 // memory than their messages have bytes for (CheckedStream).
-
-/// Catches the exceptions of one source of work. Thread-safe.
-class FaultGuard {
- public:
-  using Log = std::function<void(const std::string& line)>;
-
-  /// @param source  named in the warnings, such as "a message on /tip_target".
-  /// @param log     receives the warnings; default: logWarning().
-  explicit FaultGuard(std::string source, Log log = {});
-
-  /// @param culprit  the sender; empty if there is none.
-  /// @return whether the body returned without throwing; otherwise *why is set to what it threw.
-  template <class Body>
-  bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
-    try {
-      body();
-      return true;
-    } catch (...) {
-      caught(culprit, why);
-      return false;
-    }
-  }
-
- private:
-  /// In a handler.
-  void caught(const std::string& culprit, std::string* why) noexcept;
-
-  const std::string source_;
-  const Log log_;
-  basics::Mutex mutex_;
-  FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
-};
 
 /// Passes the messages of one topic from roscpp to a callback.
 template <class Message>
@@ -202,44 +170,41 @@ class GuardedService : public ros::ServiceCallbackHelper {
   const Callback callback_;
 };
 
-/// Subscribes with TCP_NODELAY; called by listen().
+// What a callback takes.
 template <class Message>
-ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic,
-                                 std::uint32_t queue,
-                                 typename GuardedSubscription<Message>::Callback callback) {
+Message contentOf(const ros::MessageEvent<const Message>& event);
+template <class Message>
+Message contentOf(const boost::shared_ptr<const Message>& message);
+
+/// Subscribes with TCP_NODELAY. The callback takes the message, or the event, which also has its
+/// sender.
+template <class Node, class Taken>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       void (Node::*callback)(const Taken&), Node* owner) {
+  using Message = decltype(contentOf(std::declval<const Taken&>()));
+  using Event = ros::MessageEvent<const Message>;
   ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
                                 ros::message_traits::datatype<Message>());
-  options.helper = boost::make_shared<GuardedSubscription<Message>>(node.resolveName(topic),
-                                                                    std::move(callback));
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(
+      node.resolveName(topic), [owner, callback](const Event& event) {
+        if constexpr (std::is_same_v<Taken, Event>) {
+          (owner->*callback)(event);
+        } else {
+          (owner->*callback)(event.getConstMessage());
+        }
+      });
   options.transport_hints = ros::TransportHints().tcpNoDelay();
   return node.subscribe(options);
 }
 
-/// Subscribes with TCP_NODELAY. The callback takes the message, or the event, which also has its
-/// sender.
-template <class Node, class Message>
-ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const ros::MessageEvent<const Message>&),
-                       Node* owner) {
-  return subscribeGuarded<Message>(
-      node, topic, queue, [owner, callback](const ros::MessageEvent<const Message>& event) {
-        (owner->*callback)(event);
-      });
-}
-template <class Node, class Message>
-ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const boost::shared_ptr<const Message>&),
-                       Node* owner) {
-  return subscribeGuarded<Message>(
-      node, topic, queue, [owner, callback](const ros::MessageEvent<const Message>& event) {
-        (owner->*callback)(event.getConstMessage());
-      });
-}
-
-/// Advertises a service; called by serve().
-template <class Request, class Response>
-ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& service,
-                                typename GuardedService<Request, Response>::Callback callback) {
+/// Advertises a service. The callback takes request and response, after the name of the calling
+/// node if it wants that.
+template <class Node, class... Taken>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(Taken&...), Node* owner) {
+  constexpr std::size_t kCount = sizeof...(Taken);
+  using Request = std::tuple_element_t<kCount - 2, std::tuple<Taken...>>;
+  using Response = std::tuple_element_t<kCount - 1, std::tuple<Taken...>>;
   ros::AdvertiseServiceOptions options;
   options.service = service;
   options.md5sum = ros::service_traits::md5sum<Request>();
@@ -247,28 +212,16 @@ ros::ServiceServer serveGuarded(ros::NodeHandle& node, const std::string& servic
   options.req_datatype = ros::message_traits::datatype<Request>();
   options.res_datatype = ros::message_traits::datatype<Response>();
   options.helper = boost::make_shared<GuardedService<Request, Response>>(
-      node.resolveName(service), std::move(callback), FaultGuard::Log());
-  return node.advertiseService(options);
-}
-
-/// Advertises a service. The callback may take the name of the calling node first.
-template <class Node, class Request, class Response>
-ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(Request&, Response&), Node* owner) {
-  return serveGuarded<Request, Response>(
-      node, service, [owner, callback](const std::string&, Request& request, Response& response) {
-        return (owner->*callback)(request, response);
-      });
-}
-template <class Node, class Request, class Response>
-ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(const std::string&, Request&, Response&),
-                         Node* owner) {
-  return serveGuarded<Request, Response>(
-      node, service,
+      node.resolveName(service),
       [owner, callback](const std::string& caller, Request& request, Response& response) {
-        return (owner->*callback)(caller, request, response);
-      });
+        if constexpr (kCount == 3) {
+          return (owner->*callback)(caller, request, response);
+        } else {
+          return (owner->*callback)(request, response);
+        }
+      },
+      FaultGuard::Log());
+  return node.advertiseService(options);
 }
 
 /// Calls back periodically, on a steady clock.

@@ -54,38 +54,24 @@ void hand(LogLevel level, const char* format, std::va_list values) {
 
 }  // namespace
 
+// With an ellipsis, arguments are passed on as a va_list only.
+#define HELIX_ARM_LOG(function, level)     \
+  void function(const char* format, ...) { \
+    std::va_list values;                   \
+    va_start(values, format);              \
+    hand(level, format, values);           \
+    va_end(values);                        \
+  }
+HELIX_ARM_LOG(logInfo, levels::Info)
+HELIX_ARM_LOG(logWarning, levels::Warn)
+HELIX_ARM_LOG(logError, levels::Error)
+HELIX_ARM_LOG(logFatal, levels::Fatal)
+#undef HELIX_ARM_LOG
+
 void logLine(LogLevel level, const char* format, ...) {
   std::va_list values;
   va_start(values, format);
   hand(level, format, values);
-  va_end(values);
-}
-
-void logInfo(const char* format, ...) {
-  std::va_list values;
-  va_start(values, format);
-  hand(levels::Info, format, values);
-  va_end(values);
-}
-
-void logWarning(const char* format, ...) {
-  std::va_list values;
-  va_start(values, format);
-  hand(levels::Warn, format, values);
-  va_end(values);
-}
-
-void logError(const char* format, ...) {
-  std::va_list values;
-  va_start(values, format);
-  hand(levels::Error, format, values);
-  va_end(values);
-}
-
-void logFatal(const char* format, ...) {
-  std::va_list values;
-  va_start(values, format);
-  hand(levels::Fatal, format, values);
   va_end(values);
 }
 

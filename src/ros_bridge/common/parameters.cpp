@@ -6,49 +6,51 @@
 
 #include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "log.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
 
-template <class... Parts>
-std::string join(const Parts&... parts) {
-  std::ostringstream out;
-  (out << ... << parts);
-  return out.str();
-}
-
-}  // namespace
+using basics::messageOf;
 
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
                                     const std::string& extension) {
   if (given.empty()) return std::nullopt;
   if (given.front() == '/') return given;
   if (io::isPath(given)) return std::nullopt;
-  return join(io::shippedFolder(folder), "/", given, extension);
+  return messageOf(io::shippedFolder(folder), "/", given, extension);
 }
 
-void ParameterReader::fault(const std::string& name, const XmlRpc::XmlRpcValue& value,
-                            const std::string& rule) {
-  faults_.push_back(value.valid() ? join("~", name, " is ", value, "; expected ", rule)
-                                  : join("~", name, " is missing; expected ", rule));
+void ParameterReader::fault(const std::string& name, const Value& value, const std::string& rule) {
+  faults_.push_back(value.valid() ? messageOf("~", name, " is ", value, "; expected ", rule)
+                                  : messageOf("~", name, " is missing; expected ", rule));
+}
+
+template <class T>
+T ParameterReader::value(const std::string& name, const T& fallback, const std::string& rule,
+                         const std::function<std::optional<T>(XmlRpc::XmlRpcValue&)>& take) {
+  known_.insert(node_.resolveName(name));
+  XmlRpc::XmlRpcValue given;
+  if (!node_.getParam(name, given) || !given.valid()) return fallback;
+  if (const std::optional<T> taken = take(given)) return *taken;
+  fault(name, given, rule);
+  return fallback;
 }
 
 std::string ParameterReader::text(const std::string& name, const std::string& fallback) {
-  XmlRpc::XmlRpcValue value = read(name);
-  if (!value.valid()) return fallback;
-  if (value.getType() == XmlRpc::XmlRpcValue::TypeString) return static_cast<std::string&>(value);
-  fault(name, value, "text");
-  return fallback;
+  return value<std::string>(name, fallback, "text", [](Value& given) {
+    return given.getType() == Value::TypeString ? std::optional(static_cast<std::string&>(given))
+                                                : std::nullopt;
+  });
 }
 
 std::string ParameterReader::frame(const std::string& name, const std::string& fallback) {
   std::string given = text(name, fallback);
   const bool empty = given.empty() && !fallback.empty();
   if (!empty && given.compare(0, 1, "/") != 0) return given;
-  fault(name, XmlRpc::XmlRpcValue(given), "a tf2 frame: not empty, no leading slash");
+  fault(name, Value(given), "a tf2 frame: not empty, no leading slash");
   return fallback;
 }
 
@@ -56,41 +58,35 @@ std::string ParameterReader::choice(const std::string& name, const std::string& 
                                     const std::vector<std::string>& words) {
   std::string given = text(name, fallback);
   if (std::find(words.begin(), words.end(), given) != words.end()) return given;
-  std::string list;
-  for (const std::string& word : words) list += (list.empty() ? "" : " or ") + word;
-  fault(name, XmlRpc::XmlRpcValue(given), list);
+  fault(name, Value(given), basics::joined(words, " or "));
   return fallback;
 }
 
 bool ParameterReader::flag(const std::string& name, bool fallback) {
-  XmlRpc::XmlRpcValue value = read(name);
-  if (!value.valid()) return fallback;
-  if (value.getType() == XmlRpc::XmlRpcValue::TypeBoolean) return static_cast<bool&>(value);
-  fault(name, value, "true or false");
-  return fallback;
+  return value<bool>(name, fallback, "true or false", [](Value& given) {
+    return given.getType() == Value::TypeBoolean ? std::optional(static_cast<bool&>(given))
+                                                 : std::nullopt;
+  });
 }
 
 double ParameterReader::number(const std::string& name, double fallback,
                                const model::Range& allowed) {
-  XmlRpc::XmlRpcValue value = read(name);
-  if (!value.valid()) return fallback;
-  double number = std::nan("");
-  if (value.getType() == XmlRpc::XmlRpcValue::TypeInt) number = static_cast<int&>(value);
-  if (value.getType() == XmlRpc::XmlRpcValue::TypeDouble) number = static_cast<double&>(value);
-  if (allowed.contains(number)) return number;
-  fault(name, value, join("a number from ", allowed.lower, " to ", allowed.upper));
-  return fallback;
+  const std::string rule = messageOf("a number from ", allowed.lower, " to ", allowed.upper);
+  return value<double>(name, fallback, rule, [&allowed](Value& given) {
+    double number = std::nan("");
+    if (given.getType() == Value::TypeInt) number = static_cast<int&>(given);
+    if (given.getType() == Value::TypeDouble) number = static_cast<double&>(given);
+    return allowed.contains(number) ? std::optional(number) : std::nullopt;
+  });
 }
 
 int ParameterReader::count(const std::string& name, int fallback, int lower, int upper) {
-  XmlRpc::XmlRpcValue value = read(name);
-  if (!value.valid()) return fallback;
-  if (value.getType() == XmlRpc::XmlRpcValue::TypeInt) {
-    const int number = static_cast<int&>(value);
-    if (number >= lower && number <= upper) return number;
-  }
-  fault(name, value, join("a whole number from ", lower, " to ", upper));
-  return fallback;
+  const std::string rule = messageOf("a whole number from ", lower, " to ", upper);
+  return value<int>(name, fallback, rule, [lower, upper](Value& given) -> std::optional<int> {
+    if (given.getType() != Value::TypeInt) return std::nullopt;
+    const int number = static_cast<int&>(given);
+    return number >= lower && number <= upper ? std::optional(number) : std::nullopt;
+  });
 }
 
 std::string ParameterReader::optionalFile(const std::string& name, const std::string& folder,
@@ -101,15 +97,14 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
     const std::string path = absolute(name, given);
     const auto meant = io::shippedNameOf(path, folder, extension);
     if (!meant) return path;
-    fault(name, XmlRpc::XmlRpcValue(path),
-          "a file that is there, or " + *meant + ", which is shipped");
+    fault(name, Value(path), "a file that is there, or " + *meant + ", which is shipped");
     return "";
   }
   std::string path = *filePath(given, folder, extension);
   if (std::filesystem::exists(path)) return path;
   const std::string names = basics::joined(io::shippedNames(folder, extension));
-  fault(name, XmlRpc::XmlRpcValue(given),
-        join("a path, or the name of a file in ", folder, " of the package: ", names));
+  fault(name, Value(given),
+        messageOf("a path, or the name of a file in ", folder, " of the package: ", names));
   return "";
 }
 
@@ -118,8 +113,9 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   const std::size_t before = faults_.size();
   std::string path = optionalFile(name, folder, extension);
   if (path.empty() && faults_.size() == before) {
-    faults_.push_back(join("~", name, " is missing; expected a path, or the name of a file in ",
-                           folder, " of the package"));
+    faults_.push_back(messageOf("~", name,
+                                " is missing; expected a path, or the name of a file in ", folder,
+                                " of the package"));
   }
   return path;
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -64,13 +65,13 @@ class ParameterReader {
   void finish();
 
  private:
-  XmlRpc::XmlRpcValue read(const std::string& name) {
-    known_.insert(node_.resolveName(name));
-    XmlRpc::XmlRpcValue value;
-    node_.getParam(name, value);
-    return value;
-  }
-  void fault(const std::string& name, const XmlRpc::XmlRpcValue& value, const std::string& rule);
+  using Value = XmlRpc::XmlRpcValue;
+
+  /// @param take  the value of what breaks no rule.
+  template <class T>
+  T value(const std::string& name, const T& fallback, const std::string& rule,
+          const std::function<std::optional<T>(Value&)>& take);
+  void fault(const std::string& name, const Value& value, const std::string& rule);
 
   ros::NodeHandle node_;
   std::set<std::string> known_;

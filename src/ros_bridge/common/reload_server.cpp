@@ -32,13 +32,13 @@ ReloadServer::File ReloadServer::file() const {
 std::string ReloadServer::allowed(const std::string& scene) const {
   if (scene.empty()) return file().path;
   if (scene == first_path_) return scene;
-  const auto path = filePath(scene, kShippedScenes, ".yaml");
+  const auto path = filePath(scene, io::kShippedScenes, ".yaml");
   basics::require(path.has_value(), "scene is '", basics::quoted(scene),
-                  "'; expected an absolute path, or the name of a file in ", kShippedScenes,
+                  "'; expected an absolute path, or the name of a file in ", io::kShippedScenes,
                   " of the package");
   if (scene.front() != '/') return *path;
-  const FileAccess access(
-      {{scene_folder_, "~scene_folder"}, {io::shippedFolder(kShippedScenes), "the package's own"}});
+  const FileAccess access({{scene_folder_, "~scene_folder"},
+                           {io::shippedFolder(io::kShippedScenes), "the package's own"}});
   return access.toRead("scene", *path, {".yaml"});
 }
 

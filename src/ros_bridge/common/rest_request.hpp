@@ -1,8 +1,10 @@
 #pragma once
 
+#include <ros/this_node.h>
 #include <ros/time.h>
 
 #include "helix_arm/TargetStatus.h"
+#include "helix_arm/control/target_check.hpp"
 
 /// How a commander ends without a fault: it waits until its last target is answered, since a target
 /// that comes later would cancel the request, and asks pressure_command to bring the arm to rest.
@@ -14,15 +16,31 @@ class CommandTrace {
   static constexpr double kPatience = 1;  ///< longest wait for the answer to a target [s]
 
   /// Notes a target of this node.
-  void sent(const ros::Time& stamp);
+  void sent(const ros::Time& stamp) {
+    last_stamp_ = stamp;
+    last_sent_ = ros::SteadyTime::now();
+    waits_ = true;
+  }
   /// Notes an answer on target_status, to whomever.
-  void answered(const TargetStatus& status);
+  void answered(const TargetStatus& status) {
+    const bool accepted = status.outcome != TargetStatus::DROPPED;
+    if (status.commander != ros::this_node::getName()) {
+      accepted_ = accepted_ && !accepted;
+      rested_ = rested_ && !accepted;
+      return;
+    }
+    accepted_ = accepted;
+    rested_ = status.fault == control::nameOf(control::Fault::kRested);
+    if (status.target_stamp == last_stamp_) waits_ = false;
+  }
 
   /// Whether the arm follows this node: its newest answer accepted a target, no target of another
   /// was accepted since, and the last target has not waited for longer than kPatience.
-  bool commands() const;
+  bool commands() const { return accepted_ && (!waits_ || awaitsAnswer()); }
   /// Whether the last target may still be answered: it has waited for less than kPatience.
-  bool awaitsAnswer() const;
+  bool awaitsAnswer() const {
+    return waits_ && ros::SteadyTime::now() - last_sent_ <= ros::WallDuration(kPatience);
+  }
   /// Whether the newest answer refused a target since somebody else had asked for rest, and no
   /// target of another was accepted since. Once no target of this node is under way, requestRest()
   /// tells pressure_command that it knows: its next target counts.

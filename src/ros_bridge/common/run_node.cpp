@@ -1,17 +1,195 @@
 #include "run_node.hpp"
 
+#include <csignal>
 #include <cstdio>
+#include <cstring>
+#include <map>
 
+#include <poll.h>
+#include <ros/callback_queue.h>
 #include <ros/init.h>
+#include <ros/master.h>
+#include <ros/spinner.h>
+#include <ros/this_node.h>
+#include <ros/xmlrpc_manager.h>
+#include <rosgraph_msgs/Clock.h>
+#include <unistd.h>
 
 #include "client_watch.hpp"
-#include "clock_gate.hpp"
+#include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "log.hpp"
 #include "parameters.hpp"
+#include "ros_bridge/names.hpp"
+#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+constexpr int kUrgent = 2;
+
+std::atomic<int> requests{0};
+static_assert(std::atomic<int>::is_always_lock_free, "signal handlers must not wait");
+
+void onSignal(int) { requests.fetch_add(1); }
+
+// Call by the master, as sent by rosnode kill.
+void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
+  requests.fetch_add(1);
+  result = ros::xmlrpc::responseInt(1, "", 0);
+}
+
+// Uses neither ROS nor buffered streams, which may be what blocks.
+[[noreturn]] void end() {
+  constexpr char kText[] =
+      "this node could not end in time and exits at once: the ROS master does not answer (run "
+      "rosnode cleanup once it does), a callback does not return, or the log is blocked\n";
+  pollfd ready{STDERR_FILENO, POLLOUT, 0};
+  if (poll(&ready, 1, 0) > 0 && (ready.revents & POLLOUT) != 0) {
+    const ssize_t written = write(STDERR_FILENO, kText, std::strlen(kText));
+    static_cast<void>(written);  // nothing can be done if it fails
+  }
+  _exit(kFailed);
+}
+
+/// Ends the process if its node was asked to end and cannot: a hanging ROS master blocks every call
+/// to it, including unregistering at the end.
+///
+/// It ends with kFailed, without destructors. If the node drives hardware and has not vented, its
+/// guard vents.
+class EndWatch {
+ public:
+  /// Reports that the node's main thread is running; required every kPatience once the node was
+  /// asked to end.
+  void turn() { ++turns_; }
+  /// While true, the watch is suspended, for work that takes time and needs no master.
+  void waits(bool so) { waits_ = so; }
+  /// There is no master to unregister from: reduces the patience to 1 s.
+  void hurry() { patience_ = 1; }
+
+ private:
+  static constexpr double kPatience = 5;  // [s]
+  static constexpr double kPeriod = 0.1;  // between two checks [s]
+
+  bool check() {
+    const unsigned turns = turns_;
+    const bool goes_on = turns != seen_ || waits_ || !EndRequest::made();
+    seen_ = turns;
+    // Counts periods rather than time: a process that was stopped has lost only one.
+    idle_ = goes_on ? 0 : idle_ + kPeriod;
+    if (idle_ >= patience_) end();
+    return true;
+  }
+
+  std::atomic<unsigned> turns_{0};
+  std::atomic<bool> waits_{false};
+  std::atomic<double> patience_{kPatience};
+  double idle_ = 0;  // these two are the watch's own [s]
+  unsigned seen_ = 0;
+  Ticker ticker_{kPeriod, [this] { return check(); }};
+};
+
+constexpr char kParameter[] = "/use_sim_time";
+// Given to roscpp instead, so that it does not subscribe to the clock; nobody sets it.
+constexpr char kNoParameter[] = "/use_sim_time_of_roscpp_alone";
+
+// Asks the master directly, since roscpp remaps the name of the parameter.
+bool timeIsSimulated() {
+  XmlRpc::XmlRpcValue request, response, value;
+  request[0] = ros::this_node::getName();
+  request[1] = kParameter;
+  return ros::master::execute("getParam", request, response, value, false) &&
+         value.getType() == XmlRpc::XmlRpcValue::TypeBoolean && static_cast<bool>(value);
+}
+
+/// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
+///
+/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also in
+/// threads of roscpp and actionlib where the exception cannot be caught: one message would end the
+/// process. Times of 2^31 s and more, or with 10^9 ns or more, are dropped, counted and warned of.
+/// No effect without /use_sim_time.
+class ClockGate {
+ public:
+  /// Calls ros::init() such that roscpp neither reads /use_sim_time nor subscribes to /clock.
+  static void init(int argc, char** argv, const std::string& name) {
+    std::string remapping = std::string(kParameter) + ":=" + kNoParameter;
+    std::vector<char*> arguments(argv, argv + argc);
+    arguments.push_back(remapping.data());
+    int count = static_cast<int>(arguments.size());
+    arguments.push_back(nullptr);
+    ros::init(count, arguments.data(), name);
+  }
+
+  /// Starts setting the time, in its own thread, if /use_sim_time is set. ROS must be up, and the
+  /// time must not have been read yet.
+  ClockGate() : spinner_(1, &queue_) {
+    if (!timeIsSimulated()) return;
+    ros::Time::setNow(ros::Time());  // until the first message
+    ros::NodeHandle node;
+    node.setCallbackQueue(&queue_);
+    subscriber_ = listen(node, names::kClock, 1, &ClockGate::onClock, this);
+    spinner_.start();
+  }
+  ~ClockGate() { spinner_.stop(); }
+  ClockGate(const ClockGate&) = delete;
+  ClockGate& operator=(const ClockGate&) = delete;
+
+ private:
+  void onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
+    const ros::Time& time = message->clock;
+    if (isSound(time)) {
+      ros::Time::setNow(time);
+    } else if (bad_times_.add()) {
+      logWarning(
+          "%s gives %u s and %u ns, beyond the range of ROS time (2^31 s): the message is ignored "
+          "(%lu times so far); stop the node that publishes it",
+          names::kClock, time.sec, time.nsec, bad_times_.total());
+    }
+  }
+
+  FaultCount bad_times_;
+  ros::CallbackQueue queue_;
+  ros::Subscriber subscriber_;
+  ros::AsyncSpinner spinner_;
+};
+
+const char* textOf(Reply answer) {
+  switch (answer) {
+    case Reply::kFailure:
+      return "was restarted and does not know this node";
+    case Reply::kHangs:
+      return "does not answer: it hangs, or is cut off";
+    default:
+      return "is gone";
+  }
+}
+
+/// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
+/// node; roscpp notices none of these.
+class MasterWatch {
+ public:
+  /// True once the master is gone and the node was asked to end.
+  bool lost() const { return lost_; }
+
+ private:
+  static constexpr double kPeriod = 1.0;  // between two queries [s]
+  static constexpr int kMisses = 3;       // in a row, after which the master counts as gone
+
+  bool ask() {
+    const Reply answer = askMaster();
+    missed_ = answer == Reply::kSuccess ? 0 : missed_ + 1;
+    if (missed_ < kMisses || !ros::ok()) return true;
+    lost_ = true;
+    EndRequest::make();
+    logFatal("the ROS master at %s %s: this node exits", ros::master::getURI().c_str(),
+             textOf(answer));
+    return false;
+  }
+
+  int missed_ = 0;
+  std::atomic<bool> lost_{false};
+  Ticker ticker_{kPeriod, [this] { return ask(); }};
+};
 
 int report(const std::exception& error, ExitCode code) {
   logFatal("%s", error.what());
@@ -32,6 +210,18 @@ void spinUntilEnd(EndWatch& end_watch, const Node& node) {
 }
 
 }  // namespace
+
+EndRequest::EndRequest() {
+  std::signal(SIGINT, onSignal);
+  std::signal(SIGTERM, onSignal);
+  const auto& manager = ros::XMLRPCManager::instance();
+  manager->unbind("shutdown");
+  manager->bind("shutdown", onShutdown);
+}
+
+void EndRequest::make() { requests.fetch_add(kUrgent); }
+bool EndRequest::made() { return requests > 0; }
+bool EndRequest::isUrgent() { return requests >= kUrgent; }
 
 int guarded(const std::function<int()>& body) {
   try {
@@ -77,6 +267,16 @@ int runNode(int argc, char** argv, const std::string& name,
     ros::shutdown();
     return thrown != kDone || master.lost() ? kFailed : verdict;
   });
+}
+
+std::unique_ptr<Node> makeNode(const std::string& program) {
+  static const std::map<std::string, std::unique_ptr<Node> (*)()> kNodes = {
+      {names::kCalibrationNode, makeCalibration},
+      {names::kPressureCommandNode, makePressureCommand},
+      {names::kSimulatedRigNode, makeSimulatedRig},
+      {names::kVisionNode, makeVision},
+      {names::kVisualServoNode, makeVisualServo}};
+  return kNodes.at(program)();
 }
 
 void GuardedThread::start(std::function<void()> body, std::function<void()> on_failure) {

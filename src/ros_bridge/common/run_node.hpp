@@ -1,17 +1,41 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <functional>
+#include <future>
 #include <memory>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include <ros/node_handle.h>
 
-#include "end_watch.hpp"
-
 namespace helix_arm::ros_bridge {
+
+/// Exit code of a node.
+enum ExitCode {
+  kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or work done
+  kFailed = 1,            ///< the ROS master was lost, or the node failed
+  kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
+};
+
+/// Request to end a node: by Ctrl-C, SIGTERM, rosnode kill, or from within. It does not shut ROS
+/// down: the node can first do its work, such as venting an arm, without the ROS master, which may
+/// hang. runNode() handles the request.
+class EndRequest {
+ public:
+  /// Replaces roscpp's handlers; its node must have been started.
+  EndRequest();
+
+  /// Makes the request, from any thread.
+  static void make();
+  /// True once the request was made.
+  static bool made();
+  /// True if the node should not finish its work first: it was asked twice, or from within.
+  static bool isUrgent();
+};
 
 /// Thrown by the set-up of a node that legitimately has nothing to do: it ends with kDone.
 class NothingToDo : public std::runtime_error {
@@ -37,7 +61,7 @@ class Node {
 /// The main function of a node: makes it, spins until it must end, returns its exit code.
 ///
 /// finish() is called before ROS is shut down: a hanging master delays the end by
-/// EndWatch::kPatience and turns the exit code into kFailed, but does not delay finish(). An
+/// 5 s and turns the exit code into kFailed, but does not delay finish(). An
 /// exception of a callback ends the node in the same order, with kFailed.
 int runNode(int argc, char** argv, const std::string& name,
             const std::function<std::unique_ptr<Node>()>& make);
@@ -54,6 +78,29 @@ std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
 std::unique_ptr<Node> makeVisualServo();
 /// That of a program, by its name.
 std::unique_ptr<Node> makeNode(const std::string& program);
+
+/// Calls a function periodically in a thread of its own, until that returns false or this is
+/// destroyed, which waits for the function to return.
+class Ticker {
+ public:
+  /// @param period  before each call, after the end of the last one [s].
+  Ticker(double period, std::function<bool()> turn)
+      : thread_([end = end_.get_future(), period, turn = std::move(turn)] {
+          const std::chrono::duration<double> pause(period);
+          while (end.wait_for(pause) == std::future_status::timeout && turn()) {
+          }
+        }) {}
+  ~Ticker() {
+    end_.set_value();
+    thread_.join();
+  }
+  Ticker(const Ticker&) = delete;
+  Ticker& operator=(const Ticker&) = delete;
+
+ private:
+  std::promise<void> end_;
+  std::thread thread_;
+};
 
 /// A thread whose exceptions do not end the process silently: they are printed and reported.
 class GuardedThread {

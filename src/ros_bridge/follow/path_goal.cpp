@@ -1,15 +1,14 @@
 #include "path_goal.hpp"
 
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <exception>
-#include <system_error>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -17,13 +16,6 @@ namespace {
 using Result = FollowTipPathResult;
 
 constexpr double kMemory = 2.0;  // of moments; pictures are younger [s]
-
-template <class... Values>
-std::string text(const char* format, Values... values) {
-  char out[256];
-  std::snprintf(out, sizeof out, format, values...);
-  return out;
-}
 
 using Goal = FollowTipPathGoal;
 using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
@@ -103,10 +95,6 @@ PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
   return out;
 }
 
-bool isReady(const std::future<DecidedGoal>& result) {
-  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
-
 }  // namespace
 
 std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn) {
@@ -165,23 +153,25 @@ std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Tur
 GoalEnding GoalWatch::lateEnding(const follow::Turn& turn) const {
   const double tolerance = 1e3 * rules_.goal_tolerance;
   if (last_error_) {
-    return {Result::GOAL_TOLERANCE_VIOLATED,
-            text("the measured tip is %.2f mm from the last point %g s after the path's end; "
-                 "goal_tolerance is %g mm: allow more, or a later end",
-                 1e3 * *last_error_, rules_.time_tolerance, tolerance)};
+    return {
+        Result::GOAL_TOLERANCE_VIOLATED,
+        basics::format("the measured tip is %.2f mm from the last point %g s after the path's end; "
+                       "goal_tolerance is %g mm: allow more, or a later end",
+                       1e3 * *last_error_, rules_.time_tolerance, tolerance)};
   }
   const double error = turn.predicted
                            ? (turn.predicted->translation - turn.wanted.translation).norm()
                            : std::numeric_limits<double>::infinity();
   if (error <= rules_.goal_tolerance) {
-    return {
-        Result::SUCCESSFUL,
-        text("not seen at its end: the predicted tip is %.2f mm from the last point", 1e3 * error)};
+    return {Result::SUCCESSFUL,
+            basics::format("not seen at its end: the predicted tip is %.2f mm from the last point",
+                           1e3 * error)};
   }
   return {Result::GOAL_TOLERANCE_VIOLATED,
-          text("the tip is not seen, and predicted %.2f mm from the last point %g s after the "
-               "path's end; goal_tolerance is %g mm",
-               1e3 * error, rules_.time_tolerance, tolerance)};
+          basics::format(
+              "the tip is not seen, and predicted %.2f mm from the last point %g s after the "
+              "path's end; goal_tolerance is %g mm",
+              1e3 * error, rules_.time_tolerance, tolerance)};
 }
 
 std::optional<GoalWatch::Moment> GoalWatch::momentOf(double stamp) const {
@@ -211,15 +201,16 @@ std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::
     max_ = std::max(max_, error);
     ++pictures_;
     if (error <= rules_.path_tolerance) return std::nullopt;
-    return GoalEnding{Result::PATH_TOLERANCE_VIOLATED,
-                      text("the measured tip was %.2f mm from the path %.2f s after its start; "
-                           "path_tolerance is %g mm: allow more, or a slower path",
-                           1e3 * error, moment.path_time, 1e3 * rules_.path_tolerance)};
+    return GoalEnding{
+        Result::PATH_TOLERANCE_VIOLATED,
+        basics::format("the measured tip was %.2f mm from the path %.2f s after its start; "
+                       "path_tolerance is %g mm: allow more, or a slower path",
+                       1e3 * error, moment.path_time, 1e3 * rules_.path_tolerance)};
   }
   last_error_ = error;
   if (error > rules_.goal_tolerance) return std::nullopt;
   return GoalEnding{Result::SUCCESSFUL,
-                    text("the measured tip is %.2f mm from the last point", 1e3 * error)};
+                    basics::format("the measured tip is %.2f mm from the last point", 1e3 * error)};
 }
 
 std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
@@ -241,19 +232,6 @@ std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
       Result::OLD_HEADER_TIMESTAMP,
       "the path was to start " + std::to_string(age) +
           " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
-}
-
-std::variant<lie::SE3, GoalEnding> frameOf(const UnreadGoal& goal, const FrameLookup& frames) {
-  const std::string& frame = goal.path_header.frame_id;
-  try {
-    const auto place = orThrow(frames.find(frame), "the path: ");
-    basics::require(place.fixed, "the frame '", basics::quoted(frame), "' moves relative to '",
-                    frames.baseFrame(),
-                    "'; send the path in a frame with a static transform to it");
-    return place.X_BF;
-  } catch (const std::invalid_argument& fault) {
-    return GoalEnding{Result::INVALID_GOAL, fault.what()};
-  }
 }
 
 DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
@@ -297,41 +275,3 @@ void Serializer<helix_arm::ros_bridge::UnreadGoal>::read(
 }
 
 }  // namespace ros::serialization
-namespace helix_arm::ros_bridge {
-
-void PathChecker::discard() {
-  waiting_ = nullptr;
-  if (!present_) return;
-  *present_->stop = true;
-  discarded_.push_back(std::move(*present_));
-  present_.reset();
-}
-
-std::optional<DecidedGoal> PathChecker::take() {
-  start();
-  if (!present_ || !isReady(present_->result)) return std::nullopt;
-  Run run = std::move(*present_);
-  present_.reset();
-  try {
-    return run.result.get();
-  } catch (const std::exception& fault) {
-    return GoalEnding{FollowTipPathResult::INVALID_GOAL, fault.what()};
-  }
-}
-
-void PathChecker::start() {
-  discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(),
-                                  [](const Run& run) { return isReady(run.result); }),
-                   discarded_.end());
-  if (!waiting_ || discarded_.size() >= kMostThreads) return;
-  const auto stop = std::make_shared<std::atomic<bool>>(false);
-  try {
-    auto result = std::async(std::launch::async, [check = waiting_, stop] { return check(*stop); });
-    present_.emplace(Run{stop, std::move(result)});
-    waiting_ = nullptr;
-  } catch (const std::system_error&) {
-    // The system has no thread left; it may have one the next time.
-  }
-}
-
-}  // namespace helix_arm::ros_bridge

@@ -1,15 +1,21 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <exception>
 #include <functional>
 #include <future>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -21,7 +27,6 @@
 #include "helix_arm/FollowTipPathResult.h"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
-#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -143,9 +148,6 @@ using PathCheck = std::function<std::string(const control::TipPath& path, double
 /// @param max_age  age of the start that still counts as now, > 0 [s].
 std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age);
 
-/// Place of the frame in which the path of a goal is given, or why the goal is refused.
-std::variant<lie::SE3, GoalEnding> frameOf(const UnreadGoal& goal, const FrameLookup& frames);
-
 /// Reads a goal that refusalOf() does not refuse, converts it and checks its path.
 /// @param X_BF  place of the path's frame F, seen from the base frame B.
 DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
@@ -209,10 +211,26 @@ class PathChecker {
     start();
   }
   /// Gives the present check up.
-  void discard();
+  void discard() {
+    waiting_ = nullptr;
+    if (!present_) return;
+    *present_->stop = true;
+    discarded_.push_back(std::move(*present_));
+    present_.reset();
+  }
   /// The result of the present check, once; what a check throws refuses its goal. To be called
   /// regularly: it also begins a check that waits.
-  std::optional<DecidedGoal> take();
+  std::optional<DecidedGoal> take() {
+    start();
+    if (!present_ || !isReady(present_->result)) return std::nullopt;
+    Run run = std::move(*present_);
+    present_.reset();
+    try {
+      return run.result.get();
+    } catch (const std::exception& fault) {
+      return GoalEnding{FollowTipPathResult::INVALID_GOAL, fault.what()};
+    }
+  }
 
  private:
   struct Run {
@@ -220,7 +238,25 @@ class PathChecker {
     std::future<DecidedGoal> result;
   };
 
-  void start();
+  static bool isReady(const std::future<DecidedGoal>& result) {
+    return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  }
+
+  void start() {
+    discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(),
+                                    [](const Run& run) { return isReady(run.result); }),
+                     discarded_.end());
+    if (!waiting_ || discarded_.size() >= kMostThreads) return;
+    const auto stop = std::make_shared<std::atomic<bool>>(false);
+    try {
+      auto result =
+          std::async(std::launch::async, [check = waiting_, stop] { return check(*stop); });
+      present_.emplace(Run{stop, std::move(result)});
+      waiting_ = nullptr;
+    } catch (const std::system_error&) {
+      // The system has no thread left; it may have one the next time.
+    }
+  }
 
   Check waiting_;               ///< empty: none
   std::optional<Run> present_;  ///< begun

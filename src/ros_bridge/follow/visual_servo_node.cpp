@@ -14,9 +14,14 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "command_link.hpp"
+#include "helix_arm/ArmShape.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TagDetections.h"
+#include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -30,8 +35,7 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "loop_diagnostics.hpp"
-#include "loop_publisher.hpp"
+#include "loop_reports.hpp"
 #include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
@@ -40,15 +44,192 @@
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/model_history.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/rest_request.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_bridge/pressure/target_intake.hpp"
+#include "ros_bridge/pressure/target_admission.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+// Covariance of the twists of a `measured`, or why it cannot be used.
+control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
+  const auto size = static_cast<Eigen::Index>(6) * sections;
+  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
+    return control::Refusal{control::Fault::kWrongSize,
+                            std::to_string(shape.twist_covariance.size()) +
+                                " numbers in twist_covariance; send " +
+                                std::to_string(size * size) + ", the covariance of `twist`"};
+  }
+  return Eigen::MatrixXd(
+      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+}
+
+using control::Fault;
+
+constexpr double kFreshCommand = 1.0;   // an older one is of a node that has ended [s]
+constexpr double kLeasePatience = 1.0;  // beyond the lease of another commander [s]
+constexpr double kLongestLease = 5.0;   // that is waited for [s]
+
+/// The loop as one commander of pressure_command among others: sends it pressures, and knows
+/// whether the arm follows them.
+///
+/// Before the arm follows, targets that keep it where it is are sent: they enable a simulated arm,
+/// wait for the lease of a commander that yields, and are refused without a motion. Nothing here
+/// enables an arm that its targets do not.
+///
+/// Publishes pressure_target; subscribes to pressure_command, safety_state and target_status. For
+/// the thread of the node's callback queue.
+class CommandLink {
+ public:
+  /// @param scene  Its arm and safety rules are used. Kept by reference.
+  CommandLink(ros::NodeHandle& node, const io::Scene& scene)
+      : scene_(scene),
+        target_publisher_(node.advertise<PressureArray>(names::kPressureTarget, 10)),
+        command_subscriber_(
+            listen(node, names::kPressureCommand, 10, &CommandLink::onCommand, this)),
+        safety_subscriber_(listen(node, names::kSafetyState, 10, &CommandLink::onSafety, this)),
+        status_subscriber_(listen(node, names::kTargetStatus, 100, &CommandLink::onStatus, this)) {}
+
+  /// Whether the arm is enabled and follows this node, by the last messages.
+  bool follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
+  /// (n) last pressure_command, in force since about that time; nothing before the first [Pa].
+  const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
+
+  /// Sends (n) pressures inside the limits [Pa].
+  void send(const Eigen::VectorXd& pressure) {
+    if (!speaks_ || follows()) asks_since_ = ros::SteadyTime::now();
+    std_msgs::Header header = toHeaderMsg(ros::Time::now());
+    if (!speaks_ || header.stamp < first_stamp_) first_stamp_ = header.stamp;
+    speaks_ = true;
+    rests_ = false;
+    trace_.sent(header.stamp);
+    target_publisher_.publish(toPressureMsg(header, scene_.arm, pressure));
+  }
+  /// Sends a target that keeps the arm where it is.
+  void ask() {
+    if (trace_.wasRested()) return;  // until pressure_command knows that this node knows
+    send(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
+  }
+  /// Sends nothing from now on. Without another commander the arm then vents, as after a fault.
+  void fallSilent() {
+    speaks_ = accepted_ = false;
+    passing_.reset();
+    lasting_.reset();
+  }
+  /// Sends nothing from now on, and asks for rest once the last target is answered: the loop is
+  /// done. Until it sends again, or another commands the arm.
+  void rest() {
+    rests_ = rests_ || follows() || trace_.awaitsAnswer();
+    fallSilent();
+  }
+  /// Asks for the rest that is due, or tells that it knows of the rest that somebody else asked
+  /// for: until then it sends nothing. To be called regularly; waits for the answer.
+  void restIfDue() {
+    const bool was_rested = trace_.wasRested();
+    if ((!rests_ && !was_rested) || trace_.awaitsAnswer()) return;
+    rests_ = false;
+    if (was_rested || trace_.commands()) requestRest();
+    trace_ = {};
+  }
+  /// Commands the arm, may do so once it answers, or is to bring it to rest.
+  bool isBusy() const { return follows() || rests_ || (speaks_ && trace_.awaitsAnswer()); }
+
+  /// Whether the arm was enabled since the last call.
+  bool takeEnabling() { return std::exchange(was_enabled_anew_, false); }
+
+  /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
+  std::optional<control::Refusal> refusal() const {
+    if (!speaks_ || follows()) return std::nullopt;
+    if (lasting_) return lasting_;
+    const double patience =
+        kLeasePatience + std::min(scene_.safety.commander_timeout, kLongestLease);
+    if (ros::SteadyTime::now() - asks_since_ < ros::WallDuration(patience)) return std::nullopt;
+    if (passing_ && isFresh()) return passing_;
+    return control::Refusal{Fault::kNotEnabled, whyNot()};
+  }
+  /// Why the arm does not follow now.
+  std::string whyNot() const {
+    if (!isFresh()) return "no pressure_command is received; is its node running?";
+    if (lasting_) return lasting_->message;
+    if (passing_) return passing_->message;
+    if (!enabled_ && !safety_reason_.empty()) return safety_reason_;
+    return "pressure_command does not answer on target_status";
+  }
+
+ private:
+  void onCommand(const PressureArrayConstPtr& command) {
+    auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
+    if (auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      set_point_ = std::move(*pressure);
+      last_command_ = ros::SteadyTime::now();
+    } else if (bad_commands_.add()) {
+      logWarning("a pressure_command was dropped (%lu so far): %s", bad_commands_.total(),
+                 std::get<control::Refusal>(checked).message.c_str());
+    }
+  }
+
+  void onSafety(const SafetyStateConstPtr& state) {
+    const bool was_enabled = std::exchange(enabled_, state->state == SafetyState::ENABLED);
+    was_enabled_anew_ = was_enabled_anew_ || (enabled_ && !was_enabled);
+    safety_reason_ = basics::quoted(state->reason, kLongestMessage);
+    if (!enabled_) accepted_ = false;
+  }
+
+  void onStatus(const TargetStatusConstPtr& status) {
+    if (status->topic != names::kPressureTarget) return;  // such as answers to targets of this node
+    trace_.answered(*status);
+    if (!speaks_ || status->commander != ros::this_node::getName() ||
+        status->target_stamp < first_stamp_) {
+      return;
+    }
+    if (status->outcome != TargetStatus::DROPPED) {
+      accepted_ = true;
+      passing_.reset();
+      return;
+    }
+    const auto is = [&](Fault fault) { return status->fault == control::nameOf(fault); };
+    const Fault fault = is(Fault::kOtherCommander) ? Fault::kOtherCommander
+                        : is(Fault::kRested)       ? Fault::kRested
+                                                   : Fault::kNotEnabled;
+    const control::Refusal refusal{fault, basics::quoted(status->message, kLongestMessage)};
+    if (is(Fault::kStale)) {
+      passing_ = refusal;
+      return;
+    }
+    // A commander that had the arm and lost it does not wait for it again.
+    const bool passes = is(Fault::kOtherCommander) && !accepted_;
+    accepted_ = false;
+    (passes ? passing_ : lasting_) = refusal;
+  }
+
+  bool isFresh() const {
+    return !last_command_.isZero() &&
+           ros::SteadyTime::now() - last_command_ < ros::WallDuration(kFreshCommand);
+  }
+
+  const io::Scene& scene_;
+  std::optional<Eigen::VectorXd> set_point_;
+  ros::SteadyTime last_command_;  ///< zero: none yet
+  bool enabled_ = false;
+  bool was_enabled_anew_ = false;
+  std::string safety_reason_;  ///< empty: safety_state has not come yet
+
+  bool speaks_ = false;         ///< targets are sent
+  ros::Time first_stamp_;       ///< of them; answers to earlier ones do not count
+  bool accepted_ = false;       ///< by the last answer to them
+  ros::SteadyTime asks_since_;  ///< targets are sent that the arm does not follow
+  std::optional<control::Refusal> passing_, lasting_;  ///< last refusals
+  CommandTrace trace_;
+  bool rests_ = false;  ///< rest is asked for when the last target is answered
+  FaultCount bad_commands_;
+
+  ros::Publisher target_publisher_;
+  ros::Subscriber command_subscriber_, safety_subscriber_, status_subscriber_;
+};
 
 bool areEqual(const follow::Target& a, const follow::Target& b) {
   if (a.index() != b.index()) return false;
@@ -86,8 +267,7 @@ class LoopTargets {
 
   /// A target from the interactive marker, whose stamp is not checked.
   void takeFromHandle(const TipTarget& target) {
-    aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp},
-           seenFromBase(target));
+    aimTip(TargetSender(target.header.stamp), target);
   }
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
@@ -125,13 +305,7 @@ class LoopTargets {
 
   /// Answers them: the loop commands the target.
   void answer(const TargetSolution& solution) {
-    for (const TargetSender& sender : unanswered_) {
-      if (solution.status == statics::InverseStatus::kNotConverged) {
-        admission_.drop(sender, notConverged());
-      } else {
-        admission_.accept(sender, solution);
-      }
-    }
+    for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
     unanswered_.clear();
   }
 
@@ -152,25 +326,21 @@ class LoopTargets {
 
  private:
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
-    const TipTarget& target = *event.getMessage();
-    const TargetSender sender{names::kTipTarget, event.getPublisherName(), target.header.stamp};
-    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+    aimTip({names::kTipTarget, event}, *event.getMessage());
   }
 
   void onTipPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
     const geometry_msgs::PoseStamped& pose = *event.getMessage();
-    const TargetSender sender{names::kTipPose, event.getPublisherName(), pose.header.stamp};
     TipTarget target;
     target.header = pose.header;
     target.mode = isEmpty(pose.pose.orientation) ? TipTarget::POSITION : TipTarget::POSE;
     target.pose = pose.pose;
-    aimTip(sender, admission_.fresh(sender, seenFromBase(target)));
+    aimTip({names::kTipPose, event}, target);
   }
 
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
-    const ShapeTarget& target = *event.getMessage();
-    const TargetSender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
-    const auto checked = admission_.fresh(sender, fromMsg(target, scene_.arm.sectionCount()));
+    const TargetSender sender(names::kShapeTarget, event);
+    const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
     if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
   }
 
@@ -188,7 +358,8 @@ class LoopTargets {
     return goal;
   }
 
-  void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked) {
+  void aimTip(const TargetSender& sender, const TipTarget& target) {
+    const auto checked = seenFromBase(target);
     const TipGoal* goal = admission_.admit(sender, checked);
     if (goal == nullptr) return;
     if (goal->with_rotation) {
@@ -383,9 +554,16 @@ class FollowAction {
       reject(handle, *refusal);
       return;
     }
-    const auto frame = frameOf(goal, frames_);
-    if (const auto* refusal = std::get_if<GoalEnding>(&frame)) {
-      reject(handle, *refusal);
+    const std::string& frame = goal.path_header.frame_id;
+    const auto found = frames_.find(frame);
+    const auto* const place = std::get_if<FrameLookup::Place>(&found);
+    if (place == nullptr || !place->fixed) {
+      reject(handle,
+             {Result::INVALID_GOAL,
+              place == nullptr ? "the path: " + std::get<control::Refusal>(found).message
+                               : "the frame '" + basics::quoted(frame) + "' moves relative to '" +
+                                     frames_.baseFrame() +
+                                     "'; send the path in a frame with a static transform to it"});
       return;
     }
     if (candidate_) {
@@ -395,7 +573,7 @@ class FollowAction {
            "goal before the next one"}));
       discardCandidate();
     }
-    checker_.begin([goal, X_BF = std::get<lie::SE3>(frame), check = make_check_()](
+    checker_.begin([goal, X_BF = place->X_BF, check = make_check_()](
                        const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
     client_.watchNext(*handle.getGoal());
     candidate_ = std::move(handle);
@@ -518,7 +696,7 @@ class FollowAction {
 
 using follow::LoopState;
 
-constexpr double kFresh = 1.0;  // pressures silent for longer end a command [s]
+constexpr double kFreshReading = 1.0;  // pressures silent for longer end a command [s]
 
 ros::console::Level levelOf(LoopState state, LoopState before) {
   if (state == LoopState::kDiverging) return ros::console::levels::Error;
@@ -612,6 +790,33 @@ class VisualServoNode : public Node {
     turn(stamp.isZero() ? ros::Time::now() : stamp, std::get<Eigen::VectorXd>(checked));
   }
 
+  void onMeasured(const ArmShapeConstPtr& message) {
+    const auto shape = fromMsg(*message, scene_.arm, frames_.baseFrame());
+    const auto covariance = covarianceOf(*message, scene_.arm.sectionCount());
+    for (const auto* refusal :
+         {std::get_if<control::Refusal>(&shape), std::get_if<control::Refusal>(&covariance)}) {
+      if (refusal == nullptr) continue;
+      pictures_.sawForeign(refusal->message);
+      return;
+    }
+    matcher_.add({message->header.stamp, std::get<model::Shape>(shape),
+                  std::get<Eigen::MatrixXd>(covariance)},
+                 ros::SteadyTime::now().toSec());
+    look();
+  }
+
+  void onTags(const TagDetectionsConstPtr& detections) {
+    if (!scene_.tags) return;
+    matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags),
+                     ros::SteadyTime::now().toSec());
+    look();
+  }
+
+  /// Takes the measured shapes that wait for their tags no longer.
+  void look() {
+    while (const auto seen = matcher_.take(ros::SteadyTime::now().toSec())) onSeen(*seen);
+  }
+
   void onSeen(const SeenArm& seen) {
     // Simulated time may reach this node later than the readings that it stamps.
     const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
@@ -621,7 +826,7 @@ class VisualServoNode : public Node {
                   seen.tags.has_value());
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
-    load_publisher_.publish(seen.stamp, loop_);
+    publisher_.publishLoad(seen.stamp, loop_);
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
@@ -641,7 +846,7 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
-    load_publisher_.publish(stamp_, loop_);
+    publisher_.publishLoad(stamp_, loop_);
     response.success = true;
     response.message =
         "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -651,7 +856,7 @@ class VisualServoNode : public Node {
 
   void onDraw(const ros::SteadyTimerEvent&) {
     const bool measures = !last_reading_.isZero() &&
-                          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
+                          ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFreshReading);
     if (!measures) {
       giveUp("no pressure_measured is received; is the regulator's node running?");
       letGo();
@@ -687,12 +892,12 @@ class VisualServoNode : public Node {
     scene_ = std::move(next);
     loop_ = std::move(loop);
     targets_.adopt();
-    observation_.adopt();
-    load_publisher_.publish(stamp_, loop_);
+    matcher_.clear();
+    publisher_.publishLoad(stamp_, loop_);
   }
 
   void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
-    observation_.poll();
+    look();
     const LoopState before = loop_.state();
     stamp_ = stamp;
     const double time = stamp.toSec();
@@ -704,7 +909,6 @@ class VisualServoNode : public Node {
     command(turn);
     if (turn.commands) action_.watch(time, turn);
     tellState(before);
-    load_publisher_.publishChange(stamp, loop_);
     publisher_.publish(view());
   }
 
@@ -843,6 +1047,7 @@ class VisualServoNode : public Node {
   ros::NodeHandle node_, private_node_{"~"};
   FrameLookup frames_{node_, options_.frame_prefix + names::kBaseFrame};
   LoopDiagnostics pictures_;
+  TagMatcher matcher_;
   CommandLink link_{node_, scene_};
   LoopTargets targets_{node_, scene_, frames_};
   LoopPublisher publisher_{
@@ -853,13 +1058,12 @@ class VisualServoNode : public Node {
       options_.draw_rate,
       options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
                       : TipHandle::OnTarget()};
-  LoadPublisher load_publisher_{node_, frames_.baseFrame()};
   FollowAction action_{private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
-  ObservationIntake observation_{node_, scene_, frames_.baseFrame(), pictures_,
-                                 [this](const SeenArm& seen) { onSeen(seen); }};
+  const ros::Subscriber measured_ = listen(node_, names::kMeasured, 10, &Self::onMeasured, this);
+  const ros::Subscriber tags_ = listen(node_, names::kTagDetections, 10, &Self::onTags, this);
   const ros::ServiceServer close_ =
       serve(private_node_, names::kCloseLoop, &Self::onCloseLoop, this);
   const ros::ServiceServer reset_ = serve(private_node_, names::kReset, &Self::onReset, this);

@@ -1,6 +1,7 @@
 #pragma once
 
-#include <functional>
+#include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,11 +13,16 @@
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
+#include "helix_arm/VisionStatus.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "model_history.hpp"
+#include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
-#include "ros_bridge/common/model_history.hpp"
-#include "vision_options.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 
+/// What is seen in pictures, as messages, words and drawings.
 namespace helix_arm::ros_bridge {
 
 /// What was seen in one picture, and what it is compared with. It refers to memory of the picture
@@ -31,12 +37,11 @@ struct Measurement {
   std::optional<ModelHistory::Entry> model;  ///< of the picture's time
   std::string calibration;                   ///< whose intrinsics were used
 
-  bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
-  /// Null where there is no model of the picture's time.
+  bool measured() const {
+    return observation.state == vision::ObservationState::kMeasured;
+  }  /// Null where there is no model of the picture's time.
   const model::Shape* modelShape() const { return model ? &model->shape : nullptr; }
 };
-
-// What is seen in a picture, as messages and as words.
 
 /// All that is published of one picture, except frames and drawings.
 struct ObservationReport {
@@ -51,20 +56,134 @@ struct ObservationReport {
   std::vector<std::string> lines;   ///< for the overlay
 };
 
-/// `3, 4, 7`; the first few of many.
-std::string listOf(const std::vector<int>& ids);
+/// Whose intrinsics are used, in words, while no camera_info holds.
+inline constexpr char kSceneCalibration[] = "the scene's camera";
 
-class VisionStatusPublisher;
+/// Knows the state of the vision node, and publishes vision_status, /diagnostics and
+/// measured_markers: the markers are shown only in state `measured`. From any thread.
+class VisionStatusPublisher {
+ public:
+  struct Options {
+    std::string node_name;     ///< as in the names of the diagnostics
+    std::string base_frame;    ///< of the arm; the markers' frame
+    std::string source;        ///< of the pictures, in words
+    double stale_after = 1.0;  ///< time without pictures [s]
+    double draw_period = 1.0;  ///< [s]
+  };
+  VisionStatusPublisher(ros::NodeHandle& node, const Options& options);
 
-/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
-/// itself and its camera_info, while someone subscribes to them. For one thread.
-/// @param frames  of the measured shape.
-/// @param status  outlives the result.
-/// @return to be called with each measurement.
-std::function<void(const Measurement&)> measurementPublisher(ros::NodeHandle& node,
-                                                             const VisionOptions& options,
-                                                             const FrameNames& frames,
-                                                             VisionStatusPublisher& status);
+  /// A picture has come.
+  void arrived() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    last_arrival_ = ros::SteadyTime::now();
+    source_fault_ = false;
+    ++status_.pictures;
+  }
+  /// A picture that waited was replaced by a newer one.
+  void skipped() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    ++status_.skipped;
+  }
+  /// Counts a refusal; the state stays.
+  void count(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    countLocked(refusal);
+  }
+  /// A picture is not taken: counts this, except a bad camera_info, which was counted when it came.
+  /// The state is camera_fault from now on.
+  void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
+  /// How far the models' stamps are behind the last picture's [s]; nothing without models.
+  void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    model_lag_ = lag;
+  }
+  /// A picture was measured: the state follows from what was seen in it.
+  void saw(const Measurement& measurement, const ObservationReport& report)
+      HELIX_ARM_EXCLUDES(mutex_);
+  /// The arm whose shape is shown from now on.
+  void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    view_ = sideViewOf(scene);
+  }
+  /// Shows a measured shape. Nothing is shown once another state was entered.
+  void drawMarkers(const Measurement& measurement, const std::string& tip_text)
+      HELIX_ARM_EXCLUDES(mutex_);
+  /// The state from now on: one of VisionStatus.
+  void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    enterLocked(state, message);
+  }
+  /// Enters the state camera_fault for good: none is entered afterwards.
+  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    enterLocked(VisionStatus::CAMERA_FAULT, message);
+    failed_ = true;
+  }
+
+  /// Enters the state stale if no picture has come for Options::stale_after, by a steady
+  /// clock; to be called often. Not before the first picture, after the end of a file, while the
+  /// source has a fault, or after stopWatching().
+  void watch() HELIX_ARM_EXCLUDES(mutex_);
+  void stopWatching() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    watching_ = false;
+  }
+
+  /// Publishes status and diagnostics; to be called once a second.
+  /// @param scene  name of the scene.
+  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  bool measured() const HELIX_ARM_REQUIRES(mutex_) {
+    return status_.state == VisionStatus::MEASURED;
+  }
+  /// Warnings come once in a while however often their reason does.
+  void countLocked(const PictureRefusal& refusal) HELIX_ARM_REQUIRES(mutex_);
+  /// Does nothing after fail().
+  void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
+  /// Of the pictures, and of what is seen in them.
+  diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
+  diagnostic_msgs::DiagnosticStatus measurementStatus(double seconds) const
+      HELIX_ARM_REQUIRES(mutex_);
+  void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_);
+
+  const std::string node_name_;
+  const double stale_after_;
+
+  // Locked while publishing, too: the last message on a topic tells of the last state.
+  basics::Mutex mutex_;
+  VisionMarkers markers_ HELIX_ARM_GUARDED_BY(mutex_);
+  SideView view_ HELIX_ARM_GUARDED_BY(mutex_) = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
+  VisionStatus status_ HELIX_ARM_GUARDED_BY(mutex_);
+  VisionStatus reported_ HELIX_ARM_GUARDED_BY(mutex_);  ///< at the last report
+  unsigned long reported_faults_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  /// Whose intrinsics hold, in words.
+  std::string calibration_ HELIX_ARM_GUARDED_BY(mutex_) = kSceneCalibration;
+  std::optional<double> model_lag_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::array<FaultCount, kPictureFaultCount> faults_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::array<FaultCount, VisionStatus::ENDED + 1> states_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
+  bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
+  ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
+  ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher status_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher marker_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  DiagnosticsPublisher diagnostics_ HELIX_ARM_GUARDED_BY(mutex_);
+};
+
+/// All that is published of a picture.
+/// @param base_frame    of the arm.
+/// @param camera_frame  of the picture.
+ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                           const std::string& camera_frame);
+
+/// Draws over a picture what was seen in it.
+///
+/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
+/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
+/// are in the upper left corner.
+/// @return (CV_8UC3), BGR.
+cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 
 }  // namespace helix_arm::ros_bridge

@@ -1,33 +1,359 @@
+#include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <functional>
+#include <memory>
+#include <system_error>
 
+#include <boost/make_shared.hpp>
+#include <camera_info_manager/camera_info_manager.h>
 #include <opencv2/core.hpp>
+#include <sensor_msgs/CameraInfo.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "helix_arm/vision/jpeg.hpp"
+#include "model_history.hpp"
 #include "observations.hpp"
-#include "picture_source.hpp"
+#include "picture_mailbox.hpp"
 #include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/model_history.hpp"
+#include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "vision_options.hpp"
-#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+constexpr char kTopic[] = "topic";
+constexpr char kWebcam[] = "webcam";
+
+// ~source: a word, or the absolute path of a video, picture or folder.
+std::string readSource(ParameterReader& reader) {
+  const std::string source = reader.text("source", kTopic);
+  std::vector<std::string> words = {kTopic, names::kImage, names::kCompressedImage, kWebcam};
+  // Words come first: image/compressed has a slash, and would count as a path.
+  const bool is_word = std::find(words.begin(), words.end(), source) != words.end();
+  std::error_code fault;  // counts as not there
+  if (!is_word && !source.empty() &&
+      (io::isPath(source) || std::filesystem::exists(callersFolder() / source, fault))) {
+    return reader.absolute("source", source);
+  }
+  words.emplace_back("a path (with a / or a ., or of what is there)");
+  return reader.choice("source", kTopic, words);
+}
+
+/// Private parameters of vision.
+struct VisionOptions {
+  ParameterReader reader;
+  std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
+  /// `topic` (image and image/compressed, whichever speaks first), one of these two alone, `webcam`
+  /// (the scene's camera.webcam), or the path of a video, picture or folder.
+  std::string source = readSource(reader);
+  bool use_camera_info =
+      reader.flag("use_camera_info", true);  ///< else the scene's intrinsics hold
+  std::string camera_info_url = reader.text("camera_info_url", "");    ///< of a webcam or file
+  double file_rate = reader.number("file_rate", 15.0, {0.1, 1000.0});  ///< pictures of a file [Hz]
+  double draw_rate = reader.number("draw_rate", 20.0, {0.1, 100.0});   ///< of markers, overlay [Hz]
+  double stale_after = reader.number("stale_after_s", 1.0, {0.05, 60.0});  ///< without pictures [s]
+  /// The pictures of a webcam or file also on image, with camera_info.
+  bool publish_image = reader.flag("publish_image", false);
+  int frames = reader.count("frames", 5, 2, 1000);  ///< measured_0 .. measured_(frames - 1)
+  std::string world_frame = reader.frame("world_frame", names::kWorldFrame);
+  std::string frame_prefix = reader.frame("frame_prefix", "");  ///< of arm_base and measured_*
+  bool optional = reader.flag("optional", false);  ///< a scene without camera or tags is no fault
+  /// From which ~reload takes scenes, besides the package's and ~scene.
+  std::string scene_folder = reader.folder("scene_folder", defaultFolder());
+
+  explicit VisionOptions(const ros::NodeHandle& private_node) : reader(private_node) {
+    reader.finish();
+  }
+
+  /// Pictures come from the scene's webcam.
+  bool fromWebcam() const { return source == kWebcam; }
+  /// Pictures come from a video, a picture or a folder.
+  bool fromFile() const { return source.compare(0, 1, "/") == 0; }
+  /// Pictures come from this topic: names::kImage or names::kCompressedImage.
+  bool fromTopic(const std::string& topic) const { return source == kTopic || source == topic; }
+  /// Name of the camera's frame, with the prefix.
+  std::string cameraFrame() const { return frame_prefix + names::kCameraFrame; }
+};
+
+using std::chrono::steady_clock;
+
+constexpr double kFaultPause = 0.05;      // between faults of a source [s]
+constexpr double kLongestPause = 3600.0;  // between tries of a webcam [s]
+
+steady_clock::duration toDuration(double seconds) {
+  return std::chrono::duration_cast<steady_clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+std::unique_ptr<vision::FrameSource> openFrames(const VisionOptions& options,
+                                                const io::Scene& scene) {
+  if (options.fromWebcam()) return vision::FrameSource::webcam(*scene.camera->webcam);
+  if (options.fromFile()) return vision::FrameSource::files(options.source);
+  return nullptr;
+}
+
+/// Where pictures and the camera's calibration come from: the topics image, image/compressed and
+/// camera_info, or a webcam or file, read by a thread of its own.
+///
+/// Of two picture topics the first to speak is used until it is silent for
+/// VisionOptions::stale_after. The latest picture replaces one that waits to be taken; files are
+/// read at the pace of the taker. A picture stamped 0 is stamped on arrival, with a warning.
+class PictureSource {
+ public:
+  /// Subscribes; reads no picture of a webcam or file before start().
+  /// @param status  is told of arrivals and faults; outlives this.
+  /// @throws std::invalid_argument on a source that cannot be opened or calibrated.
+  PictureSource(ros::NodeHandle& node, const VisionOptions& options, const io::Scene& scene,
+                VisionStatusPublisher& status)
+      : options_(options),
+        status_(status),
+        lease_(options.stale_after),
+        frames_(openFrames(options, scene)) {
+    const bool has_url = !options_.camera_info_url.empty();
+    if (frames_ == nullptr && has_url) {
+      throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
+                                  ", but the calibration of ~source " + options_.source +
+                                  " comes on camera_info; leave ~camera_info_url empty, or set "
+                                  "~source to webcam or a file");
+    }
+    using Self = PictureSource;
+    if (options_.fromTopic(names::kImage)) {
+      image_subscriber_ = listen(node, names::kImage, 1, &Self::onImage, this);
+    }
+    if (options_.fromTopic(names::kCompressedImage)) {
+      compressed_subscriber_ = listen(node, names::kCompressedImage, 1, &Self::onCompressed, this);
+    }
+    if (frames_ == nullptr && options_.use_camera_info) {
+      info_subscriber_ = listen(node, names::kCameraInfo, 1, &Self::onCameraInfo, this);
+    }
+    if (frames_ != nullptr && has_url) {
+      calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
+          node, "camera", options_.camera_info_url);
+      if (!calibration_->isCalibrated()) {
+        throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
+                                    "; expected the URL of a calibration");
+      }
+    }
+  }
+  /// Stops, and waits for the thread to end.
+  ~PictureSource() {
+    stop();
+    join();
+  }
+
+  /// Starts the thread of a webcam or file; does nothing for topics.
+  /// @param on_failure  called by the thread, last of all, if it failed.
+  void start(std::function<void()> on_failure) {
+    if (frames_ != nullptr) capturer_.start([this] { capture(); }, std::move(on_failure));
+  }
+  /// From any thread: take() gives no more pictures, and the thread ends.
+  void stop() { mailbox_.stop(); }
+  void join() { capturer_.join(); }
+  /// Exit code of the thread: kDone unless it failed.
+  int verdict() const { return capturer_.verdict(); }
+
+  /// Waits for the next picture, to be followed by done(). For one thread.
+  /// @return nothing once stopped.
+  std::optional<Picture> take() { return mailbox_.take(); }
+  void done() { mailbox_.done(); }
+
+  /// The last camera_info, or the calibration of ~camera_info_url; nothing where none came, so that
+  /// the scene's intrinsics hold. From any thread.
+  std::optional<CheckedPicture<estimation::Camera>> cameraInfo() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return camera_info_;
+  }
+
+  /// Number of nodes that publish pictures on a topic. From any thread.
+  std::uint32_t publishers() const {
+    return std::max(image_subscriber_.getNumPublishers(),
+                    compressed_subscriber_.getNumPublishers());
+  }
+  /// Number of nodes that publish camera_info. From any thread.
+  std::uint32_t infoPublishers() const { return info_subscriber_.getNumPublishers(); }
+
+ private:
+  // Callbacks.
+  void onImage(const sensor_msgs::ImageConstPtr& image) { onPicture(image, names::kImage); }
+  void onCompressed(const sensor_msgs::CompressedImageConstPtr& image) {
+    onPicture(image, names::kCompressedImage);
+  }
+
+  void onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) HELIX_ARM_EXCLUDES(mutex_) {
+    const CheckedPicture<estimation::Camera> camera = fromMsg(*info);
+    {
+      const basics::MutexLock lock(mutex_);
+      camera_info_ = camera;
+    }
+    // Only counted here; the state is derived from the pictures.
+    if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) status_.count(*refusal);
+  }
+
+  template <class Message>
+  void onPicture(const boost::shared_ptr<const Message>& picture, const char* topic) {
+    if (!lease_.claim(topic, ros::SteadyTime::now().toSec())) return;
+    ros::Time stamp = picture->header.stamp;
+    if (stamp.isZero()) {
+      stamp = ros::Time::now();
+      if (unstamped_.add()) {
+        logWarning(
+            "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
+            "were taken; let the camera's node stamp them",
+            topic, unstamped_.total());
+      }
+    }
+    arrived({stamp, picture});
+  }
+
+  // Thread of the webcam or file.
+  void capture() HELIX_ARM_EXCLUDES(mutex_) {
+    const steady_clock::duration period = toDuration(1.0 / options_.file_rate);
+    vision::Frame frame;
+    for (bool go_on = true; go_on;) {
+      const auto due = steady_clock::now() + period;
+      const vision::FrameStatus status = frames_->next(frame);
+      if (status == vision::FrameStatus::kEnd) {
+        status_.enter(VisionStatus::ENDED, options_.source + " has ended");
+        return;
+      }
+      if (status == vision::FrameStatus::kFault) {
+        status_.refuse({PictureFault::kSource, frame.fault});
+        go_on = pauseAfterFault(frame.retry_after);
+        continue;
+      }
+      if (calibration_ != nullptr) {
+        const auto camera = fromMsg(calibration_->getCameraInfo());
+        const basics::MutexLock lock(mutex_);
+        camera_info_ = camera;
+      }
+      // Cloned, since the source reuses its memory for the next picture.
+      arrived({ros::Time::now(), frame.gray.clone()});
+      go_on = options_.fromFile() ? mailbox_.sleepUntil(due) && mailbox_.waitUntilIdle()
+                                  : !mailbox_.stopped();
+    }
+  }
+
+  bool pauseAfterFault(double retry_after) {
+    const double pause = std::max(kFaultPause, std::min(retry_after, kLongestPause));
+    return mailbox_.sleepUntil(steady_clock::now() + toDuration(pause));
+  }
+
+  // From callbacks, or from the thread of the webcam or file.
+  void arrived(Picture picture) {
+    if (mailbox_.stopped()) return;
+    // Counted before it becomes available to the worker.
+    status_.arrived();
+    if (mailbox_.put(std::move(picture))) status_.skipped();
+  }
+
+  const VisionOptions options_;
+  VisionStatusPublisher& status_;
+  PictureMailbox mailbox_;
+
+  // Used by callbacks only.
+  control::CommanderLease lease_;  ///< which of the two picture topics is listened to
+  FaultCount unstamped_;
+
+  // Used by the thread of the webcam or file only; null with topics.
+  std::unique_ptr<vision::FrameSource> frames_;
+  std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
+
+  mutable basics::Mutex mutex_;
+  std::optional<CheckedPicture<estimation::Camera>> camera_info_
+      HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
+
+  ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
+  GuardedThread capturer_;
+};
+
+// Pictures are not exactly periodic; one slightly early must not be skipped.
+constexpr double kDrawingSlack = 0.9;
+
+/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
+/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
+/// itself and its camera_info, while someone subscribes to them. For one thread.
+class MeasurementPublisher {
+ public:
+  /// @param frames  of the measured shape.
+  /// @param status  outlives this.
+  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options,
+                       const FrameNames& frames, VisionStatusPublisher& status)
+      : frames_(frames),
+        camera_frame_(options.cameraFrame()),
+        drawing_period_(kDrawingSlack / options.draw_rate),
+        status_(status),
+        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
+        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
+        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
+        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
+    if (!options.publish_image) return;
+    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
+    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+  }
+
+  void publish(const Measurement& measurement) {
+    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
+    status_.saw(measurement, report);
+    if (report.shape) measured_publisher_.publish(*report.shape);
+    if (report.error) error_publisher_.publish(*report.error);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
+    detections_publisher_.publish(report.detections);
+    republish(measurement);
+    draw(measurement, report);
+  }
+
+ private:
+  void republish(const Measurement& measurement) {
+    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
+    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+    }
+    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
+      image_publisher_.publish(
+          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
+    }
+  }
+  void draw(const Measurement& measurement, const ObservationReport& report) {
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    if (now - last_drawing_ < drawing_period_) return;
+    last_drawing_ = now;
+    if (overlay_publisher_.getNumSubscribers() > 0) {
+      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
+          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
+    }
+    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+  }
+
+  const FrameNames frames_;
+  const std::string camera_frame_;
+  const ros::WallDuration drawing_period_;
+  VisionStatusPublisher& status_;
+
+  ros::SteadyTime last_drawing_;
+  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
+  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
+};
 
 // Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
 // then, so a replay uses the same models.
@@ -300,7 +626,7 @@ class PictureMeasurer {
   std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
-constexpr double kWatchPeriod = 0.05;  // [s]
+constexpr double kSilencePeriod = 0.05;  // [s]
 
 // Checks that the scene has a camera and tags.
 io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
@@ -375,24 +701,25 @@ class VisionNode : public Node {
   /// NothingToDo.
   VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
       : host_(host),
-        options_(VisionOptions::load(private_node)),
+        options_(private_node),
         name_(private_node.getNamespace()),
         frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames,
                 options_.frames),
         scene_(requireVision(io::loadScene(options_.scene), options_)),
         node_(node),
-        status_(node_, options_, name_, frames_.base),
+        status_(node_, {name_, frames_.base, options_.source, options_.stale_after,
+                        1.0 / options_.draw_rate}),
         source_(node_, options_, scene_, status_),
         models_(scene_, status_),
         measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-        publish_(measurementPublisher(node_, options_, frames_, status_)) {
+        publisher_(node_, options_, frames_, status_) {
     sendCameraFrame();
     status_.lookAt(scene_);
     using Self = VisionNode;
     model_subscriber_ = listen(node_, names::kModel, 100, &Self::onModel, this);
     reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                              [this](io::Scene next) { adopt(std::move(next)); });
-    watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Self::onWatch, this);
+    watch_timer_ = repeat(node_, "the watch of the pictures", kSilencePeriod, &Self::onWatch, this);
     second_timer_ = repeat(node_, "the diagnostics", 1.0, &Self::onSecond, this);
     const auto on_failure = [this] { onFailure(); };
     try {
@@ -477,7 +804,7 @@ class VisionNode : public Node {
     if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
       status_.refuse(*refusal);
     } else {
-      publish_(std::get<Measurement>(taken));
+      publisher_.publish(std::get<Measurement>(taken));
     }
   }
 
@@ -505,13 +832,13 @@ class VisionNode : public Node {
   ros::NodeHandle node_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
-  // A picture passes from source_ through measurer_, which asks models_, to publish_.
+  // A picture passes from source_ through measurer_, which asks models_, to publisher_.
   VisionStatusPublisher status_;  ///< from any thread
   PictureSource source_;          ///< locks what its threads share
   ModelMatcher models_;           ///< locks what its threads share
   PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
   /// Used by the thread of the measurements only.
-  const std::function<void(const Measurement&)> publish_;
+  MeasurementPublisher publisher_;
   FaultGuard picture_guard_{"a picture"};
 
   ros::Subscriber model_subscriber_;

@@ -4,7 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <deque>
-#include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,11 +12,12 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 
-#include "helix_arm/ArmShape.h"
+#include "helix_arm/LoopStatus.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
+#include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -143,34 +144,65 @@ class TagMatcher {
   std::optional<double> last_tags_;
 };
 
-/// Takes the measured shapes with the tags of their fits.
-///
-/// Subscribes to measured and tag_detections. For the thread of the node's callback queue.
-class ObservationIntake {
+/// Publishes loop_status, estimate, loop_markers, error_budget and external_load, and holds the tip
+/// handle at the wanted tip. For the thread of the node's callback queue.
+class LoopPublisher {
  public:
-  using OnSeen = std::function<void(const SeenArm& seen)>;
+  /// The loop after a turn.
+  struct View {
+    ros::Time stamp;  ///< of the turn
+    const follow::VisualServo& loop;
+    std::optional<ros::Time> last_picture;  ///< that the loop used
+    std::string commander;                  ///< empty if nobody commands
+    std::string message;                    ///< why it is in its state
+    const LoopDiagnostics& pictures;
+  };
 
-  /// @param scene     Kept by reference: after a change to it, call adopt().
-  /// @param pictures  gets the shapes that are not of this arm. Outlives this.
-  /// @param on_seen   called with each shape, in the order of the messages.
-  ObservationIntake(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame,
-                    LoopDiagnostics& pictures, OnSeen on_seen);
+  /// @param scene      Kept by reference.
+  /// @param rate       Maximum of status and estimate [Hz].
+  /// @param draw_rate  Of draw() [Hz].
+  /// @param on_target  As TipHandle's; empty: no handle.
+  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame, double rate,
+                double draw_rate, TipHandle::OnTarget on_target);
 
-  /// Gives up the wait for tags that do not come. To be called regularly.
-  void poll();
-  /// Follows a change of the scene.
-  void adopt() { matcher_.clear(); }
+  /// After a turn: publishes status and estimate, at a change of state, else at this rate; and the
+  /// load, if its state has changed without a picture, as by a lack of pictures.
+  void publish(const View& view);
+  /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
+  /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
+  /// while something touches the arm.
+  void publishLoad(const ros::Time& picture, const follow::VisualServo& loop);
+  /// Draws what was published last.
+  void draw();
+  /// Nothing is measured any more: the next drawing removes all.
+  void clear() {
+    status_ = {};
+    tips_ = {};
+    contact_.clear();
+  }
+  /// Covariance of the predicted tip's position, base frame [m^2].
+  static Eigen::Matrix3d tipCovariance(const View& view);
 
  private:
-  void onMeasured(const ArmShapeConstPtr& shape);
-  void onTags(const TagDetectionsConstPtr& detections);
+  LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const;
+  void publishEstimate(const View& view);
+  void noteBudget(const View& view);
+  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
+                     const estimation::Drift& drift);
+  void tellLoad(const ros::Time& stamp, const follow::VisualServo& loop);
 
   const io::Scene& scene_;
   const std::string base_frame_;
-  LoopDiagnostics& pictures_;
-  const OnSeen on_seen_;
-  TagMatcher matcher_;
-  ros::Subscriber measured_subscriber_, tags_subscriber_;
+  const double period_;  ///< of the status [s]
+  LoopMarkers markers_;
+  LoopStatus status_;       ///< the last one
+  LoopMarkers::Tips tips_;  ///< what of it is drawn, without the text
+  std::string contact_;     ///< in words
+  ros::Time last_budget_;
+  std::string last_load_;  ///< its state
+  ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_, budget_publisher_,
+      load_publisher_;
+  std::unique_ptr<TipHandle> handle_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <deque>
 #include <optional>
@@ -7,11 +9,9 @@
 #include <ros/time.h>
 
 #include "helix_arm/model/shape.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
-
-/// Exact difference of any two stamps [s]; that of ros::Time throws if they are far apart.
-double secondsBetween(const ros::Time& from, const ros::Time& to);
 
 /// The model's shapes of the last seconds, to find the one at the time of a picture.
 class ModelHistory {
@@ -30,7 +30,16 @@ class ModelHistory {
 
   /// A stamp before the last one is a jump back in time: all earlier entries are forgotten. A stamp
   /// equal to the last one (stopped clock) replaces its entry.
-  void add(const ros::Time& stamp, const model::Shape& shape);
+  void add(const ros::Time& stamp, const model::Shape& shape) {
+    if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
+    if (!entries_.empty() && stamp == entries_.back().stamp) {
+      entries_.back().shape = shape;
+      return;
+    }
+    entries_.push_back({stamp, shape});
+    if (entries_.size() > kMost) entries_.pop_front();
+    while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
+  }
 
   /// Forgets entries more than kReach ahead of `now`: they are from before a jump back in time.
   void forgetFuture(const ros::Time& now) {
@@ -47,7 +56,16 @@ class ModelHistory {
   std::size_t size() const { return entries_.size(); }
 
   /// The nearest entry within kReach; the earlier of two equally near ones.
-  std::optional<Entry> nearest(const ros::Time& stamp) const;
+  std::optional<Entry> nearest(const ros::Time& stamp) const {
+    const auto distance = [&](const Entry& entry) {
+      return std::abs(secondsBetween(entry.stamp, stamp));
+    };
+    const auto found =
+        std::min_element(entries_.begin(), entries_.end(),
+                         [&](const Entry& a, const Entry& b) { return distance(a) < distance(b); });
+    if (found == entries_.end() || distance(*found) > kReach) return std::nullopt;
+    return *found;
+  }
 
   /// True if a future model may be nearer than the present ones: models are arriving, and none is
   /// as late as the stamp.

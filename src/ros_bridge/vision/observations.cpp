@@ -1,25 +1,30 @@
+#include "observations.hpp"
+
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
-#include <boost/make_shared.hpp>
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
-#include "observations.hpp"
-#include "pictures.hpp"
-#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
-#include "vision_options.hpp"
-#include "vision_status_publisher.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+
+// `3, 4, 7`; the first few of many.
+std::string listOf(const std::vector<int>& ids) {
+  constexpr std::size_t kMost = 8;
+  std::string out;
+  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
+    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
+  }
+  return ids.size() > kMost ? out + ", ..." : out;
+}
 
 bool has(const std::vector<int>& ids, int id) {
   return std::find(ids.begin(), ids.end(), id) != ids.end();
@@ -93,9 +98,7 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   msg.twist.assign(difference.data(), difference.data() + difference.size());
   const Eigen::Vector3d error =
       model::tipPose(fit.shape).translation - model::tipPose(model.shape).translation;
-  msg.tip.x = error.x();
-  msg.tip.y = error.y();
-  msg.tip.z = error.z();
+  msg.tip = toVectorMsg(error);
   msg.tip_error = error.norm();
   // The speed along a piece of constant twist is |v|.
   msg.tip_error_percent =
@@ -150,30 +153,7 @@ std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
          fixed(error->tip_error_percent) + " %)";
 }
 
-/// @param base_frame    of the arm.
-/// @param camera_frame  of the picture.
-ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
-                           const std::string& camera_frame) {
-  const vision::Observation& observation = measurement.observation;
-  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
-
-  ObservationReport out;
-  out.tags = tagsOfArm(observation);
-  out.account = describe(observation, out.tags, measurement.config);
-  out.detections =
-      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
-  if (!measurement.measured()) {
-    out.lines = {out.account};
-    return out;
-  }
-  out.shape = toShapeMsg(header, "measured", observation.fit.shape, observation.fit.covariance);
-  if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
-  out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
-  out.lines = {out.tip, summarise(observation, out.tags)};
-  return out;
-}
-
-constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
+constexpr int kOverlayPoints = 48;   // of a curve, per section; even: dashes are drawn in pairs
 constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
 
 constexpr int kShift = 4;  // OpenCV's fixed point: sixteenths of a pixel
@@ -209,22 +189,10 @@ struct Pen {
     put(color, width + 1);
   }
 
-  // Lines of whole words, none wider than this unless a word is [px].
-  std::vector<std::string> wrapped(const std::string& words, double widest) const {
-    std::vector<std::string> lines(1);
-    std::istringstream rest(words);
-    for (std::string word; rest >> word;) {
-      std::string& line = lines.back();
-      const std::string longer = line.empty() ? word : line + " " + word;
-      const cv::Size size =
-          cv::getTextSize(longer, cv::FONT_HERSHEY_SIMPLEX, letter, width + 1, nullptr);
-      if (line.empty() || size.width <= widest) {
-        line = longer;
-      } else {
-        lines.push_back(word);
-      }
-    }
-    return lines;
+  // Whether a line is no wider than this [px].
+  bool fits(const std::string& line, double widest) const {
+    return cv::getTextSize(line, cv::FONT_HERSHEY_SIMPLEX, letter, width + 1, nullptr).width <=
+           widest;
   }
 };
 
@@ -232,7 +200,7 @@ void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3&
                const model::Shape& shape, const cv::Scalar& color, bool dashed) {
   std::optional<Eigen::Vector2d> last;
   int k = 0;
-  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kOverlayPoints)) {
     const auto pixel = camera.project(X_CB * point.X.translation);
     if (pixel && last && (!dashed || k % 2 == 1)) pen.line(*last, *pixel, color);
     last = pixel;
@@ -245,12 +213,42 @@ cv::Scalar colorOf(const TagDetection& tag) {
   return tag.outlier ? kDoesNotFit : kFits;
 }
 
-/// Draws over a picture what was seen in it.
-///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
-/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
-/// are in the upper left corner.
-/// @return (CV_8UC3), BGR.
+// Of VisionStatus, by vision::ObservationState.
+constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
+                                    VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
+
+// By PictureFault.
+constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
+    &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
+    &VisionStatus::bad_camera_info, &VisionStatus::bad_model,      &VisionStatus::source_faults};
+
+std::string rateText(std::uint64_t count, double seconds) {
+  return fixed(static_cast<double>(count) / seconds);
+}
+
+}  // namespace
+
+ObservationReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                           const std::string& camera_frame) {
+  const vision::Observation& observation = measurement.observation;
+  const std_msgs::Header header = toHeaderMsg(measurement.stamp, base_frame);
+
+  ObservationReport out;
+  out.tags = tagsOfArm(observation);
+  out.account = describe(observation, out.tags, measurement.config);
+  out.detections =
+      toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
+  if (!measurement.measured()) {
+    out.lines = {out.account};
+    return out;
+  }
+  out.shape = toShapeMsg(header, "measured", observation.fit.shape, observation.fit.covariance);
+  if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
+  out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
+  out.lines = {out.tip, summarise(observation, out.tags)};
+  return out;
+}
+
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report) {
   const vision::Observation& observation = measurement.observation;
   const estimation::ArmView& view = measurement.view;
@@ -275,103 +273,152 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
   const int height = static_cast<int>(std::lround(32 * pen.letter));
   int row = 0;
   for (const std::string& text : report.lines) {
-    for (const std::string& line : pen.wrapped(text, kTextShare * picture.cols)) {
+    const auto fits = [&](const std::string& line) {
+      return pen.fits(line, kTextShare * picture.cols);
+    };
+    for (const std::string& line : wrapped(text, fits)) {
       pen.text(line, {height / 3, height * ++row}, pen.letter, kMeasured);
     }
   }
   return picture;
 }
 
-// Pictures are not exactly periodic; one slightly early must not be skipped.
-constexpr double kDrawingSlack = 0.9;
-
-/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
-/// itself and its camera_info, while someone subscribes to them. For one thread.
-class MeasurementPublisher {
- public:
-  /// @param frames  of the measured shape.
-  /// @param status  outlives this.
-  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options, FrameNames frames,
-                       VisionStatusPublisher& status)
-      : frames_(std::move(frames)),
-        camera_frame_(options.cameraFrame()),
-        drawing_period_(kDrawingSlack / options.draw_rate),
-        status_(status),
-        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
-        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
-        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
-    if (!options.publish_image) return;
-    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
-    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
-  }
-
-  void publish(const Measurement& measurement) {
-    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
-    status_.saw(measurement, report);
-    if (report.shape) measured_publisher_.publish(*report.shape);
-    if (report.error) error_publisher_.publish(*report.error);
-    if (measurement.measured()) {
-      const estimation::TwistFit& fit = measurement.observation.fit;
-      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
-    }
-    detections_publisher_.publish(report.detections);
-    republish(measurement);
-    draw(measurement, report);
-  }
-
- private:
-  void republish(const Measurement& measurement) {
-    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
-    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
-      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
-    }
-    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
-      image_publisher_.publish(
-          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
-    }
-  }
-
-  void draw(const Measurement& measurement, const ObservationReport& report) {
-    const ros::SteadyTime now = ros::SteadyTime::now();
-    if (now - last_drawing_ < drawing_period_) return;
-    last_drawing_ = now;
-    if (overlay_publisher_.getNumSubscribers() > 0) {
-      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
-    }
-    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
-  }
-
-  const FrameNames frames_;
-  const std::string camera_frame_;
-  const ros::WallDuration drawing_period_;
-  VisionStatusPublisher& status_;
-
-  ros::SteadyTime last_drawing_;
-  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
-  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
-  CurveFrames curve_frames_{frames_, "pictures are", "them"};
-};
-
-}  // namespace
-
-std::string listOf(const std::vector<int>& ids) {
-  constexpr std::size_t kMost = 8;
-  std::string out;
-  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
-    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
-  }
-  return ids.size() > kMost ? out + ", ..." : out;
+VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const Options& options)
+    : node_name_(options.node_name),
+      stale_after_(options.stale_after),
+      markers_(options.base_frame, options.draw_period),
+      last_arrival_(ros::SteadyTime::now()),
+      last_report_(last_arrival_),
+      status_publisher_(node.advertise<VisionStatus>(names::kVisionStatus, 10)),
+      marker_publisher_(
+          node.advertise<visualization_msgs::MarkerArray>(names::kMeasuredMarkers, 2)),
+      diagnostics_(node) {
+  status_.state = VisionStatus::WAITING;
+  status_.message = "no picture was received yet from " + options.source;
 }
 
-std::function<void(const Measurement&)> measurementPublisher(ros::NodeHandle& node,
-                                                             const VisionOptions& options,
-                                                             const FrameNames& frames,
-                                                             VisionStatusPublisher& status) {
-  return [publisher = std::make_shared<MeasurementPublisher>(node, options, frames, status)](
-             const Measurement& measurement) { publisher->publish(measurement); };
+void VisionStatusPublisher::countLocked(const PictureRefusal& refusal) {
+  FaultCount& count = faults_[static_cast<std::size_t>(refusal.fault)];
+  const bool tell = count.add();
+  status_.*kCounters[static_cast<std::size_t>(refusal.fault)] = count.total();
+  status_.last_fault = refusal.message;
+  if (!tell) return;
+  logWarning("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault), count.total());
+}
+
+void VisionStatusPublisher::refuse(const PictureRefusal& refusal) {
+  const basics::MutexLock lock(mutex_);
+  if (refusal.fault == PictureFault::kSource) source_fault_ = true;
+  if (refusal.fault != PictureFault::kBadCameraInfo) countLocked(refusal);
+  enterLocked(VisionStatus::CAMERA_FAULT, refusal.message);
+}
+
+void VisionStatusPublisher::saw(const Measurement& measurement, const ObservationReport& report) {
+  const basics::MutexLock lock(mutex_);
+  const vision::Observation& observation = measurement.observation;
+  status_.unknown_ids.assign(observation.unknown_ids.begin(), observation.unknown_ids.end());
+  status_.repeated_ids.assign(observation.repeated_ids.begin(), observation.repeated_ids.end());
+  status_.unknown_tags += observation.unknown_ids.size();
+  status_.repeated_tags += observation.repeated_ids.size();
+  status_.tags = static_cast<std::uint32_t>(report.tags);
+  if (measurement.measured()) ++status_.measured;
+  calibration_ = measurement.calibration;
+  enterLocked(kStates[static_cast<int>(observation.state)],
+              report.account + "; calibration: " + calibration_);
+}
+
+void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
+                                        const std::string& tip_text) {
+  const basics::MutexLock lock(mutex_);
+  if (!measured()) return;
+  marker_publisher_.publish(markers_.draw(measurement.stamp, view_, measurement.view.layout,
+                                          measurement.observation.fit, measurement.modelShape(),
+                                          tip_text));
+}
+
+void VisionStatusPublisher::watch() {
+  const basics::MutexLock lock(mutex_);
+  const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
+  if (!watching_ || silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
+  if (status_.pictures == 0 || source_fault_) return;
+  enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
+                                       " s: is the camera plugged in, and its node running?");
+}
+
+void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
+  if (failed_) return;
+  const bool was_measured = measured();
+  const bool changed = state != status_.state;
+  status_.state = state;
+  status_.message = message;
+  if (state != VisionStatus::MEASURED && state != VisionStatus::FEW_TAGS &&
+      state != VisionStatus::NO_TAGS && state != VisionStatus::NO_FIT) {
+    status_.tags = 0;
+    status_.unknown_ids.clear();
+    status_.repeated_ids.clear();
+  }
+  if (!changed) return;
+  const bool told = state == VisionStatus::CAMERA_FAULT;  // by countLocked()
+  if (!told && states_.at(state).add()) {
+    const bool fine = state == VisionStatus::MEASURED || state == VisionStatus::ENDED;
+    logLine(fine ? ros::console::levels::Info : ros::console::levels::Warn, "%s: %s",
+            nameOfState(state), message.c_str());
+  }
+  publishStatusLocked();
+  if (was_measured) marker_publisher_.publish(markers_.remove(ros::Time::now()));
+}
+
+DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
+  unsigned long total = 0;
+  for (const FaultCount& count : faults_) total += count.total();
+  const bool news = total > std::exchange(reported_faults_, total);
+  const bool down =
+      status_.state == VisionStatus::STALE || status_.state == VisionStatus::CAMERA_FAULT;
+  const bool waits = status_.state == VisionStatus::WAITING;
+  DiagnosticStatus out =
+      makeStatus("camera",
+                 down            ? DiagnosticStatus::ERROR
+                 : news || waits ? DiagnosticStatus::WARN
+                                 : DiagnosticStatus::OK,
+                 down || waits ? status_.message
+                 : news        ? status_.last_fault
+                               : "pictures are received",
+                 {{"pictures_hz", rateText(status_.pictures - reported_.pictures, seconds)},
+                  {"pictures", std::to_string(status_.pictures)},
+                  {"skipped", std::to_string(status_.skipped)}});
+  for (int i = 0; i < kPictureFaultCount; ++i) {
+    addValue(out, nameOf(PictureFault(i)), std::to_string(faults_[i].total()));
+  }
+  addValue(out, "calibration", calibration_);
+  addValue(out, names::kLastFaultKey, status_.last_fault);
+  return out;
+}
+
+DiagnosticStatus VisionStatusPublisher::measurementStatus(double seconds) const {
+  const auto ids = [](const auto& of) { return listOf({of.begin(), of.end()}); };
+  return makeStatus("measurement", measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+                    status_.message,
+                    {{"state", nameOfState(status_.state)},
+                     {"measured_hz", rateText(status_.measured - reported_.measured, seconds)},
+                     {"tags", std::to_string(status_.tags)},
+                     {"unknown_ids", ids(status_.unknown_ids)},
+                     {"repeated_ids", ids(status_.repeated_ids)},
+                     {"model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : ""}});
+}
+
+void VisionStatusPublisher::report(const std::string& scene) {
+  const basics::MutexLock lock(mutex_);
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const double seconds = (now - std::exchange(last_report_, now)).toSec();
+  diagnostics_.publish(node_name_, scene, {cameraStatus(seconds), measurementStatus(seconds)});
+  reported_ = status_;
+  publishStatusLocked();
+}
+
+void VisionStatusPublisher::publishStatusLocked() {
+  VisionStatus status = status_;
+  status.header.stamp = ros::Time::now();
+  status_publisher_.publish(status);
 }
 
 }  // namespace helix_arm::ros_bridge

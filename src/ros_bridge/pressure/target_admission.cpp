@@ -1,0 +1,127 @@
+#include "target_admission.hpp"
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/ros_time.hpp"
+#include "ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+
+namespace {
+
+TargetStatus answerTo(const TargetSender& sender) {
+  TargetStatus status;
+  status.header.stamp = ros::Time::now();
+  status.target_stamp = sender.stamp;
+  status.topic = sender.topic;
+  status.commander = sender.commander;
+  status.outcome = TargetStatus::REACHED;
+  return status;
+}
+
+}  // namespace
+
+TargetSender::TargetSender(const ros::Time& time)
+    : topic(names::kTipTarget), commander(names::kInteractiveMarker), stamp(time), ages(false) {}
+
+TargetAdmission::TargetAdmission(ros::NodeHandle& node, const io::Scene& scene)
+    : scene_(scene),
+      lease_(scene.safety.commander_timeout),
+      publisher_(node.advertise<TargetStatus>(names::kTargetStatus, 100)) {}
+
+void TargetAdmission::adopt() {
+  const double timeout = scene_.safety.commander_timeout;
+  if (timeout == lease_.timeout()) return;
+  const std::string holder = lease_.holder();
+  lease_ = control::CommanderLease(timeout);
+  if (!holder.empty()) lease_.claim(holder, regulator::steadyNow());
+}
+
+std::optional<control::Refusal> TargetAdmission::refusalOf(const TargetSender& sender,
+                                                           const control::Refusal* of_value) {
+  if (sender.ages && !sender.stamp.isZero()) {
+    const double age = secondsBetween(sender.stamp, ros::Time::now());
+    if (auto stale = control::checkAge(age, scene_.safety.rules.target_timeout)) return stale;
+  }
+  // Checked before the lease: nonsense neither takes nor keeps it.
+  if (of_value != nullptr) return *of_value;
+  return claim(sender.commander);
+}
+
+std::optional<control::Refusal> TargetAdmission::claim(const std::string& commander) {
+  if (lease_.claim(commander, regulator::steadyNow())) return std::nullopt;
+  return control::Refusal{
+      control::Fault::kOtherCommander,
+      basics::format("%s commands the arm; stop it and wait for %g s (safety.commander_timeout_s)",
+                     basics::quoted(lease_.holder()).c_str(), lease_.timeout())};
+}
+
+void TargetAdmission::warn(FaultCount& count, const TargetSender& sender,
+                           const std::string& message, const char* consequence) {
+  news_ = true;
+  last_fault_ = sender.topic + " from " + basics::quoted(sender.commander) + ": " + message;
+  if (!count.add()) return;
+  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence, count.total());
+}
+
+void TargetAdmission::drop(const TargetSender& sender, const control::Refusal& refusal) {
+  warn(dropped_[static_cast<std::size_t>(refusal.fault)], sender, refusal.message, "dropped");
+  TargetStatus status = answerTo(sender);
+  status.outcome = TargetStatus::DROPPED;
+  status.fault = control::nameOf(refusal.fault);
+  status.message = refusal.message;
+  publisher_.publish(status);
+}
+
+void TargetAdmission::accept(const TargetSender& sender) {
+  ++reached_;
+  publisher_.publish(answerTo(sender));
+}
+
+void TargetAdmission::accept(const TargetSender& sender, const TargetSolution& solution) {
+  if (solution.status == statics::InverseStatus::kNotConverged) {
+    drop(sender, {control::Fault::kNotConverged,
+                  "no pressures were found for it; send a target closer to the arm's shape"});
+    return;
+  }
+  TargetStatus status = answerTo(sender);
+  status.residual = solution.residual;
+  status.position_error = solution.position_error;
+  status.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, solution.limits);
+  status.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, solution.limits);
+  if (solution.status == statics::InverseStatus::kReached) {
+    ++reached_;
+  } else {
+    status.outcome = TargetStatus::UNREACHABLE;
+    status.message =
+        basics::format("out of reach: the tip stays %.1f mm away; the closest shape is commanded",
+                       1e3 * solution.position_error);
+    warn(unreachable_, sender, status.message, "out of reach");
+  }
+  publisher_.publish(status);
+}
+
+diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
+  using diagnostic_msgs::DiagnosticStatus;
+  unsigned long total = 0;
+  for (const FaultCount& count : dropped_) total += count.total();
+  DiagnosticStatus out =
+      makeStatus(names::kTargetsStatus, news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+                 news_ ? last_fault_ : "no target was dropped or out of reach",
+                 {{"reached", std::to_string(reached_)},
+                  {names::kUnreachableKey, std::to_string(unreachable_.total())},
+                  {names::kDroppedKey, std::to_string(total)}});
+  for (int i = 0; i < control::kFaultCount; ++i) {
+    addValue(out, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
+             std::to_string(dropped_[i].total()));
+  }
+  addValue(out, names::kLastFaultKey, last_fault_);
+  addValue(out, names::kLeaseHolderKey, lease_.holder());
+  news_ = false;
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

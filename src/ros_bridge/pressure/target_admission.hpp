@@ -1,0 +1,98 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/control/commander_lease.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/statics/inverse.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Who sent which target.
+struct TargetSender {
+  std::string topic;
+  std::string commander;
+  ros::Time stamp;
+  bool ages = true;  ///< its stamp tells how old it is; not that of the interactive marker
+
+  template <class Message>
+  TargetSender(const char* on, const ros::MessageEvent<const Message>& event)
+      : topic(on), commander(event.getPublisherName()), stamp(event.getMessage()->header.stamp) {}
+  /// Of the interactive marker.
+  explicit TargetSender(const ros::Time& time);
+};
+
+/// What the inverse makes of a target.
+struct TargetSolution {
+  statics::InverseStatus status;
+  double residual;                            ///< norm of the weighted error [m]
+  double position_error;                      ///< distance from the commanded tip to the target [m]
+  const std::vector<statics::Limit>& limits;  ///< (n)
+};
+
+/// Decides whose targets are taken, by their stamps and a lease, and publishes target_status: one
+/// answer per target. Counts them, and warns of those that are dropped or out of reach.
+class TargetAdmission {
+ public:
+  /// @param scene  Its arm and safety rules are used. Kept by reference: after a change to it, call
+  ///               adopt() before the next target.
+  TargetAdmission(ros::NodeHandle& node, const io::Scene& scene);
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt();
+
+  /// The target's value when it is sound, has not waited in some queue, and its sender may command;
+  /// else drops it and returns null.
+  template <class T>
+  const T* admit(const TargetSender& sender, const control::Checked<T>& checked) {
+    if (const auto other = refusalOf(sender, std::get_if<control::Refusal>(&checked))) {
+      drop(sender, *other);
+      return nullptr;
+    }
+    return &std::get<T>(checked);
+  }
+
+  /// Grants or renews the lease of a commander, or says who holds it.
+  std::optional<control::Refusal> claim(const std::string& commander);
+
+  void drop(const TargetSender& sender, const control::Refusal& refusal);
+  /// Answers a target that the command realises.
+  void accept(const TargetSender& sender);
+  /// Answers a target by its inverse: reached, out of reach and replaced by the closest, or dropped
+  /// since no pressures were found.
+  void accept(const TargetSender& sender, const TargetSolution& solution);
+
+  /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
+  /// call.
+  diagnostic_msgs::DiagnosticStatus status();
+
+ private:
+  std::optional<control::Refusal> refusalOf(const TargetSender& sender,
+                                            const control::Refusal* of_value);
+  /// At most one line per fault and period.
+  void warn(FaultCount& count, const TargetSender& sender, const std::string& message,
+            const char* consequence);
+
+  const io::Scene& scene_;
+  control::CommanderLease lease_;
+  std::uint64_t reached_ = 0;
+  FaultCount unreachable_;
+  std::array<FaultCount, control::kFaultCount> dropped_;
+  std::string last_fault_;
+  bool news_ = false;  ///< a target was dropped or out of reach since the last status
+  ros::Publisher publisher_;
+};
+
+}  // namespace helix_arm::ros_bridge
