@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstdint>
 #include <new>
 #include <string>
 #include <utility>
@@ -13,28 +12,11 @@
 
 #include "helix_arm/lie/se3.hpp"
 
-/// Single values of a caller: what pybind11 would refuse without naming the argument.
+/// Arrays of a caller, and those of results.
 namespace helix_arm::python {
 
 namespace py = pybind11;
-
-/// @param name  of the argument, for messages.
-/// @throws TypeError if it is no integer (of Python or NumPy), ValueError if it is beyond lower to
-///     upper.
-std::int64_t integerOf(const py::handle& given, const char* name, std::int64_t lower,
-                       std::int64_t upper);
-/// @throws TypeError if it is no number.
-double numberOf(const py::handle& given, const char* name);
-/// @throws TypeError if it is neither True nor False.
-bool flagOf(const py::handle& given, const char* name);
-/// @throws TypeError if it is no str, ValueError if UTF-8 cannot hold it.
-std::string textOf(const py::handle& given, const char* name);
-
-/// Number of threads of an argument: 0 stands for all cores.
-std::size_t threadCount(const py::handle& given);
-
-/// Ends a call whose argument is of the wrong type.
-[[noreturn]] void refuseType(const py::handle& given, const char* name, const char* expected);
+using namespace py::literals;
 
 /// More rows than results can have. Python raises MemoryError.
 class TooManyRows : public std::bad_alloc {
@@ -65,12 +47,11 @@ class Rows {
     return *reinterpret_cast<const double*>(data_ + row * row_stride_ + column * column_stride_);
   }
   Eigen::VectorXd row(py::ssize_t row) const;
-  /// How many numbers a result has, of so many per row.
-  /// @throws TooManyRows naming the argument if no process can hold them.
-  py::ssize_t numbersOf(py::ssize_t per_row) const;
   /// Shape of a result with one entry per row: what follows is that entry's shape.
-  /// @throws as numbersOf().
+  /// @throws TooManyRows naming the argument if no process can hold them.
   std::vector<py::ssize_t> shapeOf(const std::vector<py::ssize_t>& entry) const;
+  /// @throws ValueError naming the argument and the row of an entry that is NaN or infinite.
+  void requireFinite() const;
   /// Ends a call in which a number broke its rule after all were checked.
   [[noreturn]] void refuseChange() const;
 
@@ -78,6 +59,7 @@ class Rows {
   py::ssize_t rowStride() const { return row_stride_; }
   py::ssize_t columnStride() const { return column_stride_; }
   const char* data() const { return data_; }
+  const py::array& array() const { return array_; }
 
  private:
   std::string name_;
@@ -88,30 +70,45 @@ class Rows {
 };
 
 /// The float64 array of an argument, aligned, of any shape. Throws as Rows does.
-py::array arrayOf(const py::handle& given, const char* name);
+py::array argumentArray(const py::handle& given, const char* name);
 
-/// @throws ValueError naming the argument and the row of an entry that is NaN or infinite.
-void requireFinite(const Rows& rows);
-
-/// New array of these numbers. Those of py::array_t are copied by NumPy, which gives up the
-/// interpreter meanwhile: when it ends, a daemon thread is then unwound through its caller.
+/// A new array with one entry per row of inputs, which threads without the interpreter write.
 template <class Number>
-py::array_t<Number> copyOf(const Number* first, const std::vector<py::ssize_t>& shape) {
-  py::array_t<Number> out(shape);
-  std::copy_n(first, out.size(), out.mutable_data());
-  return out;
+class Entries {
+ public:
+  /// @param shape  of an entry: {} of a number.
+  Entries(const Rows& rows, const std::vector<py::ssize_t>& shape)
+      : array_(rows.shapeOf(shape)), first_(array_.mutable_data()) {
+    for (const py::ssize_t size : shape) size_ *= size;
+  }
+  Number* at(std::size_t row) const { return first_ + static_cast<py::ssize_t>(row) * size_; }
+  Number& operator[](std::size_t row) const { return *at(row); }
+  py::ssize_t size() const { return size_; }  ///< of an entry
+  /// The array; the number, if it is but one.
+  py::object result() const {
+    return array_.ndim() > 0 ? py::object(array_) : array_.attr("item")();
+  }
+
+ private:
+  py::array_t<Number> array_;
+  Number* first_;
+  py::ssize_t size_ = 1;
+};
+
+/// New array of a vector (n) or a matrix (rows, columns), in the order of C. Numbers given to
+/// py::array_t are copied by NumPy, which gives up the interpreter meanwhile: when it ends, a
+/// daemon thread is then unwound through its caller.
+template <class Derived>
+py::array arrayOf(const Eigen::MatrixBase<Derived>& values) {
+  std::vector<py::ssize_t> shape{values.rows()};
+  if (Derived::ColsAtCompileTime != 1) shape.push_back(values.cols());
+  py::array_t<typename Derived::Scalar> out(shape);
+  auto* to = out.mutable_data();
+  for (Eigen::Index i = 0; i < values.rows(); ++i) {
+    for (Eigen::Index j = 0; j < values.cols(); ++j) *to++ = values(i, j);
+  }
+  return std::move(out);
 }
-
-/// New array of ASCII text, also of none.
-py::array textsOf(const py::list& texts);
-
-/// "(3,)", "(2, 3)".
-std::string shapeText(const py::array& array);
-
-/// New array.
-py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector);
-/// New array (rows, columns), in the order of C.
-py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
 
 /// Writes a position (3) [m] and a quaternion (4); NaN unless it was found.
 void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion);

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstddef>
 #include <exception>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -12,19 +13,13 @@
 
 #include "scene.hpp"
 
-/// The methods of Scene, one function per file. Those whose names begin with _ return a dict with
-/// the fields of a dataclass of helix_arm.results.
+/// The methods of Scene. Those whose names begin with _ get arguments that helix_arm.scene has
+/// checked, except arrays, and return the fields of the dataclasses of helix_arm.results.
 namespace helix_arm::python {
 
-void bindForward(py::module_& module, py::class_<Scene>& scene);
-void bindCalibrate(py::class_<Scene>& scene);
-void bindCurve(py::class_<Scene>& scene);
-void bindFit(py::class_<Scene>& scene);
-void bindFollow(py::class_<Scene>& scene);
+void bindModel(py::module_& module, py::class_<Scene>& scene);
 void bindInverse(py::class_<Scene>& scene);
-void bindJacobian(py::class_<Scene>& scene);
-void bindLocalize(py::class_<Scene>& scene);
-void bindWorkspace(py::class_<Scene>& scene);
+void bindMeasurements(py::class_<Scene>& scene);
 
 /// While it lives, other threads of Python run. A daemon thread that asks for the interpreter after
 /// its end sleeps here until the process ends, as from Python 3.14 on. Before, Python ends it by
@@ -58,12 +53,14 @@ class OthersRun {
   PyThreadState* state_;
 };
 
-/// Calls work(first, end) for pieces that together are [0, count), on this many threads, or as many
-/// as the system can make; the caller is one of them. A piece begins at a multiple of `piece`.
+/// Calls work(first, end) for pieces that together are [0, count), on this many threads (0: on all
+/// cores), or as many as the system can make; the caller is one of them. A piece begins at a
+/// multiple of `piece`.
 /// @throws what work threw first in one of the threads; the other threads then end early.
 template <class Work>
 void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const Work& work) {
   const std::size_t pieces = (count + piece - 1) / piece;
+  if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
   threads = std::min(threads, pieces);
   if (threads <= 1) {
     if (count > 0) work(std::size_t{0}, count);
@@ -93,6 +90,31 @@ void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const W
   for (const std::exception_ptr& exception : thrown) {
     if (exception) std::rethrow_exception(exception);
   }
+}
+
+/// Rows that are the work of one thread at a time; results do not depend on the division.
+struct Piece {
+  std::size_t closed_form, solved;
+};
+
+/// Calls work(row, q) with a copy of each row of inputs, while other threads of Python run.
+/// @throws as Scene::requireWithinLimits() and copyRow().
+template <class Work>
+void forEachRow(const Scene& scene, const Rows& inputs, const Piece& piece, std::size_t threads,
+                const Work& work) {
+  std::optional<OthersRun> others_run;
+  // For one row without load, letting others run costs more than the row.
+  if (inputs.rows() > 1 || scene.isLoaded()) others_run.emplace();
+  scene.requireWithinLimits(inputs);
+  inPieces(static_cast<std::size_t>(inputs.rows()),
+           scene.isLoaded() ? piece.solved : piece.closed_form, threads,
+           [&](std::size_t first, std::size_t end) {
+             Eigen::VectorXd q;
+             for (std::size_t row = first; row < end; ++row) {
+               scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
+               work(row, q);
+             }
+           });
 }
 
 }  // namespace helix_arm::python

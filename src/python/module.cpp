@@ -7,33 +7,13 @@
 namespace helix_arm::python {
 namespace {
 
+using Pairs = std::vector<std::pair<std::string, std::string>>;
+
 std::vector<std::string> actuatorNames(const Scene& scene) {
   std::vector<std::string> names;
   for (int i = 0; i < scene.arm().actuatorCount(); ++i)
     names.push_back(scene.arm().actuator(i).name);
   return names;
-}
-
-std::vector<std::pair<std::string, std::string>> overridesTextOf(const Scene& scene) {
-  std::vector<std::pair<std::string, std::string>> out;
-  for (const io::Override& one : scene.overrides()) out.emplace_back(one.key, one.value);
-  return out;
-}
-
-std::vector<io::Override> overridesOf(const py::object& given) {
-  constexpr const char* kExpected = "a list of pairs of key and YAML text";
-  std::vector<io::Override> out;
-  if (!py::isinstance<py::list>(given) && !py::isinstance<py::tuple>(given)) {
-    refuseType(given, "overrides", kExpected);
-  }
-  for (const py::handle one : given) {
-    const bool pair = py::isinstance<py::tuple>(one) && py::len(one) == 2;
-    if (!pair) refuseType(one, "an entry of overrides", kExpected);
-    const auto entry = py::reinterpret_borrow<py::tuple>(one);
-    const std::string key = textOf(entry[0], "a key of overrides");
-    out.push_back({key, textOf(entry[1], ("overrides['" + key + "']").c_str())});
-  }
-  return out;
 }
 
 py::array_t<double> limitsOf(const Scene& scene) {
@@ -91,15 +71,28 @@ PYBIND11_MODULE(_core, module) {
   translateExceptions(module);
   py::class_<Scene> scene(module, "Scene");
   scene
-      .def(py::init([](const py::object& path, const py::object& overrides) {
-             const std::string file = textOf(path, "path");
-             const auto values = overridesOf(overrides);
+      .def(py::init([](const std::string& path, const Pairs& overrides) {
+             std::vector<io::Override> values;
+             for (const auto& [key, value] : overrides) values.push_back({key, value});
              const OthersRun others_run;
-             return std::make_unique<Scene>(file, values);
+             return std::make_unique<Scene>(path, values);
            }),
-           py::arg("path"), py::arg("overrides") = py::tuple())
+           py::arg("path"), py::arg("overrides"))
       .def_property_readonly("path", &Scene::path, "File of the scene.")
-      .def_property_readonly("_overrides", overridesTextOf)
+      .def_property_readonly("_overrides",
+                             [](const Scene& self) {
+                               Pairs out;
+                               for (const io::Override& one : self.overrides()) {
+                                 out.emplace_back(one.key, one.value);
+                               }
+                               return out;
+                             })
+      .def_property_readonly("_picture_shape",
+                             [](const Scene& self) -> std::optional<std::pair<int, int>> {
+                               const auto& camera = self.scene().camera;
+                               if (!camera || !self.scene().tags) return std::nullopt;
+                               return std::pair(camera->model.height, camera->model.width);
+                             })
       .def_property_readonly("_solvers_made",
                              [](const Scene& self) { return self.solvers().made(); })
       .def_property_readonly(
@@ -118,31 +111,31 @@ PYBIND11_MODULE(_core, module) {
       .def_property_readonly(
           "tier", [](const Scene& self) { return self.model().choice().setting.name(); },
           "Tier that computes the shapes.");
-  bindForward(module, scene);
-  bindCurve(scene);
+  bindModel(module, scene);
   bindInverse(scene);
-  bindJacobian(scene);
-  bindWorkspace(scene);
-  bindCalibrate(scene);
-  bindFit(scene);
-  bindFollow(scene);
-  bindLocalize(scene);
+  bindMeasurements(scene);
   refuseUnmade(module);
   module.attr("version") = HELIX_ARM_VERSION;
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
       "Names of the shipped scenes.");
+  module.def("scene_path", &io::scenePath, py::arg("path_or_name"),
+             "Path of a scene file, or of a shipped scene by name.");
+  module.def("array", &argumentArray, py::arg("given"), py::arg("name"),
+             "The float64 array of an argument.");
   module.def(
-      "scene_path",
-      [](const py::object& given) {
-        const std::string path_or_name = textOf(given, "path_or_name");
-        try {
-          return io::scenePath(path_or_name);
-        } catch (const std::invalid_argument& error) {
-          throw std::invalid_argument(std::string("path_or_name: ") + error.what());
-        }
+      "rows",
+      [](const py::handle& given, const char* name, py::ssize_t columns) {
+        return Rows(given, name, columns).array();
       },
-      "Path of a scene file, or of a shipped scene by name.");
+      py::arg("given"), py::arg("name"), py::arg("columns"),
+      "The float64 array of an argument with one row or several.");
+  module.def(
+      "require_finite",
+      [](const py::array& rows, const char* name) {
+        Rows(rows, name, rows.shape(rows.ndim() - 1)).requireFinite();
+      },
+      py::arg("rows"), py::arg("name"), "Raises ValueError naming the entry that is not finite.");
 }
 
 }  // namespace helix_arm::python

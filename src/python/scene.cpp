@@ -27,23 +27,26 @@ Solvers::Solvers(const statics::ArmModel& model) : model_(model) {
   kept_.reserve(kMostKept);  // giving back does not allocate
 }
 
-Solvers::Loan::~Loan() { owner_.giveBack(options_, std::move(solver_)); }
-
 Solvers::Loan Solvers::take(const statics::InverseOptions& options) {
+  const auto give_back = [this, options](statics::InverseSolver* solver) {
+    giveBack(options, std::unique_ptr<statics::InverseSolver>(solver));
+  };
   {
     const basics::MutexLock lock(mutex_);
     const auto found = std::find_if(kept_.rbegin(), kept_.rend(), [&options](const Kept& one) {
       return same(one.options, options);
     });
     if (found != kept_.rend()) {
-      std::unique_ptr<statics::InverseSolver> solver = std::move(found->solver);
+      Loan loan(nullptr, give_back);
+      loan.reset(found->solver.release());
       kept_.erase(std::prev(found.base()));
-      return Loan(*this, options, std::move(solver));
+      return loan;
     }
   }
-  auto solver = std::make_unique<statics::InverseSolver>(model_, options);
+  Loan loan(nullptr, give_back);
+  loan.reset(new statics::InverseSolver(model_, options));
   ++made_;
-  return Loan(*this, options, std::move(solver));
+  return loan;
 }
 
 void Solvers::giveBack(const statics::InverseOptions& options,

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -20,22 +21,9 @@ namespace helix_arm::python {
 /// share them.
 class Solvers {
  public:
-  /// A solver of one thread, until its end.
-  class Loan {
-   public:
-    Loan(Solvers& owner, const statics::InverseOptions& options,
-         std::unique_ptr<statics::InverseSolver> solver)
-        : owner_(owner), options_(options), solver_(std::move(solver)) {}
-    ~Loan();
-    Loan(const Loan&) = delete;
-    Loan& operator=(const Loan&) = delete;
-    statics::InverseSolver& solver() const { return *solver_; }
-
-   private:
-    Solvers& owner_;
-    statics::InverseOptions options_;
-    std::unique_ptr<statics::InverseSolver> solver_;
-  };
+  /// A solver of one thread, given back at its end.
+  using Loan =
+      std::unique_ptr<statics::InverseSolver, std::function<void(statics::InverseSolver*)>>;
 
   /// @param model  must outlive the solvers.
   explicit Solvers(const statics::ArmModel& model);

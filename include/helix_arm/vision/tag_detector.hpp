@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/vision/config.hpp"
 
 struct apriltag_family;
 
@@ -45,31 +46,6 @@ class TagFamily {
  private:
   std::string name_;
   std::shared_ptr<apriltag_family> family_;
-};
-
-struct DetectorConfig {
-  std::string family = "36h11";
-  /// Factor by which the picture is shrunk for the quad search: 1, 1.5 or a whole number up to 32.
-  double quad_decimate = 2.0;
-  double quad_sigma = 0.0;   ///< blur before the quad search (below 0: sharpen), -10 to 10 [px]
-  int threads = 1;           ///< 1 to 64
-  bool refine_edges = true;  ///< refine the corners at the edges of the full picture
-  /// Maximum number of wrong bits: 0 to 3, fewer than half of the family's distance, and no more
-  /// than 2 GB of memory allow.
-  int max_hamming = 2;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
-/// How a picture is searched when the approximate positions of the tags are known. Each mode
-/// falls back to those above it, within the same picture.
-enum class TrackingMode {
-  kFull,     ///< the whole picture, always
-  kRegions,  ///< a region around each expected tag, wider by half its size
-  /// The edges and bits of each expected tag. It may be off by a quarter of its shorter side and at
-  /// most 12 px. Families with bits outside their border are searched by regions instead.
-  kEdges,
 };
 
 /// One tag found in a picture.
