@@ -9,6 +9,7 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/vision/config.hpp"
 
+struct apriltag_detector;
 struct apriltag_family;
 
 namespace helix_arm::vision {
@@ -61,12 +62,11 @@ class TagDetector {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
   explicit TagDetector(const DetectorConfig& config);
-  ~TagDetector();
-  TagDetector(TagDetector&&) noexcept;
-  TagDetector& operator=(TagDetector&&) noexcept;
+  TagDetector(TagDetector&&) noexcept = default;
+  TagDetector& operator=(TagDetector&&) noexcept = default;
 
-  const DetectorConfig& config() const;
-  const TagFamily& family() const;
+  const DetectorConfig& config() const { return config_; }
+  const TagFamily& family() const { return family_; }
 
   /// @param gray  (CV_8UC1), at most estimation::Camera::kMaxSide wide and high; an empty picture
   /// has no tags.
@@ -78,8 +78,12 @@ class TagDetector {
   std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
 
  private:
-  struct Handle;
-  std::unique_ptr<Handle> handle_;
+  int leastSide() const;
+
+  DetectorConfig config_;
+  TagFamily family_;
+  std::shared_ptr<apriltag_detector> detector_;  // keeps the family that it writes to
+  cv::Mat copy_;
 };
 
 }  // namespace helix_arm::vision
