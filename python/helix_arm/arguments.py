@@ -101,6 +101,15 @@ def rows(given: Any, name: str, columns: int, fewest: int = 1, most: int = 1) ->
     return array
 
 
+def apart(pressures: np.ndarray, out: Any) -> np.ndarray:
+    """The pressures, for whose tips there is such an array, in other memory."""
+    shape = (*pressures.shape[:-1], 3)
+    fits = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == shape and out.flags.carray
+    require(fits, f"out is no array for the result; expected a writeable float64 array of shape {shape} in the order of C")
+    require(not np.may_share_memory(pressures, out), "out overlaps pressures_pa; expected memory of its own")
+    return pressures
+
+
 def data_set(given: Any, name: str) -> Union[str, Tuple[str, List[str], np.ndarray]]:
     """A data set: its path; or of a dict, the name, the names of columns and their numbers (rows, columns)."""
     if isinstance(given, os.PathLike):

@@ -110,6 +110,8 @@ class Scene(_core.Scene):
         out: float64 array of the result's shape that is written instead of a new one; it must not overlap the pressures.
         Returns (3,) or (N, 3), base frame [m]; NaN where no shape balances the load.
         """
+        if out is not None:
+            pressures_pa = arguments.apart(_core.rows(pressures_pa, "pressures_pa", len(self.limits_pa)), out)
         return self._tips(pressures_pa, out, arguments.threads(threads))
 
     def curve(self, pressures_pa: Numbers, points: int = 50, threads: int = 1) -> results.Curve:

@@ -91,45 +91,14 @@ void tipsOfBatch(const Scene& scene, const model::TipBatch& batch, const Rows& i
   inputs.refuseChange();
 }
 
-// Whether the memory from the first to the last number of the rows has a part in `out`.
-bool overlap(const Rows& rows, const py::array& out) {
-  if (rows.rows() == 0) return false;
-  const char *begin = rows.data(), *end = begin + sizeof(double);
-  const std::array<py::ssize_t, 2> spans{(rows.rows() - 1) * rows.rowStride(),
-                                         (rows.columns() - 1) * rows.columnStride()};
-  for (const py::ssize_t span : spans) (span < 0 ? begin : end) += span;
-  const char* const first = static_cast<const char*>(out.data());
-  return begin < first + out.nbytes() && first < end;
-}
-
-// The caller's array for the result, or a new one.
-py::array resultFor(const Rows& inputs, const py::object& out) {
-  const std::vector<py::ssize_t> shape = inputs.shapeOf({3});
-  if (out.is_none()) return py::array_t<double>(shape);
-  const bool fits = py::isinstance<py::array_t<double, py::array::c_style>>(out);
-  const auto array = fits ? py::reinterpret_borrow<py::array>(out) : py::array();
-  const bool same =
-      fits && array.writeable() &&
-      std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim());
-  if (!same) {
-    std::string expected = "(3,)";
-    if (!inputs.single()) expected = "(" + std::to_string(inputs.rows()) + ", 3)";
-    throw py::value_error(
-        "out is no array for the result; expected a writeable float64 array of shape " + expected +
-        " in the order of C");
-  }
-  if (overlap(inputs, array)) {
-    throw py::value_error("out overlaps pressures_pa; expected memory of its own");
-  }
-  return array;
-}
-
 // Tip positions [m], shape (3,) or (N, 3). Rows without equilibrium hold NaN.
-// @param out  array for them, or none: a new one.
+// @param out  array for them, which fits, or none: a new one.
 py::array tips(const Scene& scene, const py::handle& pressures, const py::object& out,
                std::size_t threads) {
   const Rows inputs = scene.inputs(pressures, "pressures_pa");
-  const py::array result = resultFor(inputs, out);
+  const std::vector<py::ssize_t> shape = inputs.shapeOf({3});
+  const py::array result =
+      out.is_none() ? py::array_t<double>(shape) : py::reinterpret_borrow<py::array>(out);
   auto* const numbers = static_cast<double*>(const_cast<void*>(result.data()));
   if (scene.isLoaded() || inputs.rows() == 1) {
     forEachRow(scene, inputs, kTipsPiece, threads, [&](std::size_t row, const auto& q) {
