@@ -285,12 +285,7 @@ void translateExceptions(py::module_& module) {
   });
 }
 
-}  // namespace
-
-PYBIND11_MODULE(_core, module) {
-  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
-  translateExceptions(module);
-  py::class_<Scene> scene(module, "Scene");
+void bindScene(py::class_<Scene>& scene) {
   scene
       .def(py::init([](const std::string& path, const Pairs& overrides) {
              std::vector<io::Override> values;
@@ -332,6 +327,15 @@ PYBIND11_MODULE(_core, module) {
       .def_property_readonly(
           "tier", [](const Scene& self) { return self.model().choice().setting.name(); },
           "Tier that computes the shapes.");
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+  translateExceptions(module);
+  py::class_<Scene> scene(module, "Scene");
+  bindScene(scene);
   bindModel(module, scene);
   bindMeasurements(scene);
   refuseUnmade(module);

@@ -292,8 +292,7 @@ LAWS = {
         Law("Python: a scene is found again from another folder", "python_forward_test",
             "return str(pathlib.Path(path).absolute()) if path else path", "return path"),
         Law("Python: a negative number of threads is refused", "python_bad_input_test",
-            "basics::require(threads >= 0 && threads <= kMostThreads,",
-            "basics::require(threads >= -1 && threads <= kMostThreads,"),
+            "integer(given, \"threads\", 0, MOST_THREADS,", "integer(given, \"threads\", -1, MOST_THREADS,"),
     ],
     "firmware": [
         Law("board: the highest set point is accepted, a higher one is not", GTEST + "firmware_line_test",
