@@ -63,7 +63,6 @@ endforeach()
 # Public headers of a layer with several folders of sources: that of the source of the same name; of those without a source:
 set(home_io/load_arm io/scene)
 set(home_io/scene io/scene)
-set(home_io/yaml_text io/document)
 set(home_io/provenance io/scene)
 set(home_io/regulator_profile io/scene)
 foreach(folder statics/loaded statics/exact statics/tiers statics/inverse statics/workspace io/document io/scene io/data)

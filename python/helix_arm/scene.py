@@ -5,15 +5,20 @@ import copy
 import json
 import os
 import pathlib
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from helix_arm import _core, results
+from helix_arm import _core, arguments, results
+from helix_arm.arguments import require
 
 Numbers = Union[np.ndarray, Sequence[Any]]
 PathLike = Union[str, "os.PathLike[str]"]
 Data = Union[PathLike, Mapping[str, Numbers]]
+
+# Columns of the numbers of a run, before those of the pressures.
+FOLLOW_COLUMNS = {"times_s": 1, "wanted_tips": 3, "true_tips": 3, "measured_tips": 3, "measured_times_s": 1,
+                  "predicted_tips": 3, "path_times_s": 1, "load_scores": 1}
 
 
 def shipped_scenes() -> List[str]:
@@ -25,24 +30,13 @@ def _path_of(path_or_name: PathLike) -> str:
     text = os.fspath(path_or_name) if isinstance(path_or_name, os.PathLike) else path_or_name
     if not isinstance(text, str):
         raise TypeError(f"path_or_name is {type(path_or_name).__name__}; expected str or os.PathLike of str")
-    path = _core.scene_path(text)
+    arguments.text(text, "path_or_name")
+    try:
+        path = _core.scene_path(text)
+    except ValueError as error:
+        raise type(error)(f"path_or_name: {error}") from None
     # Another process, or this one later, may be in another folder. "" stays what no file is called.
     return str(pathlib.Path(path).absolute()) if path else path
-
-
-def _data_of(data: Any) -> Any:
-    if isinstance(data, os.PathLike):
-        return os.fspath(data)
-    return dict(data) if isinstance(data, Mapping) else data
-
-
-def _list_of(given: Any, name: str, expected: str) -> List[Any]:
-    try:
-        if not isinstance(given, (str, bytes)):
-            return list(given)
-    except TypeError:
-        pass
-    raise TypeError(f"{name} is of type {type(given).__name__}; expected {expected}")
 
 
 def _yaml_of(key: str, value: Any) -> str:
@@ -57,6 +51,18 @@ def _yaml_of(key: str, value: Any) -> str:
 
 class Scene(_core.Scene):
     """A scene file: an arm and its rig. Immutable; threads may share it. Another process reads the file again."""
+
+    def __init__(self, path: str, overrides: Sequence[Tuple[str, str]] = ()) -> None:
+        expected = "a list of pairs of key and YAML text"
+        if not isinstance(overrides, (list, tuple)):
+            arguments.refuse_type(overrides, "overrides", expected)
+        pairs = []
+        for one in overrides:
+            if not isinstance(one, tuple) or len(one) != 2:
+                arguments.refuse_type(one, "an entry of overrides", expected)
+            key = arguments.text(one[0], "a key of overrides")
+            pairs.append((key, arguments.text(one[1], f"overrides['{key}']")))
+        super().__init__(arguments.text(path, "path"), pairs)
 
     @classmethod
     def load(cls, path_or_name: PathLike, overrides: Mapping[str, Any] = {}) -> "Scene":
@@ -95,7 +101,7 @@ class Scene(_core.Scene):
         Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.
         Raises TypeError or ValueError naming argument and rule.
         """
-        return self._forward(pressures_pa, threads)
+        return self._forward(pressures_pa, arguments.threads(threads))
 
     def tips(self, pressures_pa: Numbers, out: Optional[np.ndarray] = None, threads: int = 1) -> np.ndarray:
         """Tip positions alone, the fastest way from pressures to tips.
@@ -104,14 +110,18 @@ class Scene(_core.Scene):
         out: float64 array of the result's shape that is written instead of a new one; it must not overlap the pressures.
         Returns (3,) or (N, 3), base frame [m]; NaN where no shape balances the load.
         """
-        return self._tips(pressures_pa, out, threads)
+        if out is not None:
+            pressures_pa = arguments.apart(_core.rows(pressures_pa, "pressures_pa", len(self.limits_pa)), out)
+        return self._tips(pressures_pa, out, arguments.threads(threads))
 
     def curve(self, pressures_pa: Numbers, points: int = 50, threads: int = 1) -> results.Curve:
         """Points of the base curve at gauge pressures, evenly along it, with base and tip.
 
         pressures_pa: (n,) or (N, n) [Pa]. points: per row, >= 2. threads: of a batch; 0 for all cores.
         """
-        return results.Curve(**self._curve(pressures_pa, points, threads))
+        arguments.integer(points, "points", 2, 100_000)
+        found = self._curve(pressures_pa, points, arguments.threads(threads))
+        return results.Curve(s=float(self.sections) * np.arange(points) / (points - 1), **found)
 
     def inverse(self, tip: Optional[Numbers] = None, *, pose: Optional[Numbers] = None, twists: Optional[Numbers] = None,
                 start: Optional[Numbers] = None, prefer: str = "min-pressure", cocontraction: float = 0.5,
@@ -124,7 +134,21 @@ class Scene(_core.Scene):
         prefer: which of the pressures that reach it: "min-pressure", "min-change" (from the start), "cocontract",
         with cocontraction in [0, 1] as the wanted fraction of each range, or "stiff": the least compliance of the tip.
         """
-        return results.Inverse(**self._inverse(tip, pose, twists, start, prefer, cocontraction, position_tolerance_m, threads))
+        given = [(kind, target) for kind, target in [("tip", tip), ("pose", pose), ("twists", twists)] if target is not None]
+        require(len(given) == 1, f"inverse() got {len(given)} targets; expected exactly one of tip, pose and twists")
+        (kind, target), = given
+        if kind == "twists":
+            target, rows = _core.array(target, kind), f"{self.sections}, 6"
+            fits = target.ndim in (2, 3) and target.shape[-2:] == (self.sections, 6)
+            require(fits, f"twists has shape {target.shape}; expected ({rows}) or (N, {rows})")
+            target = target.reshape(*target.shape[:-2], 6 * self.sections)
+        found = self._inverse(kind, target, start, arguments.text(prefer, "prefer"),
+                              arguments.number(cocontraction, "cocontraction"),
+                              arguments.number(position_tolerance_m, "position_tolerance_m"), arguments.threads(threads))
+        status = np.array(["reached", "unreachable", "not_converged"])[found.pop("status")]
+        if isinstance(status, str):  # of one row
+            status = str(status)
+        return results.Inverse(reached=status == "reached", status=status, **found)
 
     def jacobian(self, pressures_pa: Numbers, threads: int = 1, *,
                  by: Union[str, Sequence[str]] = ("pressures", "lengths", "stiffness", "load")) -> results.Jacobian:
@@ -134,8 +158,14 @@ class Scene(_core.Scene):
         these words; the fields of the others are None. Stiffness and load take most of the time. Analytic; under load, by the
         implicit function theorem at the tier's own equilibrium.
         """
-        words = [by] if isinstance(by, str) else _list_of(by, "by", "a list of words, such as [\"pressures\"]")
-        return results.Jacobian(**self._jacobian(pressures_pa, words, threads))
+        words, known = arguments.words(by, "by", "pressures"), ["pressures", "lengths", "stiffness", "load"]
+        expected = "expected one or several of " + ", ".join(known)
+        require(bool(words), f"by is empty; {expected}")
+        for word in words:
+            require(word in known, f"by holds \"{repr(word[:60])[1:-1]}\"; {expected}")
+        converged, found = self._jacobian(pressures_pa, [word in words for word in known], arguments.threads(threads))
+        names = [f"{part}_by_{word}" for word in known for part in ["tip", "twists"]]
+        return results.Jacobian(converged=converged, **dict(zip(names, found)))
 
     def workspace(self, points: int = 100_000, *, seed: int = 1, sensitivity: bool = False, extremes: bool = False,
                   threads: int = 0) -> results.Workspace:
@@ -144,7 +174,12 @@ class Scene(_core.Scene):
         seed: the same seed gives the same points, on any number of threads. sensitivity: adds the tip displacements for errors
         of 1 kPa, 1 mm and 1 %. extremes: adds the farthest tips, by a search. threads: 0 for all cores.
         """
-        return results.Workspace(**self._workspace(points, seed, sensitivity, extremes, threads))
+        points, seed = arguments.integer(points, "points", 0, 100_000_000), arguments.integer(seed, "seed", 0, 2**63 - 1)
+        pieces, unbalanced, farthest = self._workspace(points, seed, arguments.flag(sensitivity, "sensitivity"),
+                                                       arguments.flag(extremes, "extremes"), arguments.threads(threads))
+        pressures, tips, moved = [np.concatenate(part) for part in zip(*pieces)]
+        by_error = moved.T.copy() if sensitivity else [None] * 3
+        return results.Workspace(pressures, tips, unbalanced, *by_error, *(farthest or [None] * 3))
 
     def fit(self, captures: Data) -> results.Fit:
         """Measured tags to one shape per capture.
@@ -152,7 +187,18 @@ class Scene(_core.Scene):
         captures: data set of tag poses or tag corners: a path, or a dict of columns by the names that a file has, such as
         capture, pressure_1_kpa, tag, x_m, y_m, z_m, qx, qy, qz, qw, in those units.
         """
-        return results.Fit(**self._fit(_data_of(captures)))
+        found = self._fit(arguments.data_set(captures, "captures"))
+        n, size = len(self.actuators), 6 * self.sections
+
+        def column(name: str, *shape: int, dtype: Any = float) -> np.ndarray:
+            return np.array([one[name] for one in found], dtype).reshape(len(found), *shape)
+
+        return results.Fit(
+            captures=column("capture", dtype=np.intc), pressures_pa=column("pressures_pa", n),
+            status=column("status", dtype=str),
+            twists=column("twists", self.sections, 6), covariances=column("covariance", size, size), tips=column("tip", 3),
+            quaternions_xyzw=column("quaternion_xyzw", 4), tip_covariances=column("tip_covariance", 3, 3), rms=column("rms"),
+            outlier_tags=[one["outlier_tags"] for one in found])
 
     def localize(self, image: np.ndarray, pressures_pa: Optional[Numbers] = None) -> Union[results.Sight, List[results.Sight]]:
         """The arm's shape in a gray picture of the scene's camera, or in each picture of a series.
@@ -160,7 +206,14 @@ class Scene(_core.Scene):
         image: (height, width) or (N, height, width) uint8. A series counts as successive pictures of one camera: tags are
         tracked. pressures_pa: (n,) or (N, n) [Pa], where the search begins; default: the lower limits.
         """
-        sights = [results.Sight(**sight) for sight in self._localize(image, pressures_pa)]
+        shape = self._picture_shape
+        require(shape is not None, f"localize() needs camera and tags, but scene {self.name} lacks one; expected a scene with "
+                "sections camera and tags")
+        pictures = arguments.pictures(image, shape)
+        found = self._localize(pictures, self.limits_pa[:, 0] if pressures_pa is None else pressures_pa)
+        for one in found:
+            one["rms_px"], one["corners_px"] = one.pop("rms"), one["corners_px"].reshape(-1, 4, 2)
+        sights = [results.Sight(**one) for one in found]
         return sights[0] if image.ndim == 2 else sights
 
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
@@ -174,11 +227,19 @@ class Scene(_core.Scene):
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
         empty in the result, and no parameter is held at the scene's value.
         """
-        sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else _list_of(
+        sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else arguments.items(
             data, "data", "the path of a data set, a dict of its columns, or a list of those")
-        words = [fit] if isinstance(fit, str) else _list_of(fit, "fit", "a list of words, such as [\"stiffness\"]")
-        found = self._calibrate([_data_of(one) for one in sets], words, contraction, curvature_noise_rad, corner_noise_px,
-                                position_noise_m, rotation_noise_rad, errors)
+        words = arguments.words(fit, "fit", "stiffness")
+        noises = [arguments.number(value, name, 0, expected="a finite number >= 0, 0 for the scene's")
+                  for name, value in [("curvature_noise_rad", curvature_noise_rad), ("corner_noise_px", corner_noise_px),
+                                      ("position_noise_m", position_noise_m), ("rotation_noise_rad", rotation_noise_rad)]]
+        arguments.text(contraction, "contraction")
+        arguments.flag(errors, "errors")
+        require(bool(sets), "data is empty; expected paths of data sets, or dicts of columns")
+        tables = [arguments.data_set(one, f"data[{i}]") for i, one in enumerate(sets)]
+        found = self._calibrate(tables, words, contraction, noises, errors)
+        if found["next_pressures_pa"] is not None:
+            found["next_pressures_pa"] = np.array(found["next_pressures_pa"] or np.zeros((0, 0)))
         found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
         found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
         found["contractions"] = [results.Contraction(**one) for one in found["contractions"]]
@@ -194,9 +255,37 @@ class Scene(_core.Scene):
         and the force on the true tip from then on [N], base frame. blind: (2,) times between which pictures are lost [s].
         rig: scene of the true arm, if it is another one.
         """
-        found = self._follow(tips, path, seconds, open, sight, force, blind, latency_s, seed, rig)
-        found["alarms"] = [results.Alarm(**one) for one in found["alarms"]]
-        return results.FollowRun(**found)
+        seconds = arguments.number(seconds, "seconds", 0.1, 3600)
+        latency_s = arguments.number(latency_s, "latency_s", 0, 1)
+        seed = arguments.integer(seed, "seed", 0, 2**32 - 1)
+        arguments.flag(open, "open")
+        require(arguments.text(sight, "sight") in ("corners", "rendered"),
+                f"sight is \"{sight[:40]}\"; expected corners or rendered")
+        if rig is not None and not isinstance(rig, _core.Scene):
+            arguments.refuse_type(rig, "rig", "a Scene or None")
+        require((tips is None) != (path is None), "follow() needs either tips or path; expected exactly one")
+        targets, path = arguments.rows(tips, "tips", 3, most=1000), arguments.rows(path, "path", 4, 2, 100_000)
+        if targets is not None:
+            require(seconds >= len(targets),
+                    f"seconds is {seconds:g}, too short for {len(targets)} tips; expected at least 1 s for each")
+            for i in np.flatnonzero(np.abs(targets).max(axis=1) > 1e6):
+                raise ValueError(f"tips is farther than 1e6 m in row {i}; expected metres from the base")
+        push, times = [None if rows is None else rows[0].tolist() for rows in
+                       [arguments.rows(force, "force", 4), arguments.rows(blind, "blind", 2)]]
+        require(push is None or np.linalg.norm(push[1:]) <= 100, "force is more than 100 N; expected time, x, y, z in s and N")
+        if times is not None:
+            require(times[0] <= times[1],
+                    f"blind ends at {times[1]:g} before it begins at {times[0]:g}; expected from, to [s]")
+        found = self._follow(targets, path, seconds, open, sight == "rendered", push, times, latency_s, seed,
+                             self if rig is None else rig)
+        numbers, states, unreachable, alarms, others = found
+        columns, end = {}, 0
+        for name, width in FOLLOW_COLUMNS.items():
+            begin, end = end, end + width
+            columns[name] = numbers[:, begin].copy() if width == 1 else numbers[:, begin:end].copy()
+        return results.FollowRun(pressures_pa=numbers[:, end:].copy(), states=np.array(states, str),
+                                 unreachable=np.array(unreachable, bool), alarms=[results.Alarm(**one) for one in alarms],
+                                 **columns, **others)
 
     def __repr__(self) -> str:
         return f"<helix_arm.Scene {self.name}: {len(self.actuators)} actuators, tier {self.tier}>"

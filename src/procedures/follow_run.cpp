@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
+#include <stdexcept>
 #include <utility>
 #include <variant>
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/simulation/lockstep.hpp"
+#include "helix_arm/control/safety.hpp"
+#include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::procedures {
 
@@ -75,6 +78,116 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration) {
 constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
+constexpr double kPicturePeriod = 1.0 / 30;  // [s]
+constexpr double kRounding = 1e-9;           // of times [s]
+constexpr int kMostReadings = 100;           // until the arm may be enabled
+
+// A rig, its safety core and a visual servo in one thread and in a fixed order, with a simulated
+// time: the same seeds give the same figures on any machine under any load.
+class Lockstep {
+ public:
+  // Everything in it; the arm starts enabled, vented and at rest.
+  struct Parts {
+    statics::ArmModel model;  // of the scene, for the tags' search
+    simulation::SimulatedRig rig;
+    simulation::SimulatedVision vision;
+    control::SafetyCore core;
+    follow::VisualServo loop;
+  };
+
+  // @param latency  from a picture to its measurement [s].
+  // @param blind    pictures within this time are lost [s].
+  // @throws std::runtime_error if the safety core refuses to be enabled.
+  Lockstep(Parts parts, double latency, const std::optional<model::Range>& blind)
+      : parts_(std::move(parts)), latency_(latency), blind_(blind) {
+    basics::requireNotNegative("lockstep", "the latency [s]", latency);
+    std::string refusal = "the regulator was not read";
+    // With noise, single readings may look like pressure.
+    for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
+      reading_ = parts_.rig.measure();
+      parts_.core.measured(0.0, reading_);
+      parts_.core.advance(0.0);
+      refusal = parts_.core.enable(0.0);
+    }
+    if (!refusal.empty()) throw std::runtime_error("lockstep: " + refusal);
+    parts_.loop.enable(true);
+    parts_.loop.reading(0.0, parts_.core.orders().set_point, reading_);
+  }
+
+  // One turn: the regulator follows the last orders, is read, the loop turns, its command goes
+  // through the safety core, and pictures whose time has come arrive.
+  // Throws as SimulatedRig::shape() does.
+  void advance() {
+    ++steps_;
+    const double now = time();
+    const Eigen::VectorXd set_point = parts_.core.orders().set_point;
+    parts_.rig.command(set_point);
+    parts_.rig.step(kTurn);
+    reading_ = parts_.rig.measure();
+    parts_.core.measured(now, reading_);
+    parts_.loop.enable(parts_.core.state() == control::SafetyState::kEnabled);
+    const follow::Turn& turn = parts_.loop.reading(now, set_point, reading_);
+    if (turn.commands) parts_.core.target(now, turn.pressure);
+    parts_.core.advance(now);
+    if (now + kRounding >= static_cast<double>(pictures_ + 1) * kPicturePeriod) {
+      ++pictures_;
+      takePicture();
+    }
+    deliver();
+  }
+
+  double time() const { return static_cast<double>(steps_) * kTurn; }  // [s]
+  simulation::SimulatedRig& rig() { return parts_.rig; }
+  simulation::SimulatedVision& vision() { return parts_.vision; }
+  follow::VisualServo& loop() { return parts_.loop; }
+  const control::SafetyCore& core() const { return parts_.core; }
+  // Last measured tip, with the time of its picture; nothing before the first.
+  struct MeasuredTip {
+    double stamp;
+    lie::SE3 tip;
+  };
+  const std::optional<MeasuredTip>& measuredTip() const { return measured_; }
+  int picturesAccepted() const { return accepted_; }
+
+ private:
+  struct Waiting {
+    double stamp, due;
+    simulation::MeasuredShape shape;
+  };
+
+  void takePicture() {
+    const double now = time();
+    if (blind_ && blind_->contains(now)) return;
+    const Eigen::VectorXd pressure = parts_.model.arm().clamped(reading_);
+    const model::Shape expected =
+        statics::startingShape(parts_.model, parts_.model.solve(pressure), pressure);
+    if (auto seen = parts_.vision.look(parts_.rig.shape(), expected)) {
+      waiting_.push_back({now, now + latency_, std::move(*seen)});
+    }
+  }
+
+  void deliver() {
+    const double now = time();
+    while (!waiting_.empty() && waiting_.front().due <= now + kRounding) {
+      const Waiting& next = waiting_.front();
+      const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
+                                                   next.shape.covariance, next.shape.tags);
+      if (observation.accepted()) ++accepted_;
+      measured_ = MeasuredTip{next.stamp, next.shape.tip};
+      waiting_.pop_front();
+    }
+  }
+
+  Parts parts_;
+  const double latency_;
+  const std::optional<model::Range> blind_;
+  std::int64_t steps_ = 0, pictures_ = 0;
+  std::deque<Waiting> waiting_;
+  Eigen::VectorXd reading_;
+  std::optional<MeasuredTip> measured_;
+  int accepted_ = 0;
+};
+
 // For a scene without a simulated regulator: one that reaches all limits.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
@@ -113,25 +226,21 @@ void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
                   "; give the scene that this one was calibrated from");
 }
 
-simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
-                                const FollowPlan& plan) {
+Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan) {
   requireVision(scene);
   requireVision(rig);
   requireRigOf(scene, rig);
   auto camera = rig.cameraSetup();
   camera->config.seed = plan.seed;
   const simulation::SimulatedVisionConfig vision{plan.vision, 0.3, plan.seed};
-  simulation::LockstepConfig config;
-  config.step = kTurn;
-  config.latency = plan.latency;
-  config.blind = plan.blind;
-  return simulation::Lockstep(
+  return {
       {scene.model,
        simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
        simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::VisualServo(scene.model, loopConfigOf(scene))},
-      config);
+      plan.latency,
+      plan.blind};
 }
 
 void requireSound(const FollowPlan& plan) {
@@ -228,7 +337,7 @@ class FollowRun {
     FollowRow row;
     row.time = lockstep_.time();
     if (turn.commands) row.wanted = turn.wanted.translation;
-    row.true_tip = lockstep_.trueTip().translation;
+    row.true_tip = model::tipPose(lockstep_.rig().shape()).translation;
     const auto& measured = lockstep_.measuredTip();
     if (measured && measured->stamp > last_stamp_) {
       row.measured = measured->tip.translation;
@@ -244,7 +353,7 @@ class FollowRun {
   }
 
   const FollowPlan& plan_;
-  simulation::Lockstep lockstep_;
+  Lockstep lockstep_;
   follow::VisualServo& loop_ = lockstep_.loop();
   const std::int64_t turns_;
   FollowResult out_;

@@ -12,7 +12,6 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
-#include "helix_arm/io/yaml_text.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::procedures {

@@ -150,15 +150,11 @@ class Occluders {
   void draw(int picture_number, cv::Mat& picture) const {
     const double width = picture.cols, height = picture.rows;
     for (const Bar& bar : bars_) {
-      const double t = picture_number;
-      const cv::Point2d center(width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
-                               height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase)));
-      const double angle = bar.turn_rate * t + bar.turn_phase;
-      const cv::Point2d right(std::cos(angle), std::sin(angle)), down(-right.y, right.x);
-      const cv::Point2d a = bar.half_length * height * right, b = bar.half_width * height * down;
-      const cv::Point2d corners[] = {center - a - b, center + a - b, center + a + b,
-                                     center - a + b};
-      fillPolygon(picture, corners, 4, bar.gray);
+      const double t = picture_number, angle = bar.turn_rate * t + bar.turn_phase;
+      const Place place{{width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
+                         height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase))},
+                        {std::cos(angle), std::sin(angle)}};
+      fillBox(picture, place, 0, 0, bar.half_length * height, bar.half_width * height, bar.gray);
     }
   }
 
@@ -218,23 +214,9 @@ class TagPattern {
     int column, row;  // of the rectangle that contains it
   };
 
-  // Contour integrals along a line; around an area they sum to the area itself [units^2].
-  struct Areas {
-    double white = 0;  // white area
-    double card = 0;   // area on the card
-    double whole = 0;  // total area
-
-    Areas& operator+=(const Areas& other) { return add(1, other); }
-    Areas& operator-=(const Areas& other) { return add(-1, other); }
-
-   private:
-    Areas& add(double sign, const Areas& other) {
-      white += sign * other.white;
-      card += sign * other.card;
-      whole += sign * other.whole;
-      return *this;
-    }
-  };
+  // Contour integrals along a line; around an area they sum to the area itself [units^2]: the white
+  // area, that on the card, and the whole.
+  using Areas = Eigen::Array3d;
 
   // @param bleed  width by which white bleeds into black at each edge, >= 0, less than half the
   //     least cell [units].
@@ -278,8 +260,7 @@ class TagPattern {
   // midpoint of each piece of the line gives its integral.
   Areas along(const Point& a, const Point& b) const {
     const double dx = b.x - a.x, dy = b.y - a.y;
-    Areas areas;
-    areas.whole = 0.5 * (a.x + b.x) * dy;
+    Areas areas(0, 0, 0.5 * (a.x + b.x) * dy);
     const auto crossing = [](const std::vector<double>& lines, double from, double step, int i) {
       if (step > 0) return (lines[i + 1] - from) / step;
       if (step < 0) return (lines[i] - from) / step;
@@ -298,8 +279,8 @@ class TagPattern {
       const Rectangle& here = rectangles_[static_cast<std::size_t>(row) * columns_ + column];
       const double into = a.x + 0.5 * (begin + end) * dx - across_[column];
       const double height = (end - begin) * dy;
-      areas.white += (here.white_before + here.white * into) * height;
-      areas.card += (here.card_before + here.card * into) * height;
+      areas[0] += (here.white_before + here.white * into) * height;
+      areas[1] += (here.card_before + here.card * into) * height;
       if (!(end < 1.0)) return areas;
       begin = end;
       if (sideways) {
@@ -349,9 +330,9 @@ cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
 // Paints the mean of the card over a pixel; if the card covers it only in part, mixes it with the
 // background.
 void paintPixel(const Areas& areas, double light, uchar& pixel) {
-  if (areas.whole == 0) return;
-  const double card = std::clamp(areas.card / areas.whole, 0.0, 1.0);
-  const double white = std::clamp(areas.white / areas.whole, 0.0, card);
+  if (areas[2] == 0) return;
+  const double card = std::clamp(areas[1] / areas[2], 0.0, 1.0);
+  const double white = std::clamp(areas[0] / areas[2], 0.0, card);
   const double gray = light * (kWhite * white + kBlack * (card - white)) + (1 - card) * pixel;
   pixel = static_cast<uchar>(gray + 0.5);
 }
@@ -398,7 +379,7 @@ class TagPainter {
     const double light = kAmbientLight + (1 - kAmbientLight) * facing;
 
     const auto lineBetween = [&pattern](const PlanePoint& a, const PlanePoint& b) {
-      return a.valid && b.valid ? pattern.along(a.point, b.point) : Areas{};
+      return a.valid && b.valid ? pattern.along(a.point, b.point) : Areas(Areas::Zero());
     };
     const std::size_t corners = static_cast<std::size_t>(box.width) + 1;
     for (auto* points : {&above_, &below_}) points->resize(std::max(points->size(), corners));
@@ -414,11 +395,7 @@ class TagPainter {
         for (int i = 0; i < box.width; ++i) {
           const Areas right = lineBetween(above_[i + 1], below_[i + 1]);
           if (above_[i].valid && above_[i + 1].valid && below_[i].valid && below_[i + 1].valid) {
-            Areas areas = lines_above_[i];
-            areas += right;
-            areas -= lines_below_[i];
-            areas -= left;
-            paintPixel(areas, light, row[i]);
+            paintPixel(lines_above_[i] + right - lines_below_[i] - left, light, row[i]);
           }
           left = right;
         }

@@ -3,17 +3,18 @@
 #include <algorithm>
 #include <new>
 #include <stdexcept>
-#include <type_traits>
 
 #include <turbojpeg.h>
 
 namespace helix_arm::vision {
 namespace {
 
-struct Destroy {
-  void operator()(tjhandle handle) const { tjDestroy(handle); }
-};
-using Codec = std::unique_ptr<std::remove_pointer_t<tjhandle>, Destroy>;
+using Codec = std::unique_ptr<void, void (*)(void*)>;
+
+Codec owned(tjhandle codec) {
+  if (codec == nullptr) throw std::bad_alloc();
+  return {codec, [](void* handle) { tjDestroy(handle); }};
+}
 
 // A block of 8 x 8 pixels takes at least one bit with Huffman codes.
 constexpr long kMaxPixelsPerByte = 8 * 64;
@@ -84,16 +85,14 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
 std::optional<std::string> JpegDecoder::decode(const std::uint8_t* data, std::size_t size,
                                                cv::Mat& gray) {
   // One codec per picture: a codec would reuse the previous tables for a picture without tables.
-  const Codec codec(tjInitDecompress());
-  if (!codec) throw std::bad_alloc();
+  const Codec codec = owned(tjInitDecompress());
   std::optional<std::string> fault = decodeWith(codec.get(), data, size, gray);
   if (fault) gray.release();
   return fault;
 }
 
 cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
-  const Codec codec(tjInitDecompress());
-  if (!codec) throw std::bad_alloc();
+  const Codec codec = owned(tjInitDecompress());
   int width = 0, height = 0, subsampling = 0, colours = 0;
   if (size == 0 ||
       tjDecompressHeader3(codec.get(), data, size, &width, &height, &subsampling, &colours) != 0) {
@@ -102,23 +101,12 @@ cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
   return {width, height};
 }
 
-struct JpegEncoder::Handle {
-  Handle() : codec(tjInitCompress()) {
-    if (!codec) throw std::bad_alloc();
-  }
-  Codec codec;
-  std::vector<std::uint8_t> buffer;  // for the worst case
-};
-
-JpegEncoder::JpegEncoder(int quality) : handle_(std::make_unique<Handle>()), quality_(quality) {
+JpegEncoder::JpegEncoder(int quality) : codec_(owned(tjInitCompress())), quality_(quality) {
   if (quality < 1 || quality > 100) {
     throw std::invalid_argument("JPEG quality is " + std::to_string(quality) +
                                 "; expected 1 to 100");
   }
 }
-JpegEncoder::~JpegEncoder() = default;
-JpegEncoder::JpegEncoder(JpegEncoder&&) noexcept = default;
-JpegEncoder& JpegEncoder::operator=(JpegEncoder&&) noexcept = default;
 
 std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
   if (gray.empty() || gray.type() != CV_8UC1) {
@@ -127,7 +115,7 @@ std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
         (gray.empty() ? "empty" : "of type " + cv::typeToString(gray.type())) +
         "; expected gray of 8 bits, CV_8UC1");
   }
-  const tjhandle codec = handle_->codec.get();
+  const tjhandle codec = codec_.get();
   const auto refuse = [&]() {
     throw std::runtime_error("a picture of " + std::to_string(gray.cols) + " x " +
                              std::to_string(gray.rows) +
@@ -135,8 +123,8 @@ std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
   };
   const unsigned long worst = tjBufSize(gray.cols, gray.rows, TJSAMP_GRAY);
   if (worst == static_cast<unsigned long>(-1)) refuse();
-  if (handle_->buffer.size() < worst) handle_->buffer.resize(worst);
-  unsigned char* const begin = handle_->buffer.data();
+  if (buffer_.size() < worst) buffer_.resize(worst);
+  unsigned char* const begin = buffer_.data();
   unsigned char* place = begin;
   unsigned long size = worst;
   if (tjCompress2(codec, gray.data, gray.cols, static_cast<int>(gray.step[0]), gray.rows, TJPF_GRAY,

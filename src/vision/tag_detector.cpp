@@ -130,83 +130,27 @@ void DetectorConfig::validate() const {
           " tags of ", family, "; expected at most ", kMaxTableBytes / 1e9, " GB: lower it");
 }
 
-struct TagDetector::Handle {
-  explicit Handle(const DetectorConfig& c)
-      : config(c), family((c.validate(), c.family)), detector(apriltag_detector_create()) {
-    apriltag_detector_add_family_bits(detector, family.get(), config.max_hamming);
-    detector->quad_decimate = static_cast<float>(config.quad_decimate);
-    detector->quad_sigma = static_cast<float>(config.quad_sigma);
-    detector->nthreads = config.threads;
-    // At full size, libapriltag's refinement makes quads worse and fewer tags are decoded. With a
-    // reduced picture, more are decoded.
-    detector->refine_edges = config.refine_edges && config.quad_decimate > 1;
-  }
-  ~Handle() { apriltag_detector_destroy(detector); }
-  Handle(const Handle&) = delete;
-  Handle& operator=(const Handle&) = delete;
-
-  // Smallest side of a picture before decimation: libapriltag reads beyond the memory of pictures
-  // smaller than a tile or, if it blurs, the kernel.
-  int leastSide() const {
-    return static_cast<int>(std::ceil(config.quad_decimate)) *
-           std::max(kTile, kernelSize(config.quad_sigma));
-  }
-
-  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region) {
-    std::vector<TagDetection> tags;
-    cv::Mat searched = gray(region);
-    const int right = std::max(0, leastSide() - region.width);
-    const int below = std::max(0, leastSide() - region.height);
-    if (right > 0 || below > 0) {
-      cv::copyMakeBorder(searched, copy, 0, below, 0, right,
-                         cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-      searched = copy;
-    } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
-      searched.copyTo(copy);  // libapriltag would blur the caller's picture
-      searched = copy;
-    }
-    image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]),
-                     searched.data};
-    const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
-        apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
-    tags.reserve(zarray_size(found.get()));
-    for (int i = 0; i < zarray_size(found.get()); ++i) {
-      const apriltag_detection_t* tag = nullptr;
-      zarray_get(found.get(), i, &tag);
-      TagDetection& out = tags.emplace_back();
-      out.id = tag->id;
-      out.hamming = tag->hamming;
-      out.margin = tag->decision_margin;
-      for (int k = 0; k < 4; ++k) {
-        // libapriltag has pixel centres at .5.
-        out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
-      }
-      if (config.refine_edges) {
-        out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
-      }
-    }
-    const auto key = [](const TagDetection& tag) {
-      return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
-    };
-    std::sort(tags.begin(), tags.end(),
-              [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
-    return tags;
-  }
-
-  DetectorConfig config;
-  TagFamily family;
-  apriltag_detector_t* detector;
-  cv::Mat copy;
-};
-
 TagDetector::TagDetector(const DetectorConfig& config)
-    : handle_(std::make_unique<Handle>(config)) {}
-TagDetector::~TagDetector() = default;
-TagDetector::TagDetector(TagDetector&&) noexcept = default;
-TagDetector& TagDetector::operator=(TagDetector&&) noexcept = default;
+    : config_((config.validate(), config)),
+      family_(config.family),
+      detector_(apriltag_detector_create(), [family = family_](apriltag_detector_t* detector) {
+        apriltag_detector_destroy(detector);
+      }) {
+  apriltag_detector_add_family_bits(detector_.get(), family_.get(), config.max_hamming);
+  detector_->quad_decimate = static_cast<float>(config.quad_decimate);
+  detector_->quad_sigma = static_cast<float>(config.quad_sigma);
+  detector_->nthreads = config.threads;
+  // At full size, libapriltag's refinement makes quads worse and fewer tags are decoded. With a
+  // reduced picture, more are decoded.
+  detector_->refine_edges = config.refine_edges && config.quad_decimate > 1;
+}
 
-const DetectorConfig& TagDetector::config() const { return handle_->config; }
-const TagFamily& TagDetector::family() const { return handle_->family; }
+// Smallest side of a picture before decimation: libapriltag reads beyond the memory of pictures
+// smaller than a tile or, if it blurs, the kernel.
+int TagDetector::leastSide() const {
+  return static_cast<int>(std::ceil(config_.quad_decimate)) *
+         std::max(kTile, kernelSize(config_.quad_sigma));
+}
 
 std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray) {
   return detect(gray, cv::Rect({0, 0}, gray.size()));
@@ -220,12 +164,48 @@ std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rec
   require(std::max(gray.cols, gray.rows) <= Camera::kMaxSide, "the picture has ", gray.cols, " x ",
           gray.rows, " px; expected at most ", Camera::kMaxSide, " px per side");
   // If the region starts on the grid of the whole picture, the same quads are found.
-  const int grid = static_cast<int>(std::lround(kTile * config().quad_decimate));
+  const int grid = static_cast<int>(std::lround(kTile * config_.quad_decimate));
   cv::Rect inside = region & cv::Rect({0, 0}, gray.size());
   if (inside.empty()) return {};
   inside += cv::Size(inside.x % grid, inside.y % grid);
   inside -= cv::Point(inside.x % grid, inside.y % grid);
-  return handle_->detect(gray, inside);
+  std::vector<TagDetection> tags;
+  cv::Mat searched = gray(inside);
+  const int right = std::max(0, leastSide() - inside.width);
+  const int below = std::max(0, leastSide() - inside.height);
+  if (right > 0 || below > 0) {
+    cv::copyMakeBorder(searched, copy_, 0, below, 0, right,
+                       cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+    searched = copy_;
+  } else if (config_.quad_decimate == 1 && config_.quad_sigma != 0) {
+    searched.copyTo(copy_);  // libapriltag would blur the caller's picture
+    searched = copy_;
+  }
+  image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]), searched.data};
+  const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
+      apriltag_detector_detect(detector_.get(), &image), apriltag_detections_destroy);
+  tags.reserve(zarray_size(found.get()));
+  for (int i = 0; i < zarray_size(found.get()); ++i) {
+    const apriltag_detection_t* tag = nullptr;
+    zarray_get(found.get(), i, &tag);
+    TagDetection& out = tags.emplace_back();
+    out.id = tag->id;
+    out.hamming = tag->hamming;
+    out.margin = tag->decision_margin;
+    for (int k = 0; k < 4; ++k) {
+      // libapriltag has pixel centres at .5.
+      out.corners.col(k) << tag->p[k][0] - 0.5 + inside.x, tag->p[k][1] - 0.5 + inside.y;
+    }
+    if (config_.refine_edges) {
+      out.corners = refineCorners(gray, family_, 1 + config_.quad_decimate, out.corners);
+    }
+  }
+  const auto key = [](const TagDetection& tag) {
+    return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
+  };
+  std::sort(tags.begin(), tags.end(),
+            [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
+  return tags;
 }
 
 }  // namespace helix_arm::vision

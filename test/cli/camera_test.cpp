@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "support/board_studio.hpp"
 #include "support/temporary_file.hpp"

@@ -292,8 +292,7 @@ LAWS = {
             "return self._from + self._time / self._ramp * (to - self._from)",
             "return self._from + self._time / (self._ramp + self._hold) * (to - self._from)"),
         Law("Python: a negative number of threads is refused", "python_bad_input_test",
-            "basics::require(threads >= 0 && threads <= kMostThreads,",
-            "basics::require(threads >= -1 && threads <= kMostThreads,"),
+            "integer(given, \"threads\", 0, MOST_THREADS,", "integer(given, \"threads\", -1, MOST_THREADS,"),
     ],
     "firmware": [
         Law("board: the highest set point is accepted, a higher one is not", GTEST + "firmware_line_test",

@@ -13,6 +13,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/frame_source.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"

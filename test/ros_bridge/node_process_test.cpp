@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"

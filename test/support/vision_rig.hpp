@@ -14,6 +14,7 @@
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/simulation/camera.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 #include "support/ros_rig.hpp"

@@ -13,6 +13,9 @@ std::optional<double> parseNumber(const std::string& text);
 /// The shortest decimal that reads back as the same number.
 std::string formatNumber(double value);
 
+/// A text as a YAML scalar of one line, quoted where YAML would read it otherwise.
+std::string yamlText(const std::string& text);
+
 /// Numbers as a list for messages: "1, 2, 5"; of more than 20, the first 20 and the number of the
 /// others.
 std::string listOf(const std::vector<int>& numbers);

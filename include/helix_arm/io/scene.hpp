@@ -17,11 +17,13 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/response.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/simulation/camera.hpp"
-#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/simulation/config.hpp"
 #include "helix_arm/statics/arm_model.hpp"
-#include "helix_arm/vision/arm_localizer.hpp"
-#include "helix_arm/vision/frame_source.hpp"
+#include "helix_arm/vision/config.hpp"
+
+namespace helix_arm::simulation {
+struct CameraSetup;
+}
 
 namespace helix_arm::io {
 

@@ -8,6 +8,7 @@
 
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "helix_arm/simulation/config.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
@@ -32,27 +33,6 @@ CardPrint tagPrint(const vision::TagFamily& family, int id, double size);
 /// A board with a white edge; the unit is a square.
 /// @param board  valid.
 CardPrint charucoPrint(const vision::CharucoBoard& board);
-
-/// Imperfections of a simulated camera.
-struct SimulatedCameraConfig {
-  double blur = 0.7;      ///< standard deviation of the lens and sensor, >= 0 [px]
-  double noise = 2.0;     ///< standard deviation, >= 0 [gray levels]
-  double exposure = 1.0;  ///< factor on every gray level before it saturates, > 0
-  double bleed = 0.0;     ///< width by which white bleeds into black at each edge [m]
-  int jpeg_quality = 90;  ///< 1 to 100
-  /// Number of objects in the background, some with edges like those of tags, >= 0.
-  int clutter = 0;
-  int occluders = 0;  ///< number of bars that move through the picture in front of the arm, >= 0
-  std::uint32_t seed = 1;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
-/// Thickness of the drawn arm.
-struct ArmBody {
-  std::vector<double> radius;  ///< of each section [m]; if empty, 0.03 m everywhere
-};
 
 /// Renders the tags and the body of an arm as a webcam sees them: with lens distortion, blur,
 /// noise, exposure, clutter and occluders.

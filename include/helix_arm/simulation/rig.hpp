@@ -16,19 +16,6 @@
 
 namespace helix_arm::simulation {
 
-/// Placement errors of camera and tags of the true rig against its scene: standard deviations of
-/// normal noise, equal for all axes.
-struct MountDeviation {
-  double camera_translation = 0.0;  ///< >= 0 [m]
-  double camera_rotation = 0.0;     ///< >= 0 [rad]
-  double tag_translation = 0.0;     ///< along the arm and across it, >= 0 [m]
-  double tag_rotation = 0.0;        ///< >= 0 [rad]
-  std::uint32_t seed = 1;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
 /// The true placements of the tags: each is moved by its own noise, as estimation::movedBy() does,
 /// except the tag nearest to the base, which defines the base's position.
 ///
@@ -43,22 +30,6 @@ estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::
 /// @throws std::invalid_argument naming the value and its rule.
 estimation::ArmView deviate(const estimation::ArmView& view, const model::Arm& arm,
                             const MountDeviation& deviation);
-
-/// Difference between the true arm and the arm of its scene.
-struct ArmDeviation {
-  double K_gamma_scale = 1.0;  ///< > 0
-  double K_kappa_scale = 1.0;  ///< > 0
-  double length_scale = 1.0;   ///< factor on the free lengths, > 0
-  double K_eps_scale = 1.0;    ///< > 0; no effect on an arm that nothing loads
-  /// (n) further factors on the free length of each actuator, > 0; empty: 1 each.
-  Eigen::VectorXd length_scales = {};
-  /// How the true actuators follow their pressures; absent: as the scene's. A TrueArm has no memory
-  /// and ignores it, a SimulatedRig does not.
-  std::optional<model::Response> response = std::nullopt;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
 
 /// An arm that deviates from its scene, under the scene's load and a force at its tip. If it is
 /// loaded, its shape is computed by the exact tier, whatever tier the scene asks for.

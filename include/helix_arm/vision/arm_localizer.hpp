@@ -22,20 +22,6 @@ enum class ObservationState {
 /// "measured", "no_tags", "too_few_tags" or "no_fit".
 const char* nameOf(ObservationState state);
 
-struct LocalizerConfig {
-  DetectorConfig detector;
-  TrackingMode tracking = TrackingMode::kEdges;
-  estimation::TwistFitOptions fit;
-  /// If set, base and bleed, as far as they are fitted, are learnt over the pictures
-  /// (estimation::RigMemory); else they are fitted anew in each. The covariance of what errors of
-  /// the placements make of them, see estimation::rigByPlacements().
-  std::optional<estimation::RigEstimate::Matrix> rig_by_placements = {};
-  int min_tags = 2;  ///< fewest visible tags of the arm for a measurement, >= 2
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
 /// The tags of one picture and the shape fitted to them.
 struct Observation {
   ObservationState state = ObservationState::kNoTags;

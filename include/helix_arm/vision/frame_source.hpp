@@ -9,22 +9,9 @@
 
 #include <opencv2/core.hpp>
 
+#include "helix_arm/vision/config.hpp"
+
 namespace helix_arm::vision {
-
-/// A webcam, by V4L2.
-struct WebcamConfig {
-  std::string device = "/dev/video0";
-  int width = 1280, height = 720;  ///< [px]
-  std::string fourcc = "MJPG";     ///< MJPG, YUYV, UYVY or GREY
-  double fps = 30.0;               ///< > 0 [Hz]
-  /// Fixed focus, so that the focal length stays as calibrated; in the driver's units, >= 0.
-  int focus = 0;
-  int exposure = 157;            ///< fixed; in the driver's units (often 100 us), >= 0
-  double reconnect_after = 1.0;  ///< time between attempts to reopen, >= 0 [s]
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
 
 /// Result of a request for the next frame.
 enum class FrameStatus {

@@ -40,9 +40,6 @@ class JpegEncoder {
   /// @param quality  1 to 100.
   /// @throws std::invalid_argument on any other quality.
   explicit JpegEncoder(int quality);
-  ~JpegEncoder();
-  JpegEncoder(JpegEncoder&&) noexcept;
-  JpegEncoder& operator=(JpegEncoder&&) noexcept;
 
   /// @param gray  (CV_8UC1), not empty.
   /// @throws std::invalid_argument on any other picture, std::runtime_error on one that is too
@@ -50,8 +47,8 @@ class JpegEncoder {
   std::vector<std::uint8_t> encode(const cv::Mat& gray);
 
  private:
-  struct Handle;
-  std::unique_ptr<Handle> handle_;
+  std::unique_ptr<void, void (*)(void*)> codec_;
+  std::vector<std::uint8_t> buffer_;  // for the worst case
   int quality_;
 };
 

@@ -7,7 +7,9 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/vision/config.hpp"
 
+struct apriltag_detector;
 struct apriltag_family;
 
 namespace helix_arm::vision {
@@ -47,31 +49,6 @@ class TagFamily {
   std::shared_ptr<apriltag_family> family_;
 };
 
-struct DetectorConfig {
-  std::string family = "36h11";
-  /// Factor by which the picture is shrunk for the quad search: 1, 1.5 or a whole number up to 32.
-  double quad_decimate = 2.0;
-  double quad_sigma = 0.0;   ///< blur before the quad search (below 0: sharpen), -10 to 10 [px]
-  int threads = 1;           ///< 1 to 64
-  bool refine_edges = true;  ///< refine the corners at the edges of the full picture
-  /// Maximum number of wrong bits: 0 to 3, fewer than half of the family's distance, and no more
-  /// than 2 GB of memory allow.
-  int max_hamming = 2;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
-/// How a picture is searched when the approximate positions of the tags are known. Each mode
-/// falls back to those above it, within the same picture.
-enum class TrackingMode {
-  kFull,     ///< the whole picture, always
-  kRegions,  ///< a region around each expected tag, wider by half its size
-  /// The edges and bits of each expected tag. It may be off by a quarter of its shorter side and at
-  /// most 12 px. Families with bits outside their border are searched by regions instead.
-  kEdges,
-};
-
 /// One tag found in a picture.
 struct TagDetection {
   int id;
@@ -85,12 +62,11 @@ class TagDetector {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
   explicit TagDetector(const DetectorConfig& config);
-  ~TagDetector();
-  TagDetector(TagDetector&&) noexcept;
-  TagDetector& operator=(TagDetector&&) noexcept;
+  TagDetector(TagDetector&&) noexcept = default;
+  TagDetector& operator=(TagDetector&&) noexcept = default;
 
-  const DetectorConfig& config() const;
-  const TagFamily& family() const;
+  const DetectorConfig& config() const { return config_; }
+  const TagFamily& family() const { return family_; }
 
   /// @param gray  (CV_8UC1), at most estimation::Camera::kMaxSide wide and high; an empty picture
   /// has no tags.
@@ -102,8 +78,12 @@ class TagDetector {
   std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
 
  private:
-  struct Handle;
-  std::unique_ptr<Handle> handle_;
+  int leastSide() const;
+
+  DetectorConfig config_;
+  TagFamily family_;
+  std::shared_ptr<apriltag_detector> detector_;  // keeps the family that it writes to
+  cv::Mat copy_;
 };
 
 }  // namespace helix_arm::vision

@@ -11,7 +11,6 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/io/yaml_text.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {

@@ -1,5 +1,3 @@
-#include "arm_reader.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -12,6 +10,7 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
+#include "scene_readers.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -1,17 +1,114 @@
 #pragma once
 
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
-#include "arm_reader.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/statics/load.hpp"
+#include "helix_arm/statics/tier.hpp"
+#include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
 
-/// Readers of the keys of a scene beside its arm. A key that the scene omits gives nothing, or the
-/// defaults. The arm is null, and the regulator absent, if faults leave none: references to them
-/// are then not checked.
 namespace helix_arm::io {
+
+/// Of a contraction.
+inline constexpr char kResponseKey[] = "response";
+
+/// Reads a `response`: how an actuator follows its pressure. None without the key, or if it is an
+/// empty map. Values with faults are reported and read as none.
+model::Response readResponse(const MapReader& owner, const std::string& key);
+
+/// A curve that actuators refer to by name.
+struct NamedContraction {
+  model::Contraction curve;
+  model::Drive drive;
+  model::Response response{};  ///< between the pressure and the curve
+};
+
+/// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,
+/// not at every use.
+using Contractions = std::map<std::string, std::optional<NamedContraction>>;
+
+/// Reads `contractions`.
+Contractions readContractions(const MapReader& scene);
+
+/// A stiffness that actuators inherit: none given, given but invalid (reported once), or a value.
+struct InheritedStiffness {
+  bool given = false;
+  std::optional<model::Stiffness> value;
+  bool K_eps_given = false;     ///< possibly invalid, which is reported
+  std::optional<double> K_eps;  ///< [N]; of a table, the least
+  statics::StiffnessTable table;
+};
+
+/// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
+InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited);
+
+/// State shared by all sections of an arm.
+struct ArmContext {
+  bool planar = false;
+  InheritedStiffness stiffness;
+  const Contractions& contractions;
+  std::set<std::string> section_names = {};
+  std::set<std::string> actuator_names = {};
+  int actuator_count = 0;  ///< numbers the default names, muscle_1 from the base on
+};
+
+struct SectionParts {
+  model::Section section;
+  SectionLook look;
+  InheritedStiffness stiffness;
+};
+
+/// Reads one entry of `arm.sections`. If it has faults, its parts are incomplete. The actuators of
+/// a planar arm have poses in the x-y plane.
+SectionParts readSection(const Value& value, const std::string& path, FaultList& faults,
+                         ArmContext& arm);
+
+/// Content of `arm`.
+struct ArmParts {
+  lie::SE3 X_WB;
+  model::Arm arm;
+  std::optional<model::PlanarArm> planar;
+  std::vector<SectionLook> looks;
+  std::vector<double> K_eps;                    ///< per section [N]; empty if one has none
+  std::vector<statics::StiffnessTable> tables;  ///< per section; empty if all are constant
+};
+
+/// Names of the sections, from the base on.
+std::vector<std::string> sectionNames(const ArmParts& arm);
+
+/// How scenes are recognised.
+const DocumentKind& sceneKind();
+
+/// The text of a scene file. @throws DocumentError if it cannot be read.
+std::string readSceneText(const std::string& path, FaultList& faults);
+
+/// The tree of a scene's text; nothing, and a fault that does not repeat its content, if it is not
+/// a scene.
+std::optional<Value> parseScene(const std::string& text, FaultList& faults);
+
+/// The same with overrides; overrides that do not apply are faults.
+/// @throws DocumentError if the text is not YAML or not a scene.
+Value parseScene(const std::string& text, const std::vector<Override>& overrides,
+                 FaultList& faults);
+
+/// The arm of a scene.
+struct SceneArmParts {
+  std::optional<std::string> name;
+  Contractions contractions;
+  std::optional<ArmParts> arm;
+  std::optional<statics::ArmModel> model;
+};
+
+/// Reads the keys that loadArm() names. Each part is absent if faults concern it.
+SceneArmParts readSceneArm(const MapReader& scene);
+
+// Readers of the other keys. A key that the scene omits gives nothing, or the defaults. The arm is
+// null, and the regulator absent, if faults leave none: references to them are then not checked.
 
 /// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, y left,
 /// z up).

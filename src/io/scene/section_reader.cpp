@@ -6,9 +6,9 @@
 #include <stdexcept>
 #include <string>
 
-#include "arm_reader.hpp"
 #include "helix_arm/io/number.hpp"
 #include "io/document/map_reader.hpp"
+#include "scene_readers.hpp"
 
 namespace helix_arm::io {
 namespace {

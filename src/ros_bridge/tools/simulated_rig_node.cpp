@@ -6,6 +6,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"

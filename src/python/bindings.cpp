@@ -1,0 +1,366 @@
+#include "bindings.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <sstream>
+#include <utility>
+
+#include <pybind11/stl.h>
+
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/shipped_files.hpp"
+#include "helix_arm/lie/so3.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
+
+constexpr std::size_t kMostKept = 64;
+
+// Of the options that callers can choose.
+bool same(const statics::InverseOptions& a, const statics::InverseOptions& b) {
+  return a.preference == b.preference && a.cocontraction == b.cocontraction &&
+         a.position_tolerance == b.position_tolerance;
+}
+
+// Rows of a batch that are judged for kPa, spread evenly: all would take as long as their tips.
+constexpr py::ssize_t kJudgedRows = 64;
+
+}  // namespace
+
+py::array argumentArray(const py::handle& given, const char* name) {
+  if (py::isinstance<py::array>(given)) {
+    auto array = py::reinterpret_borrow<py::array>(given);
+    const py::dtype wanted = py::dtype::of<double>();
+    if (!array.dtype().is(wanted) && !array.dtype().equal(wanted)) {
+      throw py::type_error(std::string(name) + " has dtype " + std::string(py::str(array.dtype())) +
+                           "; expected float64, as of " + name + ".astype(float)");
+    }
+    const bool aligned = (array.flags() & py::detail::npy_api::NPY_ARRAY_ALIGNED_) != 0;
+    if (!aligned) return py::array_t<double, py::array::c_style | py::array::forcecast>(array);
+    return array;
+  }
+  if (py::isinstance<py::list>(given) || py::isinstance<py::tuple>(given)) {
+    // Of text, numpy would parse numbers.
+    const py::array any = py::array::ensure(given);
+    if (any && (any.dtype().kind() == 'f' || any.dtype().kind() == 'i' || any.size() == 0)) {
+      return py::array_t<double, py::array::c_style | py::array::forcecast>(any);
+    }
+    PyErr_Clear();
+    throw py::type_error(
+        std::string(name) +
+        " is a list that is no table of numbers; expected equally long rows of floats");
+  }
+  throw py::type_error(std::string(name) + " is of type " +
+                       std::string(py::str(py::type::of(given).attr("__name__"))) +
+                       "; expected a numpy array of float64");
+}
+
+Rows::Rows(const py::handle& given, const char* name, py::ssize_t columns)
+    : name_(name), array_(argumentArray(given, name)), columns_(columns) {
+  const py::ssize_t dimensions = array_.ndim();
+  if (dimensions < 1 || dimensions > 2 || array_.shape(dimensions - 1) != columns) {
+    throw py::value_error(name_ + " has shape " + std::string(py::str(array_.attr("shape"))) +
+                          "; expected (" + std::to_string(columns) + ",) or (N, " +
+                          std::to_string(columns) + ")");
+  }
+  single_ = dimensions == 1;
+  data_ = static_cast<const char*>(array_.data());
+  rows_ = single_ ? 1 : array_.shape(0);
+  row_stride_ = single_ ? 0 : array_.strides(0);
+  column_stride_ = array_.strides(dimensions - 1);
+}
+
+Eigen::VectorXd Rows::row(py::ssize_t row) const {
+  Eigen::VectorXd out(columns_);
+  for (py::ssize_t j = 0; j < columns_; ++j) out[j] = (*this)(row, j);
+  return out;
+}
+
+std::vector<py::ssize_t> Rows::shapeOf(const std::vector<py::ssize_t>& entry) const {
+  py::ssize_t most = kMostBytes / static_cast<py::ssize_t>(sizeof(double));
+  for (const py::ssize_t size : entry) most /= size;
+  if (rows_ > most) {
+    throw TooManyRows(name_ + " has " + std::to_string(rows_) +
+                      " rows, whose results take more than the 128 TiB that a process can address; "
+                      "expected at most " +
+                      std::to_string(most) + ", and no more than the memory holds");
+  }
+  std::vector<py::ssize_t> shape;
+  if (!single_) shape.push_back(rows_);
+  shape.insert(shape.end(), entry.begin(), entry.end());
+  return shape;
+}
+
+void Rows::refuseChange() const {
+  throw py::value_error(
+      name_ +
+      " changed during the call; expected an array that no thread writes until the call returns");
+}
+
+void Rows::requireFinite() const {
+  for (py::ssize_t i = 0; i < rows_; ++i) {
+    for (py::ssize_t j = 0; j < columns_; ++j) {
+      const double number = (*this)(i, j);
+      if (std::isfinite(number)) continue;
+      std::ostringstream message;
+      message << name_ << " holds " << number << " in row " << i << ", column " << j
+              << "; expected finite numbers";
+      throw py::value_error(message.str());
+    }
+  }
+}
+
+void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion) {
+  constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+  Eigen::Vector3d::Map(position) = found ? pose.translation : Eigen::Vector3d::Constant(kNoNumber);
+  Eigen::Vector4d::Map(quaternion) =
+      found ? lie::quaternionXyzw(pose.rotation) : Eigen::Vector4d::Constant(kNoNumber);
+}
+
+Solvers::Solvers(const statics::ArmModel& model) : model_(model) {
+  kept_.reserve(kMostKept);  // giving back does not allocate
+}
+
+Solvers::Loan Solvers::take(const statics::InverseOptions& options) {
+  const auto give_back = [this, options](statics::InverseSolver* solver) {
+    giveBack(options, std::unique_ptr<statics::InverseSolver>(solver));
+  };
+  {
+    const basics::MutexLock lock(mutex_);
+    const auto found = std::find_if(kept_.rbegin(), kept_.rend(), [&options](const Kept& one) {
+      return same(one.options, options);
+    });
+    if (found != kept_.rend()) {
+      Loan loan(nullptr, give_back);
+      loan.reset(found->solver.release());
+      kept_.erase(std::prev(found.base()));
+      return loan;
+    }
+  }
+  Loan loan(nullptr, give_back);
+  loan.reset(new statics::InverseSolver(model_, options));
+  ++made_;
+  return loan;
+}
+
+void Solvers::giveBack(const statics::InverseOptions& options,
+                       std::unique_ptr<statics::InverseSolver> solver) noexcept {
+  std::unique_ptr<statics::InverseSolver> oldest;  // ends without the lock
+  const basics::MutexLock lock(mutex_);
+  if (kept_.size() == kMostKept) {
+    oldest = std::move(kept_.front().solver);
+    kept_.erase(kept_.begin());
+  }
+  kept_.push_back({options, std::move(solver)});
+}
+
+Scene::Scene(const std::string& path, const std::vector<io::Override>& overrides)
+    : path_(path),
+      overrides_(overrides),
+      scene_(io::loadScene(path, overrides_)),
+      solvers_(scene_.model) {
+  for (int i = 0; i < arm().actuatorCount(); ++i) {
+    if (model::unitOf(arm().actuator(i).drive).pressure) pressures_.push_back(i);
+  }
+}
+
+Rows Scene::inputs(const py::handle& given, const char* name) const {
+  Rows inputs(given, name, arm().actuatorCount());
+  warnOfKilopascals(inputs);
+  return inputs;
+}
+
+void Scene::warnOfKilopascals(const Rows& inputs) const {
+  const py::ssize_t judged = std::min(inputs.rows(), kJudgedRows);
+  const py::ssize_t step = judged > 1 ? (inputs.rows() - 1) / (judged - 1) : 1;
+  bool any = false;
+  for (py::ssize_t k = 0; k < judged; ++k) {
+    for (const int i : pressures_) {
+      const double pressure = inputs(k * step, i);
+      // Rows of pascals are told by the first of them.
+      if (!(pressure >= 0 && pressure < control::UnitWatch::kSuspicious)) return;
+      any = any || pressure > 0;
+    }
+  }
+  if (!any) return;
+  // No value of the rows: Python shows a text once per place of the call.
+  const std::string message =
+      inputs.name() + " looks like kPa, as no pressure reaches " +
+      std::to_string(static_cast<int>(control::UnitWatch::kSuspicious)) + " Pa in up to " +
+      std::to_string(kJudgedRows) +
+      " rows, evenly spread; expected gauge pressures in Pa, so 200 kPa are 200e3";
+  if (PyErr_WarnEx(PyExc_UserWarning, message.c_str(), 2) != 0) throw py::error_already_set();
+}
+
+void Scene::requireWithinLimits(const Rows& inputs) const {
+  const model::Arm& arm = this->arm();
+  for (py::ssize_t i = 0; i < inputs.columns(); ++i) {
+    const model::Actuator& actuator = arm.actuator(static_cast<int>(i));
+    const model::Range limits = actuator.limits;
+    for (py::ssize_t row = 0; row < inputs.rows(); ++row) {
+      const double input = inputs(row, i);  // once, as others may write it
+      if (limits.contains(input)) continue;
+      const model::DriveUnit unit = model::unitOf(actuator.drive);
+      std::ostringstream message;
+      message.precision(12);
+      message << inputs.name() << " asks " << actuator.name << " for " << input << " " << unit.si;
+      if (!inputs.single()) message << " in row " << row;
+      message << "; its limits are " << limits.lower << " to " << limits.upper << " " << unit.si
+              << (unit.pressure ? " (gauge)" : "");
+      throw std::invalid_argument(message.str());
+    }
+  }
+}
+
+void Scene::copyRow(const Rows& inputs, py::ssize_t row, Eigen::VectorXd* q) const {
+  q->resize(inputs.columns());
+  for (py::ssize_t i = 0; i < inputs.columns(); ++i) {
+    (*q)[i] = inputs(row, i);
+    if (!arm().actuator(static_cast<int>(i)).limits.contains((*q)[i])) inputs.refuseChange();
+  }
+}
+
+namespace {
+
+using Pairs = std::vector<std::pair<std::string, std::string>>;
+
+std::vector<std::string> actuatorNames(const Scene& scene) {
+  std::vector<std::string> names;
+  for (int i = 0; i < scene.arm().actuatorCount(); ++i)
+    names.push_back(scene.arm().actuator(i).name);
+  return names;
+}
+
+py::array_t<double> limitsOf(const Scene& scene) {
+  py::array_t<double> out({scene.arm().actuatorCount(), 2});
+  for (int i = 0; i < scene.arm().actuatorCount(); ++i) {
+    out.mutable_at(i, 0) = scene.arm().actuator(i).limits.lower;
+    out.mutable_at(i, 1) = scene.arm().actuator(i).limits.upper;
+  }
+  return out;
+}
+
+// At the first use of an object that no __init__() made, pybind11 asks for memory, which it would
+// take for the value.
+void refuseUnmade(py::module_& module) {
+  for (const auto& [name, bound] : py::dict(module.attr("__dict__"))) {
+    if (!PyType_Check(bound.ptr())) continue;
+    auto* const type = py::detail::get_type_info(reinterpret_cast<PyTypeObject*>(bound.ptr()));
+    if (type == nullptr) continue;
+    type->operator_new = [](std::size_t) -> void* {
+      throw py::type_error(
+          "the object is of __new__() alone, without __init__(); expected one of Scene.load(), or "
+          "of a method of such a scene");
+    };
+  }
+}
+
+void translateExceptions(py::module_& module) {
+  // Never freed: the interpreter may be gone by then.
+  static auto& document_error =
+      *new py::exception<io::DocumentError>(module, "DocumentError", PyExc_ValueError);
+  document_error.attr("__doc__") =
+      "A file that breaks its rules, or cannot be read; one fault per line: file:line key value "
+      "rule.";
+  py::register_exception_translator([](std::exception_ptr exception) {
+    try {
+      if (exception) std::rethrow_exception(exception);
+    } catch (const io::DocumentError& error) {
+      document_error(error.what());
+    } catch (const TooManyRows& error) {
+      PyErr_SetString(PyExc_MemoryError, error.what());
+    } catch (const std::bad_alloc&) {
+      PyErr_SetString(
+          PyExc_MemoryError,
+          "the rows and their results need more memory than there is; pass fewer rows at a time");
+    } catch (const std::out_of_range& error) {
+      PyErr_SetString(PyExc_ValueError, error.what());
+    }
+  });
+}
+
+void bindScene(py::class_<Scene>& scene) {
+  scene
+      .def(py::init([](const std::string& path, const Pairs& overrides) {
+             std::vector<io::Override> values;
+             for (const auto& [key, value] : overrides) values.push_back({key, value});
+             const OthersRun others_run;
+             return std::make_unique<Scene>(path, values);
+           }),
+           py::arg("path"), py::arg("overrides"))
+      .def_property_readonly("path", &Scene::path, "File of the scene.")
+      .def_property_readonly("_overrides",
+                             [](const Scene& self) {
+                               Pairs out;
+                               for (const io::Override& one : self.overrides()) {
+                                 out.emplace_back(one.key, one.value);
+                               }
+                               return out;
+                             })
+      .def_property_readonly("_picture_shape",
+                             [](const Scene& self) -> std::optional<std::pair<int, int>> {
+                               const auto& camera = self.scene().camera;
+                               if (!camera || !self.scene().tags) return std::nullopt;
+                               return std::pair(camera->model.height, camera->model.width);
+                             })
+      .def_property_readonly("_solvers_made",
+                             [](const Scene& self) { return self.solvers().made(); })
+      .def_property_readonly(
+          "name", [](const Scene& self) { return self.scene().name; }, "Name of the scene.")
+      .def_property_readonly("actuators", actuatorNames,
+                             "Names of the n actuators, in the order of all rows of pressures.")
+      .def_property_readonly(
+          "sections", [](const Scene& self) { return self.arm().sectionCount(); },
+          "Number of sections.")
+      .def_property_readonly(
+          "limits_pa", limitsOf,
+          "(n, 2) lower and upper limit of each pressure [Pa]; of a tendon its angle [rad].")
+      .def_property_readonly(
+          "length_m", [](const Scene& self) { return self.arm().restLength(); },
+          "Length of the base curve at rest [m].")
+      .def_property_readonly(
+          "tier", [](const Scene& self) { return self.model().choice().setting.name(); },
+          "Tier that computes the shapes.");
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "The model of helix_arm in C++; use the package helix_arm.";
+  translateExceptions(module);
+  py::class_<Scene> scene(module, "Scene");
+  bindScene(scene);
+  bindModel(module, scene);
+  bindMeasurements(scene);
+  bindNodes(module, scene);
+  refuseUnmade(module);
+  module.attr("version") = HELIX_ARM_VERSION;
+  module.def(
+      "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
+      "Names of the shipped scenes.");
+  module.def("scene_path", &io::scenePath, py::arg("path_or_name"),
+             "Path of a scene file, or of a shipped scene by name.");
+  module.def("array", &argumentArray, py::arg("given"), py::arg("name"),
+             "The float64 array of an argument.");
+  module.def(
+      "rows",
+      [](const py::handle& given, const char* name, py::ssize_t columns) {
+        return Rows(given, name, columns).array();
+      },
+      py::arg("given"), py::arg("name"), py::arg("columns"),
+      "The float64 array of an argument with one row or several.");
+  module.def(
+      "require_finite",
+      [](const py::array& rows, const char* name) {
+        Rows(rows, name, rows.shape(rows.ndim() - 1)).requireFinite();
+      },
+      py::arg("rows"), py::arg("name"), "Raises ValueError naming the entry that is not finite.");
+}
+
+}  // namespace helix_arm::python

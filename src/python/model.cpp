@@ -1,0 +1,359 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/batch.hpp"
+#include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/statics/jacobian.hpp"
+#include "helix_arm/statics/workspace.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+// About 0.1 ms in closed form; tips alone are fast.
+constexpr Piece kForwardPiece{1024, 16}, kTipsPiece{16384, 16}, kCurvePiece{64, 8},
+    kJacobianPiece{16, 1};
+
+// Shapes at one row or many rows of inputs. Rows without equilibrium hold NaN.
+class Forward {
+ public:
+  Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
+      : rows_(inputs.rows()),
+        sections_(scene.arm().sectionCount()),
+        single_(inputs.single()),
+        numbers_(inputs, {7 + 6 * sections_}),
+        converged_(inputs, {}) {
+    forEachRow(scene, inputs, kForwardPiece, threads, [&](std::size_t row, const auto& q) {
+      if (scene.isLoaded()) {
+        const statics::Solution solution = scene.model().solve(q);
+        set(row, solution.converged(), solution.tip, solution.shape.twists());
+      } else {
+        const model::Twists twists = scene.arm().twists(q);
+        set(row, true, scene.arm().tipOf(twists), twists);
+      }
+    });
+  }
+
+  // Views: for one row, making all of them takes as long as the row.
+  py::array tips() const { return view(0, {rows_, 3}); }
+  py::array quaternions() const { return view(3, {rows_, 4}); }
+  py::array twists() const { return view(7, {rows_, sections_, 6}); }
+  py::object converged() const { return converged_.result(); }
+  py::ssize_t rows() const { return rows_; }
+
+ private:
+  // Of all rows: the quantity before which there are so many numbers per row.
+  double* first(int before) const { return numbers_.at(0) + before * rows_; }
+  // @param shape  of the entries of many rows.
+  py::array view(int before, std::initializer_list<py::ssize_t> shape) const {
+    const std::vector<py::ssize_t> own(shape.begin() + (single_ ? 1 : 0), shape.end());
+    return py::array_t<double>(own, first(before), numbers_.result());
+  }
+  void set(std::size_t row, bool found, const lie::SE3& tip, const model::Twists& twists) {
+    converged_[row] = found;
+    setPose(tip, found, first(0) + 3 * row, first(3) + 4 * row);
+    double* const to = first(7) + 6 * sections_ * row;
+    if (found) {
+      std::copy_n(twists.data(), 6 * sections_, to);
+    } else {
+      std::fill_n(to, 6 * sections_, kNoNumber);
+    }
+  }
+
+  py::ssize_t rows_;
+  int sections_;
+  bool single_;
+  Entries<double> numbers_;  // tips, then quaternions, then twists
+  Entries<bool> converged_;
+};
+
+Forward forward(const Scene& scene, const py::handle& pressures, std::size_t threads) {
+  return {scene, scene.inputs(pressures, "pressures_pa"), threads};
+}
+
+void tipsOfBatch(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
+                 std::size_t first, std::size_t end, double* out) {
+  model::InputArray array{reinterpret_cast<const double*>(inputs.data()), inputs.rowStride(),
+                          inputs.columnStride()};
+  array.first = array.place(first, 0);
+  const auto rows = static_cast<std::size_t>(inputs.rows());
+  if (batch.rows(array, end - first, out + 3 * first, rows)) return;
+  scene.requireWithinLimits(inputs);  // says where
+  inputs.refuseChange();
+}
+
+// Tip positions [m], shape (3,) or (N, 3). Rows without equilibrium hold NaN.
+// @param out  array for them, which fits, or none: a new one.
+py::array tips(const Scene& scene, const py::handle& pressures, const py::object& out,
+               std::size_t threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const std::vector<py::ssize_t> shape = inputs.shapeOf({3});
+  const py::array result =
+      out.is_none() ? py::array_t<double>(shape) : py::reinterpret_borrow<py::array>(out);
+  auto* const numbers = static_cast<double*>(const_cast<void*>(result.data()));
+  if (scene.isLoaded() || inputs.rows() == 1) {
+    forEachRow(scene, inputs, kTipsPiece, threads, [&](std::size_t row, const auto& q) {
+      const statics::Tip found = scene.model().tip(q);
+      Eigen::Vector3d::Map(numbers + 3 * row) =
+          found.converged() ? found.tip.translation : Eigen::Vector3d::Constant(kNoNumber);
+    });
+    return result;
+  }
+  const OthersRun others_run;
+  const model::TipBatch batch(scene.arm());
+  inPieces(static_cast<std::size_t>(inputs.rows()), kTipsPiece.closed_form, threads,
+           [&](std::size_t first, std::size_t end) {
+             tipsOfBatch(scene, batch, inputs, first, end, numbers);
+           });
+  return result;
+}
+
+py::dict curve(const Scene& scene, const py::handle& pressures, int points, std::size_t threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const Entries<double> positions(inputs, {points, 3}), quaternions(inputs, {points, 4});
+  forEachRow(scene, inputs, kCurvePiece, threads, [&](std::size_t row, const auto& q) {
+    const bool found = !scene.isLoaded() || scene.model().tip(q).converged();
+    double *position = positions.at(row), *quaternion = quaternions.at(row);
+    for (const auto& point : scene.model().curve(q, points)) {
+      setPose(point.X, found, position, quaternion);
+      position += 3;
+      quaternion += 4;
+    }
+  });
+  return py::dict("positions"_a = positions.result(), "quaternions_xyzw"_a = quaternions.result());
+}
+
+// Tip and twists by one quantity.
+struct Derivative {
+  using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  Derivative(const Rows& inputs, int sections, std::vector<py::ssize_t> by)
+      : tip(inputs, shapeOf({6}, by)), twists(inputs, shapeOf({sections, 6}, by)) {}
+  static std::vector<py::ssize_t> shapeOf(std::vector<py::ssize_t> of,
+                                          const std::vector<py::ssize_t>& by) {
+    of.insert(of.end(), by.begin(), by.end());
+    return of;
+  }
+  void set(std::size_t row, const statics::ShapeDerivative& derivative) const {
+    Table::Map(tip.at(row), 6, tip.size() / 6) = derivative.tip;
+    Table::Map(twists.at(row), derivative.twists.rows(), tip.size() / 6) = derivative.twists;
+  }
+
+  Entries<double> tip, twists;
+};
+
+// @param by  which are wanted: by pressures, lengths, stiffness and load.
+// @return whether the rows converged, and the derivatives of tip and twists by each of these.
+py::tuple jacobian(const Scene& scene, const py::handle& pressures, const std::array<bool, 4>& by,
+                   std::size_t threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const py::ssize_t n = scene.arm().actuatorCount();
+  const auto make = [&](bool wanted, const std::vector<py::ssize_t>& columns) {
+    std::optional<Derivative> out;
+    if (wanted) out.emplace(inputs, scene.arm().sectionCount(), columns);
+    return out;
+  };
+  const std::array<std::optional<Derivative>, 4> found{make(by[0], {n}), make(by[1], {n}),
+                                                       make(by[2], {n, 3}),
+                                                       make(by[3] && scene.model().load(), {6})};
+  const statics::JacobianParts parts{found[2].has_value(), found[3].has_value()};
+  const Entries<bool> converged(inputs, {});
+  forEachRow(scene, inputs, kJacobianPiece, threads, [&](std::size_t row, const auto& q) {
+    const statics::ShapeJacobian one = statics::jacobianAt(scene.model(), q, parts);
+    converged[row] = one.status == statics::SolveStatus::kConverged;
+    if (found[0]) found[0]->set(row, one.by_inputs);
+    if (found[1]) found[1]->set(row, one.by_lengths);
+    if (found[2]) found[2]->set(row, *one.by_stiffness);
+    if (found[3]) found[3]->set(row, *one.by_load);
+  });
+  py::list out;
+  for (const auto& one : found) {
+    out.append(one ? one->tip.result() : py::none());
+    out.append(one ? one->twists.result() : py::none());
+  }
+  return py::make_tuple(converged.result(), out);
+}
+
+// @return the points in pieces: pressures, tips and sensitivities; how many are left out;
+// pressures,
+//     tips and bounds of the extremes, if they are wanted and there are any.
+py::tuple workspace(const Scene& scene, std::size_t count, std::uint64_t seed, bool sensitivity,
+                    bool extremes, std::size_t threads) {
+  std::vector<statics::WorkspacePoints> pieces;
+  statics::WorkspaceExtremes farthest;
+  {
+    const OthersRun others_run;
+    const statics::Workspace workspace(scene.model(), {seed, sensitivity});
+    const auto size = static_cast<std::size_t>(workspace.pieceSize());
+    pieces.resize(std::max<std::size_t>(1, (count + size - 1) / size));
+    inPieces(pieces.size(), 1, threads, [&](std::size_t first, std::size_t end) {
+      for (std::size_t i = first; i < end; ++i) {
+        pieces[i] = workspace.sample(i * size, static_cast<int>(std::min(size, count - i * size)));
+      }
+    });
+    if (extremes) {
+      for (const statics::WorkspacePoints& piece : pieces) farthest.add(piece);
+      farthest = statics::findExtremes(scene.model(), farthest);
+    }
+  }
+  py::list points;
+  int unbalanced = 0;
+  for (statics::WorkspacePoints& piece : pieces) {
+    points.append(
+        py::make_tuple(arrayOf(piece.inputs), arrayOf(piece.tips), arrayOf(piece.sensitivity)));
+    unbalanced += piece.unbalanced;
+    piece = {};
+  }
+  if (farthest.empty()) return py::make_tuple(points, unbalanced, py::none());
+  constexpr int kCount = statics::WorkspaceExtremes::kCount;
+  Eigen::MatrixXd inputs(kCount, scene.arm().actuatorCount()), tips(kCount, 3);
+  Eigen::VectorXd bounds(kCount);
+  for (int i = 0; i < kCount; ++i) {
+    inputs.row(i) = farthest.of(i).input;
+    tips.row(i) = farthest.of(i).tip;
+    bounds[i] = farthest.boundOf(i);
+  }
+  return py::make_tuple(points, unbalanced,
+                        py::make_tuple(arrayOf(inputs), arrayOf(tips), arrayOf(bounds)));
+}
+
+using statics::InverseResult;
+
+constexpr Piece kInversePiece{256, 16};
+constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
+
+lie::SE3 poseOf(const Eigen::VectorXd& p, std::size_t row) {
+  const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
+  basics::require(std::abs(q.norm() - 1) <= kNormTolerance, "pose has a quaternion of norm ",
+                  q.norm(), " in row ", row, "; expected 1, in the order x, y, z, qx, qy, qz, qw");
+  return {q.normalized().toRotationMatrix(), p.head<3>()};
+}
+
+// The results of all rows.
+struct Found {
+  Found(const Rows& rows, py::ssize_t actuators)
+      : inputs(rows, {actuators}),
+        residual(rows, {}),
+        position_error(rows, {}),
+        limits(rows, {actuators}),
+        status(rows, {}),
+        iterations(rows, {}) {}
+
+  void set(std::size_t row, const InverseResult& result) const {
+    Eigen::VectorXd::Map(inputs.at(row), inputs.size()) = result.input;
+    std::transform(result.limits.begin(), result.limits.end(), limits.at(row),
+                   [](statics::Limit limit) -> std::int8_t {
+                     if (limit == statics::Limit::kNone) return 0;
+                     return limit == statics::Limit::kLower ? -1 : 1;
+                   });
+    residual[row] = result.residual;
+    position_error[row] = result.position_error;
+    status[row] = static_cast<std::int8_t>(result.status);
+    iterations[row] = result.iterations;
+  }
+
+  Entries<double> inputs, residual, position_error;
+  Entries<std::int8_t> limits, status;
+  Entries<int> iterations;
+};
+
+// @param kind    "tip", "pose" or "twists": what the rows of `wanted` are, of 3, 7 or 6 n numbers.
+// @param prefer  of statics::kPreferenceWords.
+// @return fields of the result, of the status its place in statics::InverseStatus.
+py::dict inverse(const Scene& scene, const std::string& kind, const py::object& wanted,
+                 const py::object& start, const std::string& prefer, double cocontraction,
+                 double position_tolerance, std::size_t threads) {
+  const model::Arm& arm = scene.arm();
+  const bool tip = kind == "tip", pose = kind == "pose";
+  const Rows targets(wanted, kind.c_str(), tip ? 3 : pose ? 7 : 6 * arm.sectionCount());
+  const auto count = static_cast<std::size_t>(targets.rows());
+  const Found found(targets, arm.actuatorCount());  // first: rows may be more than memory holds
+  statics::InverseOptions options;
+  options.preference = statics::preferenceOf(prefer);
+  options.cocontraction = cocontraction;
+  options.position_tolerance = position_tolerance;
+
+  std::optional<Rows> starts;
+  if (!start.is_none()) {
+    starts.emplace(scene.inputs(start, "start"));
+    basics::require(starts->rows() == 1 || starts->rows() == targets.rows(), "start has ",
+                    starts->rows(), " rows; expected one, or as many as ", kind, ": ",
+                    targets.rows());
+    scene.requireWithinLimits(*starts);
+  }
+  const bool cocontracts = options.preference == statics::Preference::kCocontraction;
+  const Eigen::VectorXd usual = arm.inputAt(cocontracts ? options.cocontraction : 0.0);
+  targets.requireFinite();
+  {
+    const OthersRun others_run;
+    scene.solvers().take(options);  // checks them, also without rows
+    const auto piece = scene.isLoaded() ? kInversePiece.solved : kInversePiece.closed_form;
+    inPieces(count, piece, threads, [&](std::size_t first, std::size_t end) {
+      const Solvers::Loan solver = scene.solvers().take(options);
+      Eigen::VectorXd from = usual;
+      for (std::size_t i = first; i < end; ++i) {
+        const auto row = static_cast<py::ssize_t>(i);
+        const Eigen::VectorXd target = targets.row(row);
+        if (!target.allFinite()) targets.refuseChange();
+        if (starts) scene.copyRow(*starts, starts->rows() == 1 ? 0 : row, &from);
+        found.set(i, tip    ? solver->toPosition(target, from)
+                     : pose ? solver->toPose(poseOf(target, i), from)
+                            : solver->toTwists(target.reshaped(6, arm.sectionCount()), from));
+      }
+    });
+  }
+  return py::dict("pressures_pa"_a = found.inputs.result(), "status"_a = found.status.result(),
+                  "residual_m"_a = found.residual.result(),
+                  "position_error_m"_a = found.position_error.result(),
+                  "limits"_a = found.limits.result(), "iterations"_a = found.iterations.result());
+}
+
+py::dict asDict(const Forward& forward) {
+  return py::dict("tips"_a = forward.tips(), "quaternions_xyzw"_a = forward.quaternions(),
+                  "twists"_a = forward.twists(), "converged"_a = forward.converged());
+}
+
+}  // namespace
+
+void bindModel(py::module_& module, py::class_<Scene>& scene) {
+  py::class_<Forward>(module, "Forward",
+                      "Shapes at one row or N rows of pressures. Rows in which no shape balances "
+                      "the load hold NaN.")
+      .def_property_readonly("tips", &Forward::tips,
+                             "(3,) or (N, 3) positions of the tip, base frame [m].")
+      .def_property_readonly(
+          "quaternions_xyzw", &Forward::quaternions,
+          "(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base frame; w >= 0.")
+      .def_property_readonly(
+          "twists", &Forward::twists,
+          "(sections, 6) or (N, sections, 6) twist of each section over its length, v [m] "
+          "and w [rad]; under load the mean.")
+      .def_property_readonly("converged", &Forward::converged,
+                             "bool, or (N,) bools: whether a shape balances the load.")
+      .def("to_dict", asDict, "The fields as a dict of arrays.")
+      .def("__len__", &Forward::rows)
+      .def("__repr__", [](const Forward& forward) {
+        return "<helix_arm.Forward of " + std::to_string(forward.rows()) +
+               (forward.rows() == 1 ? " row>" : " rows>");
+      });
+  scene.def("_forward", forward, py::arg("pressures_pa"), py::arg("threads"))
+      .def("_tips", tips, py::arg("pressures_pa"), py::arg("out"), py::arg("threads"))
+      .def("_curve", curve, py::arg("pressures_pa"), py::arg("points"), py::arg("threads"))
+      .def("_jacobian", jacobian, py::arg("pressures_pa"), py::arg("by"), py::arg("threads"))
+      .def("_inverse", inverse, py::arg("kind"), py::arg("wanted"), py::arg("start"),
+           py::arg("prefer"), py::arg("cocontraction"), py::arg("position_tolerance_m"),
+           py::arg("threads"))
+      .def("_workspace", workspace, py::arg("points"), py::arg("seed"), py::arg("sensitivity"),
+           py::arg("extremes"), py::arg("threads"));
+}
+
+}  // namespace helix_arm::python
