@@ -141,31 +141,6 @@ void printCsv(const json& findings) {
   }
 }
 
-void printText(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
-  for (const Finding& finding : check.findings) {
-    std::cout << nameOf(finding.severity) << ": " << finding.culprit << ": " << finding.value
-              << ". " << finding.remedy << " [" << finding.check << "]\n";
-  }
-  if (check.vision && check.vision->samples > 0) {
-    const VisionFigures& vision = *check.vision;
-    std::cout << "over " << vision.samples << " inputs the camera reads " << vision.median_tags
-              << " tags (median), at least " << vision.least_tags << "; measured in "
-              << std::lround(100 * vision.measured) << " %";
-    if (vision.measured > 0) {
-      std::cout << std::fixed << std::setprecision(1) << ", tip to " << 1e3 * vision.median_tip_sd
-                << " mm (median), at worst " << 1e3 * vision.worst_tip_sd << " mm";
-    }
-    std::cout << "\n";
-  }
-  if (scene.regulator && regulator::isHardware(*scene.regulator) && !answer.asked) {
-    std::cout << "the regulator was not asked: --probe connects to it, which vents\n";
-  }
-  std::cout << scene.name
-            << (check.hasFault()
-                    ? ": faults found\n"
-                    : (check.findings.empty() ? ": nothing found\n" : ": no fault found\n"));
-}
-
 int run(const CheckArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   if (arguments.probe && !scene.regulator) {
@@ -179,7 +154,11 @@ int run(const CheckArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kCsv) {
     printCsv(report["findings"]);
   } else {
-    printResult(global.format, report, {}, [&] { printText(scene, check, answer); });
+    json shown = report;
+    if (scene.regulator && regulator::isHardware(*scene.regulator) && !answer.asked) {
+      shown["notes"] = {"the regulator was not asked: --probe connects to it, which vents"};
+    }
+    printResult(global.format, report, {}, shown);
   }
   return check.hasFault() ? kNotPossible : kDone;
 }

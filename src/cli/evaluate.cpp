@@ -132,44 +132,17 @@ CsvTable csvTable(const TagComparison& c, const json& report, const std::string&
            "outlier_tags", "unknown_tags", "model_status"}};
 }
 
-void printTextResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
-  const auto print = [](const std::optional<double>& number, double factor, const char* unit) {
-    if (number) {
-      std::cout << factor * *number << unit;
-    } else {
-      std::cout << "-";
-    }
-  };
-  std::cout << scene.name << ", model against measured tags\n"
-            << std::fixed << std::setprecision(1);
+// The report with what it means.
+json shownOf(const TagComparison& c, const json& report) {
+  json shown = without(report, {"converged", "usual_fit_rms_m"});
   for (const CaptureComparison& capture : c.captures) {
-    std::cout << "capture " << capture.measured.number << ": tags RMS ";
-    print(capture.rms, 1e3, " mm");
-    std::cout << ", tip off by ";
-    print(capture.tip_error, 1e3, " mm");
-    std::cout << " = ";
-    print(c.percent(capture.tip_error), 1, " % of the arm");
-    if (!capture.outlier_tags.empty()) {
-      std::cout << "; wrong: tag " << joined(capture.outlier_tags);
-    }
-    if (capture.measured.usual_rms) std::cout << "; " << noteOnScatter(capture.measured);
-    if (!capture.measured.unknown_tags.empty()) {
-      std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
-    }
-    if (!capture.measured.model.converged()) {
-      std::cout << "; " << reasonForNoShape(capture.measured.model.status);
-    }
-    if (!capture.measured.converged()) {
-      std::cout << "; " << estimation::nameOf(capture.measured.status) << ": "
-                << capture.measured.reason;
-    }
-    std::cout << "\n";
+    const FittedCapture& measured = capture.measured;
+    if (measured.usual_rms) shown["notes"].push_back(noteOnScatter(measured));
+    if (measured.model.converged()) continue;
+    shown["notes"].push_back("capture " + std::to_string(measured.number) + ": " +
+                             reasonForNoShape(measured.model.status));
   }
-  std::cout << "median over the captures whose tags all fit one shape: RMS ";
-  print(c.median_rms, 1e3, " mm");
-  std::cout << ", tip ";
-  print(c.percent(c.median_tip_error), 1, " %");
-  std::cout << "\n" << reason << (reason.empty() ? "" : "\n");
+  return shown;
 }
 
 // Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
@@ -182,7 +155,7 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   const json report = reportOf(scene, comparison, reason);
   printResult(
       format, report, [&] { return csvTable(comparison, report, reason); },
-      [&] { printTextResult(scene, comparison, reason); });
+      shownOf(comparison, report));
   return reason.empty() ? kDone : kNotPossible;
 }
 
@@ -279,40 +252,16 @@ CsvTable csvTable(const CurvatureComparison& c, const json& report) {
   return table;
 }
 
-void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
-  constexpr int kWidth = 12;
-  std::cout << scene.name << ", length-scaled curvature [rad]\n";
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    std::cout << std::setw(kWidth) << "p" + std::to_string(i + 1) + " [kPa]";
-  }
-  for (const char* title : {"measured", "model", "difference"})
-    std::cout << std::setw(kWidth) << title;
-  std::cout << "\n" << std::fixed << std::setprecision(5);
-  for (int row = 0; row < c.measured.size(); ++row) {
-    for (int i = 0; i < c.pressures.cols(); ++i)
-      std::cout << std::setw(kWidth) << c.pressures(row, i) / 1e3;
-    std::cout << std::setw(kWidth) << c.measured[row];
-    for (const std::optional<double>& number : {c.model[row], c.difference(row)}) {
-      std::cout << std::setw(kWidth);
-      if (number) {
-        std::cout << *number;
-      } else {
-        std::cout << "-";
-      }
-    }
-    std::cout << "\n";
-  }
-  if (c.rms()) std::cout << "RMS " << *c.rms() << " rad, max " << *c.max() << " rad\n";
-  if (!c.reason.empty()) std::cout << c.reason << "\n";
-}
-
 int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
   requireComparable(scene, data);
   const CurvatureComparison comparison = compareCurvature(scene, data);
   const json report = reportOf(scene, comparison);
+  json shown = report;
+  for (std::size_t row = 0; row < shown["points"].size(); ++row) {
+    shown["points"][row]["difference_rad"] = toJson(comparison.difference(static_cast<int>(row)));
+  }
   printResult(
-      format, report, [&] { return csvTable(comparison, report); },
-      [&] { printTextResult(scene, comparison); });
+      format, report, [&] { return csvTable(comparison, report); }, shown);
   return comparison.reason.empty() ? kDone : kNotPossible;
 }
 

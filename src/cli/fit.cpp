@@ -131,40 +131,16 @@ CsvTable csvTable(const io::Scene& scene, const std::vector<FittedCapture>& capt
   return table;
 }
 
-void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                     const FitSummary& summary) {
-  std::cout << scene.name << ", one twist per capture [m, rad]\n" << std::fixed;
+// The report without the residuals of single tags, and with what it means.
+json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
+  json shown = without(report, {"tags", "base", "model_status", "usual_rms_m", "converged"});
   for (const FittedCapture& capture : captures) {
-    std::cout << "capture " << capture.number << ": ";
-    std::cout << capture.seen.size() << " tags";
-    if (capture.fit) {
-      std::cout << ", RMS " << std::setprecision(1) << 1e3 * capture.fit->rms << " mm, twist";
-      for (int k = 0; k < capture.fit->twists.cols(); ++k) {
-        std::cout << " " << bracketed(capture.fit->twists.col(k));
-      }
-    }
-    const std::vector<int> outliers = capture.outlierTags(*scene.tags);
-    if (!outliers.empty()) std::cout << "; does not fit: tag " << joined(outliers);
-    if (!capture.unknown_tags.empty()) {
-      std::cout << "; not in the scene: tag " << joined(capture.unknown_tags);
-    }
-    if (!capture.converged()) {
-      std::cout << "; " << estimation::nameOf(capture.status) << ": " << capture.reason;
-    }
-    if (capture.usual_rms) std::cout << "; " << noteOnScatter(capture);
+    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
     const std::string note = noteOnStart(capture.model);
-    if (!note.empty()) std::cout << "; " << note;
-    std::cout << "\n";
+    if (note.empty()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
   }
-  if (summary.median_rms) {
-    std::cout << "median RMS " << std::setprecision(1) << 1e3 * *summary.median_rms
-              << " mm over the captures whose tags all fit\n";
-  }
-  if (!summary.flagged_captures.empty()) {
-    std::cout << "captures with tags that do not fit: " << joined(summary.flagged_captures) << "\n";
-  }
-  const std::string reason = reasonForNoFit(captures);
-  if (!reason.empty()) std::cout << reason << "\n";
+  return shown;
 }
 
 int run(const FitOptions& options, const GlobalOptions& global) {
@@ -174,7 +150,7 @@ int run(const FitOptions& options, const GlobalOptions& global) {
   const json report = reportOf(scene, captures, summary);
   printResult(
       global.format, report, [&] { return csvTable(scene, captures, report); },
-      [&] { printTextResult(scene, captures, summary); });
+      shownOf(captures, report));
   return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
 }
 

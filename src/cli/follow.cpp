@@ -130,23 +130,6 @@ std::string summary(const procedures::FollowFigures& figures) {
   return "steady RMS " + millimetres(std::sqrt(square / reachable));
 }
 
-void printTips(const procedures::FollowFigures& figures) {
-  for (std::size_t k = 0; k < figures.steady_rms.size(); ++k) {
-    std::cout << "tip " << k + 1 << ": ";
-    if (figures.unreachable[k]) {
-      std::cout << "out of reach; " << millimetres(figures.steady_rms[k]) << " from it\n";
-      continue;
-    }
-    std::cout << "steady RMS " << millimetres(figures.steady_rms[k]) << ", ";
-    if (figures.settle[k]) {
-      std::cout << "settled after " << std::fixed << std::setprecision(2) << *figures.settle[k]
-                << " s\n";
-    } else {
-      std::cout << "did not settle\n";
-    }
-  }
-}
-
 // Rows that count for the figures: all, or those of the path.
 std::vector<const FollowRow*> drawnRows(const FollowPlan& plan, const FollowResult& result) {
   std::vector<const FollowRow*> rows;
@@ -221,28 +204,21 @@ std::string csvOf(const FollowReport& report) {
   return out.str();
 }
 
-void printText(const FollowReport& report) {
+// The report with figures of the tips as one table, and of the budget the deviations alone.
+json shownOf(const FollowReport& report, json shown) {
+  shown["loop"] = report.plan.open ? "open" : "closed";
+  json tips = json::array();
   const procedures::FollowFigures& figures = report.result.figures;
-  std::cout << report.scene.name << ", " << (report.plan.open ? "open" : "closed") << " loop, "
-            << visionName(report.plan) << ", " << report.plan.seconds << " s, "
-            << report.result.pictures << " pictures\n";
-  if (figures.path_rms) {
-    std::cout << "path: RMS " << millimetres(*figures.path_rms) << ", largest error "
-              << millimetres(*figures.path_max) << "\n";
+  for (std::size_t k = 0; k < figures.steady_rms.size(); ++k) {
+    tips.push_back({{"name", "tip " + std::to_string(k + 1)},
+                    {"unreachable", shown["unreachable"][k]},
+                    {"steady_rms_m", shown["steady_rms_m"][k]},
+                    {"settled_s", shown["settle_s"][k]}});
   }
-  printTips(figures);
-  std::cout << "states:";
-  for (const procedures::FollowState& change : report.result.states) {
-    std::cout << " " << nameOf(change.state) << " from " << std::fixed << std::setprecision(2)
-              << change.time << " s" << (&change == &report.result.states.back() ? "\n" : ",");
-  }
-  if (const auto& budget = report.result.budget) {
-    std::cout << "standard deviation of the predicted tip "
-              << millimetres(budget->predicted.deviation()) << ", of the open loop's "
-              << millimetres(budget->open_loop.deviation()) << "\n";
-  }
-  const std::string failure = failureOf(report);
-  if (!failure.empty()) std::cout << failure << "\n";
+  for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s"}) shown.erase(key);
+  if (!report.plan.path) shown = without(shown, {"path_rms_m", "path_max_m"});
+  shown["tips"] = tips;
+  return shown;
 }
 
 // What plot_report draws.
@@ -382,7 +358,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kCsv) {
     std::cout << csvOf(report);
   } else {
-    printResult(global.format, reportOf(report), {}, [&report] { printText(report); });
+    const json tree = reportOf(report);
+    printResult(global.format, tree, {}, shownOf(report, tree));
   }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;

@@ -136,15 +136,6 @@ json helixJson(const lie::Vector6& twist) {
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
 }
 
-std::string helixText(const lie::Vector6& twist) {
-  if (isStraight(twist)) return "straight";
-  const model::Helix helix = model::helixOf(twist);
-  std::ostringstream text;
-  text << "helix of radius " << helix.radius << " m, pitch " << helix.pitch << " m, turns "
-       << helix.turns;
-  return text.str();
-}
-
 // What a row of csv has besides vectors; tables of many rows build no more of the report.
 json summaryOf(const ForwardResult& result) {
   const statics::TierSetting& setting = result.choice.setting;
@@ -246,49 +237,17 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
   return table;
 }
 
-void printText(const io::Scene& scene, const ForwardResult& result) {
-  std::cout << scene.name << ", tier " << result.choice.setting.name()
-            << ", seen from the arm's base\n"
-            << result.choice.reason << "\n";
-  const std::string failure = failureOf(result);
-  if (!failure.empty()) {
-    std::cout << statics::nameOf(result.solution.status) << ": " << failure << "\n";
+// The report without the history, and with what the numbers leave open.
+json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
+  report["order"] = textOrNull(result.choice.setting.name());
+  report.erase("history");
+  report.erase("piece_twist");
+  const std::string note = noteOnResponse(scene.arm);
+  if (result.rows.empty() && !note.empty()) {
+    report.erase("response");
+    report["notes"] = {note + "; --history follows measured pressures"};
   }
-  if (!result.rows.empty()) {
-    std::cout << "after " << result.rows.size() << " rows of pressures, "
-              << (result.response.known()
-                      ? "which determine what the actuators remember"
-                      : "which leave open what the actuators remember: up to " +
-                            std::to_string(1e-3 * result.response.uncertainty().maxCoeff()) +
-                            " kPa of pressure")
-              << "\n";
-  } else if (const std::string note = noteOnResponse(scene.arm); !note.empty()) {
-    std::cout << note << "; --history follows measured pressures\n";
-  }
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    std::cout << "  " << scene.arm.actuator(i).name << ": ";
-    if (!result.rows.empty()) {
-      std::cout << inputText(scene.arm.actuator(i), result.measured[i]) << ", effective ";
-    }
-    std::cout << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
-              << std::fixed << std::setprecision(6) << result.lengths[i] << " m\n"
-              << std::defaultfloat;
-  }
-  for (std::size_t k = 0; k < result.sections.size(); ++k) {
-    const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
-    std::cout << "section " << scene.looks[k].name << "\n  twist v " << bracketed(twist.head<3>())
-              << " m, w " << bracketed(twist.tail<3>()) << " rad\n"
-              << std::setprecision(6) << "  " << helixText(twist) << "\n  rank "
-              << result.sections[k].rank << " of " << result.full_rank << ", condition "
-              << result.sections[k].condition << "\n";
-    for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
-      std::cout << "  undetermined along " << bracketed(result.sections[k].null_space.col(j))
-                << "\n";
-    }
-  }
-  std::cout << "tip " << poseText(result.solution.tip) << "\n";
-  for (const auto& point : result.curve)
-    std::cout << "s " << point.s << ": " << poseText(point.X) << "\n";
+  return report;
 }
 
 // One result per row of a table.
@@ -305,12 +264,10 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     const ForwardResult result = forward(model, inputs.row(row), 0);
     all_converged = all_converged && result.solution.converged();
-    rows.add([&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); });
-    if (global.format == Format::kText) {
-      std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
-                << statics::nameOf(result.solution.status) << ", tip "
-                << poseText(result.solution.tip) << "\n";
-    }
+    rows.add(
+        "line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
+        [&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); },
+        {"status", "tip"});
   }
   rows.end();
   return all_converged ? kDone : kNotPossible;
@@ -340,7 +297,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   const json report = reportOf(scene, result);
   printResult(
       global.format, report, [&] { return csvTable(scene, result); },
-      [&] { printText(scene, result); });
+      shownOf(scene, result, report));
   return result.solution.converged() ? kDone : kNotPossible;
 }
 

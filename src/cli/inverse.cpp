@@ -162,30 +162,6 @@ CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
   return row;
 }
 
-void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseAnswer& answer, const statics::Solution& reached) {
-  const InverseResult& result = answer.result;
-  std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
-  if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = scene.arm.actuator(i);
-    std::cout << "  " << actuator.name << ": " << inputText(actuator, answer.pressure[i]);
-    if (answer.history_rows > 0)
-      std::cout << ", effective " << inputText(actuator, result.input[i]);
-    if (result.limits[i] != Limit::kNone)
-      std::cout << ", at its " << limitName(result.limits[i]) << " limit";
-    std::cout << "\n";
-  }
-  const std::string note = noteOnResponse(scene.arm);
-  if (answer.history_rows == 0 && !note.empty()) {
-    std::cout << note << "; --history follows measured pressures\n";
-  }
-  if (!reached.converged()) return;
-  std::cout << "residual " << result.residual << " m, position error " << result.position_error
-            << " m\n"
-            << "tip " << poseText(reached.tip) << "\n";
-}
-
 // Positions, or poses where the table has a quaternion. Each search begins at the start; with
 // min-change, at the inputs of the row before.
 int runRows(const InverseArguments& arguments, const GlobalOptions& global, const io::Scene& scene,
@@ -214,12 +190,11 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
-    rows.add([&] { return reportOf(scene, tier, answer, reached); },
-             [&] { return rowOf(scene, tier, answer, reached); });
-    if (global.format == Format::kText) {
-      std::cout << line << " ";
-      printTextResult(scene, tier, answer, reached);
-    }
+    rows.add(
+        line, [&] { return reportOf(scene, tier, answer, reached); },
+        [&] { return rowOf(scene, tier, answer, reached); },
+        {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
+         "position_error_m", "tip"});
   }
   rows.end();
   return all_reached ? kDone : kNotPossible;
@@ -268,9 +243,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);
+  json shown = without(report, {"response", "converged"});
+  shown["order"] = tier.name();
+  const std::string note = noteOnResponse(scene.arm);
+  if (rows == 0 && !note.empty()) {
+    shown["notes"] = {note + "; --history follows measured pressures"};
+  }
   printResult(
-      global.format, report, [&] { return rowOf(scene, tier, answer, reached); },
-      [&] { printTextResult(scene, tier, answer, reached); });
+      global.format, report, [&] { return rowOf(scene, tier, answer, reached); }, shown);
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 

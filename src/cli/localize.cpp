@@ -207,12 +207,6 @@ std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locat
   return located;
 }
 
-std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
-  std::vector<int> ids;
-  for (const TagDetection& tag : tags) ids.push_back(tag.id);
-  return ids;
-}
-
 json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& options) {
   json tags = json::array();
   for (const TagDetection& tag : frame.tags) {
@@ -299,39 +293,6 @@ CsvTable csvTable(const io::Scene& scene, const std::vector<LocatedFrame>& frame
   return table;
 }
 
-void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
-  std::cout << scene.name << ", one twist per picture [m, rad]\n" << std::fixed;
-  for (const LocatedFrame& frame : frames) {
-    std::cout << basics::printable(frame.file) << ": " << frame.state << ", " << frame.tags.size()
-              << " tags";
-    if (!frame.tags.empty()) std::cout << " (" << joined(idsOf(frame.tags)) << ")";
-    if (frame.fit) {
-      std::cout << ", RMS " << std::setprecision(2) << frame.fit->rms << " px, twist";
-      for (int k = 0; k < frame.fit->twists.cols(); ++k) {
-        std::cout << " " << bracketed(frame.fit->twists.col(k));
-      }
-      if (scene.vision.fit.free_base) std::cout << ", base " << poseText(frame.fit->X_B0B);
-      if (scene.vision.fit.free_bleed) {
-        std::cout << ", bleed " << 1e3 * frame.fit->bleed << " mm";
-      }
-    }
-    const auto name = [](const char* what, const std::vector<int>& ids) {
-      if (!ids.empty()) std::cout << "; " << what << ": tag " << joined(ids);
-    };
-    name("does not fit", frame.outlier_tags);
-    name("not in the scene", frame.unknown_tags);
-    name("seen more than once", frame.repeated_tags);
-    name("where the lens distortion cannot be inverted", frame.unusable_tags);
-    for (const Suspicion& suspicion : frame.suspicious) {
-      std::cout << "; suspicious: " << suspicion.parameter << " is " << std::setprecision(1)
-                << suspicion.deviations
-                << " standard deviations from its prior: " << suspicion.remedy;
-    }
-    if (!frame.reason.empty()) std::cout << "; " << basics::printable(frame.reason);
-    std::cout << "\n";
-  }
-}
-
 int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const Eigen::VectorXd inputs = inputsOrRest(scene, options.pressure_kpa, options.input);
@@ -340,9 +301,10 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
+  const json report = reportOf(scene, start, frames);
   printResult(
-      global.format, reportOf(scene, start, frames), [&] { return csvTable(scene, frames); },
-      [&] { printTextResult(scene, frames); });
+      global.format, report, [&] { return csvTable(scene, frames); },
+      without(report, {"corners_px", "margin", "model_status"}));
   const bool failed = std::any_of(frames.begin(), frames.end(),
                                   [](const LocatedFrame& frame) { return frame.failed; });
   return failed ? kNotPossible : kDone;

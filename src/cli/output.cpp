@@ -252,19 +252,23 @@ std::string bracketed(const Eigen::VectorXd& vector) {
   return text.str();
 }
 
-std::string poseText(const lie::SE3& pose) {
-  return "position " + bracketed(pose.translation) + " m, quaternion xyzw " +
-         bracketed(lie::quaternionXyzw(pose.rotation));
-}
-
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
   if (format_ == Format::kJson) {
     std::cout << "{\"scene\": " << textOf(scene, kOneLine) << ", \"rows\": [";
   }
 }
 
-void RowPrinter::add(const std::function<json()>& report,
-                     const std::function<CsvTable::Row()>& cells) {
+void RowPrinter::add(const std::string& where, const std::function<json()>& report,
+                     const std::function<CsvTable::Row()>& cells,
+                     const std::vector<const char*>& shown) {
+  if (format_ == Format::kText) {
+    const json all = report();
+    json line;
+    for (const char* key : shown) {
+      if (all.contains(key)) line[key] = all[key];
+    }
+    std::cout << where << ": " << lineOf(line) << "\n";
+  }
   if (format_ == Format::kJson) {
     std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
   }
@@ -278,6 +282,15 @@ void RowPrinter::add(const std::function<json()>& report,
 
 void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
+}
+
+void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
+                 const json& shown) {
+  printResult(format, report, table, [&shown] { printText(shown, std::cout); });
+}
+
+void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
+  printResult(format, report, table, report);
 }
 
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,

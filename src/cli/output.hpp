@@ -82,18 +82,16 @@ void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& 
 
 /// "[1.000000, 2.000000]" for people.
 std::string bracketed(const Eigen::VectorXd& vector);
-/// "position [..] m, quaternion xyzw [..]" for people.
-std::string poseText(const lie::SE3& pose);
-
 /// Prints the results of a table's rows as they come, so that a long table takes no memory:
 /// {scene, rows [..]} as json, or names and a line a row as csv.
 class RowPrinter {
  public:
-  /// @param format  json or csv; of text nothing is printed.
   RowPrinter(Format format, const std::string& scene);
+  /// @param where          of the row, for text.
   /// @param report, cells  give the row in each format; they are called where it needs them.
-  void add(const std::function<nlohmann::json()>& report,
-           const std::function<CsvTable::Row()>& cells);
+  /// @param shown          keys of the report that text has, on one line.
+  void add(const std::string& where, const std::function<nlohmann::json()>& report,
+           const std::function<CsvTable::Row()>& cells, const std::vector<const char*>& shown);
   void end();
 
  private:
@@ -116,8 +114,21 @@ class PrintableStream {
   std::streambuf* const bare_;
 };
 
+/// A result for people: aligned lines and tables, names and units by its keys (text.cpp).
+void printText(const nlohmann::json& result, std::ostream& out);
+/// The same on one line, without tables.
+std::string lineOf(const nlohmann::json& result);
+/// A report without keys of any depth: what text leaves to json.
+nlohmann::json without(nlohmann::json report, const std::vector<std::string>& keys);
+
 /// Prints a result in the chosen format.
-/// @param table, text  of the result; only that of the chosen format is called, and text prints.
+/// @param table  of the result; called for csv alone.
+/// @param shown  what text shows instead of the report.
+void printResult(Format format, const nlohmann::json& report,
+                 const std::function<CsvTable()>& table, const nlohmann::json& shown);
+void printResult(Format format, const nlohmann::json& report,
+                 const std::function<CsvTable()>& table);
+/// @param text  prints the result for people.
 void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table, const std::function<void()>& text);
 

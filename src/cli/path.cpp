@@ -108,15 +108,14 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
     return kDone;
   }
   const json report = reportOf(path, points, out);
+  json shown = report;
+  shown["begin_m"] = toJson(points.front().position);
   printResult(
       global.format, report,
       [&] {
         return cellsOf(report, {"shape", "points", "duration_s", "out"});
       },
-      [&] {
-        std::cout << describe(path) << ": " << points.size() << " points from "
-                  << bracketed(points.front().position) << " m in " << out << "\n";
-      });
+      shown);
   return kDone;
 }
 

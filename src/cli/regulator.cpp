@@ -177,34 +177,6 @@ Probe probe(const io::Scene& scene, double seconds) {
   return result;
 }
 
-void printProbeText(const io::Scene& scene, const Probe& result) {
-  std::cout << regulator::describe(*scene.regulator)
-            << ": connected, which vents; nothing else was written\n"
-            << std::fixed;
-  // Without a line to a device, their rate is that of this computer.
-  const bool hardware = regulator::isHardware(*scene.regulator);
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const int readings = result.readings[static_cast<std::size_t>(i)];
-    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
-              << ": ";
-    if (readings == 0) {
-      std::cout << "no reading\n";
-    } else {
-      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
-      if (hardware) {
-        std::cout << ", " << std::setprecision(1) << readings / result.seconds
-                  << " readings a second";
-      }
-      std::cout << "\n";
-    }
-  }
-  if (std::isfinite(result.supply)) {
-    std::cout << "supply: " << std::setprecision(2) << result.supply / 1e3 << " kPa\n";
-  } else {
-    std::cout << "supply: not measured\n";
-  }
-}
-
 int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
@@ -224,14 +196,28 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
                     {"supply_pa", finite(result.supply)},
                     {"seconds", result.seconds},
                     {"reason", textOrNull(result.reason)}};
+  json shown = without(report, {"reason"});
+  for (json& channel : shown["channels"]) {
+    // Without a line to a device, their rate is that of this computer.
+    const double seconds = regulator::isHardware(*scene.regulator) ? result.seconds : 0;
+    channel["readings_per_second"] =
+        seconds > 0 ? json(channel["readings"].get<int>() / seconds) : json();
+  }
+  shown["notes"] = {"connected, which vents; nothing else was written"};
+  if (!(result.seconds > 0)) shown = nullptr;
   printResult(
-      global.format, report, [&table] { return table; },
-      [&] {
-        if (result.seconds > 0) printProbeText(scene, result);
-      });
+      global.format, report, [&table] { return table; }, shown);
   if (result.reason.empty()) return kDone;
   std::cerr << result.reason << "\n";
   return kNotPossible;
+}
+
+// For text, which tells whose the pressures are.
+json namedActuators(const model::Arm& arm, json report) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    report["actuators"].push_back(arm.actuator(i).name);
+  }
+  return report;
 }
 
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
@@ -256,12 +242,9 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
     }
     return row;
   };
-  printResult(global.format, report, table, [&] {
-    if (!vented) return;
-    std::cout << "vented, to within " << scene.safety.rules.vented_below / 1e3
-              << " kPa of the atmosphere (safety.vented_below_kpa): "
-              << pressureText(scene.arm, result.pressure) << "\n";
-  });
+  json shown = namedActuators(scene.arm, report);
+  shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
+  printResult(global.format, report, table, vented ? shown : json());
   if (vented) return kDone;
   std::cerr << "not vented: " << result.reason << "\n";
   return kNotPossible;
@@ -406,10 +389,8 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
     }
     return rows;
   };
-  printResult(global.format, report, table, [&] {
-    std::cout << "reached " << pressureText(scene.arm, outcome.pressure) << ", then " << state
-              << "\n";
-  });
+  printResult(global.format, report, table,
+              without(namedActuators(scene.arm, report), {"reason"}));
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;

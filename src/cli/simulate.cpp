@@ -298,23 +298,6 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
           rig.hasCamera()};
 }
 
-void printText(const SimulatedSet& set, bool arm) {
-  const std::string pictures = pictureName(1) + " to " + pictureName(set.captures) + "\n";
-  std::cout << set.captures << (arm ? " captures in " : " pictures of the calibration board in ")
-            << set.directory.string() << ": ";
-  if (!arm) {
-    std::cout << pictures;
-    return;
-  }
-  std::cout << "scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
-  if (set.pictures) {
-    std::cout << ", tag_corners.csv, " << pictures;
-  } else {
-    std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
-              << "\n";
-  }
-}
-
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && options.rest) {
@@ -335,12 +318,20 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                     {"truth", pathOf("truth.csv", arm)},
                     {"tag_poses", pathOf("tag_poses.csv", arm && set.tags > 0)},
                     {"tag_corners", pathOf("tag_corners.csv", arm && set.pictures)}};
+  json shown = report;
+  shown["pictures"] = json();
+  if (set.pictures) {
+    shown["pictures"] = pictureName(1) + " to " + pictureName(set.captures);
+  } else {
+    shown["notes"] = {std::string("no pictures: the scene has no ") +
+                      (set.tags > 0 ? "camera" : "tags to see")};
+  }
   printResult(
       global.format, report,
       [&report] {
         return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
       },
-      [&] { printText(set, arm); });
+      shown);
   return kDone;
 }
 
