@@ -299,12 +299,22 @@ CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   return table;
 }
 
+// Adds the unit of errors to their keys.
+void nameUnit(json& tree, const std::string& suffix) {
+  for (const char* key : {"rms", "error", "in_sample"}) {
+    if (!tree.is_object() || !tree.contains(key)) continue;
+    tree[key + suffix] = tree[key];
+    tree.erase(key);
+  }
+  for (json& below : tree) {
+    if (below.is_structured()) nameUnit(below, suffix);
+  }
+}
+
 // What the data determine, without the single readings.
 json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) {
-  json shown = without(report, {"arms", "samples", "curve", "coefficients_m", "held_out_error",
-                                "tip_error_before_m", "tip_error_after_m"});
-  const std::string tip_error = procedures::tipErrorText(outcome);
-  if (!tip_error.empty()) shown["tip_error"] = tip_error;
+  json shown = without(
+      report, {"arms", "samples", "curve", "coefficients_m", "held_out_error", "error_unit"});
   const procedures::Determined found = procedures::determinedOf(outcome);
   json& parameters = shown["parameters"] = json::array();
   for (const estimation::Parameter& one : found.parameters) {
@@ -321,6 +331,11 @@ json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) 
                              "(--format csv lists them)");
   }
   if (outcome.calibration) {
+    const std::string unit = outcome.calibration->error_unit;
+    if (shown.contains("least_tip_error")) {
+      nameUnit(shown["least_tip_error"], unit == "rad" ? "_rad" : "_m");
+    }
+    nameUnit(shown, "_" + unit);
     json& products = shown["combinations"] = json::array();
     for (const estimation::Combination& one : outcome.calibration->combinations) {
       products.push_back((one.identifiable ? "well known: " : "badly known: ") +

@@ -538,7 +538,9 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                                                     {std::nullopt, result.placing.X_WC}));
     result.out = arguments.out;
   }
-  printResult(global.format, reportOf(result), [&result] { return placeTable(result); });
+  const json report = reportOf(result);
+  printResult(
+      global.format, report, [&result] { return placeTable(result); }, without(report, {"pose"}));
   return result.placing.success ? kDone : kNotPossible;
 }
 

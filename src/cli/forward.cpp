@@ -239,8 +239,9 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
 
 // The report without the history, and with what the numbers leave open.
 json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
-  report["order"] = textOrNull(result.choice.setting.name());
-  report.erase("history");
+  report["tier"] = result.choice.setting.name();
+  if (!result.rows.empty()) report["history"] = std::to_string(result.rows.size()) + " rows";
+  report.erase("order");
   report.erase("piece_twist");
   const std::string note = noteOnResponse(scene.arm);
   if (result.rows.empty() && !note.empty()) {

@@ -243,8 +243,8 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);
-  json shown = without(report, {"response", "converged"});
-  shown["order"] = tier.name();
+  json shown = without(report, {"response", "converged", "order"});
+  shown["tier"] = tier.name();
   const std::string note = noteOnResponse(scene.arm);
   if (rows == 0 && !note.empty()) {
     shown["notes"] = {note + "; --history follows measured pressures"};

@@ -302,9 +302,12 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
   const json report = reportOf(scene, start, frames);
+  json shown = without(report, {"model_status"});
+  for (json& frame : shown["frames"]) {
+    for (json& tag : frame["tags"]) tag = json(tag["id"]);
+  }
   printResult(
-      global.format, report, [&] { return csvTable(scene, frames); },
-      without(report, {"corners_px", "margin", "model_status"}));
+      global.format, report, [&] { return csvTable(scene, frames); }, shown);
   const bool failed = std::any_of(frames.begin(), frames.end(),
                                   [](const LocatedFrame& frame) { return frame.failed; });
   return failed ? kNotPossible : kDone;

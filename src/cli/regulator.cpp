@@ -203,6 +203,7 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
     channel["readings_per_second"] =
         seconds > 0 ? json(channel["readings"].get<int>() / seconds) : json();
   }
+  if (!std::isfinite(result.supply)) shown["supply"] = "not measured";
   shown["notes"] = {"connected, which vents; nothing else was written"};
   if (!(result.seconds > 0)) shown = nullptr;
   printResult(
@@ -389,8 +390,7 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
     }
     return rows;
   };
-  printResult(global.format, report, table,
-              without(namedActuators(scene.arm, report), {"reason"}));
+  printResult(global.format, report, table, without(namedActuators(scene.arm, report), {"reason"}));
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;

@@ -28,23 +28,22 @@ constexpr Unit kUnits[] = {{"_m", "mm", 1e3},   {"_pa", "kPa", 1e-3},
                            {"_px", "px", 1},    {"_percent", "%", 1},
                            {"_m2", "m^2", 1},   {"_nats", "nats", 1}};
 
-// Keys whose name is not the key itself with spaces.
+// Keys that stand for others, since their own tell no unit, or another word.
 struct Renamed {
-  const char *key, *name;
+  const char *key, *read_as;
 };
-constexpr Renamed kNames[] = {{"out", "written"},
-                              {"sight", "vision"},
-                              {"twist", "twist [m, rad]"},
-                              {"piece_twist", "twists of pieces [m, rad]"},
-                              {"quaternion_xyzw", "quaternion"},
-                              {"warnings", "warning"},
-                              {"notes", "note"}};
+constexpr Renamed kNames[] = {{"out", "written"},          {"sight", "vision"},
+                              {"twist", "twist [m, rad]"}, {"quaternion_xyzw", "quaternion"},
+                              {"warnings", "warning"},     {"notes", "note"},
+                              {"residual", "residual_m"}};
 // Keys in front of, and behind, all others; those in no list stand by the alphabet: numbers and
 // words, then tables.
-const char* const kFirst[] = {"scene", "name",     "id",     "file",  "capture", "line",  "s",
-                              "part",  "severity", "tier",   "order", "setting", "state", "success",
-                              "passed", "vented",  "status", "kind",  "rank",    "initial"};
-const char* const kLast[] = {"note", "notes", "warnings", "failure", "reason", "remedy", "out"};
+const char* const kFirst[] = {"scene", "name",    "id",          "file",   "capture", "line",
+                              "s",     "part",    "severity",    "tier",   "order",   "setting",
+                              "state", "success", "passed",      "vented", "status",  "kind",
+                              "rank",  "label",   "pressure_pa", "value"};
+const char* const kLast[] = {"unit",    "note",   "notes",  "warnings",
+                             "failure", "reason", "remedy", "out"};
 const char* const kForMachines[] = {"covariance", "covariance_m2", "tip_covariance", "correlation"};
 
 constexpr int kStep = 2;
@@ -56,7 +55,15 @@ int placeIn(const char* const (&list)[kCount], const std::string& key) {
   return found == std::end(list) ? -1 : static_cast<int>(found - std::begin(list));
 }
 
-const Unit* unitOf(const std::string& key) {
+std::string readAs(const std::string& key) {
+  for (const Renamed& one : kNames) {
+    if (key == one.key) return one.read_as;
+  }
+  return key;
+}
+
+const Unit* unitOf(const std::string& written) {
+  const std::string key = readAs(written);
   for (const Unit& unit : kUnits) {
     const std::string suffix = unit.suffix;
     if (key.size() > suffix.size() &&
@@ -68,11 +75,9 @@ const Unit* unitOf(const std::string& key) {
 }
 
 std::string nameOf(const std::string& key) {
-  for (const Renamed& one : kNames) {
-    if (key == one.key) return one.name;
-  }
   const Unit* const unit = unitOf(key);
-  std::string name = key.substr(0, key.size() - (unit ? std::string(unit->suffix).size() : 0));
+  std::string name = readAs(key);
+  if (unit != nullptr) name.resize(name.size() - std::string(unit->suffix).size());
   std::replace(name.begin(), name.end(), '_', ' ');
   return name;
 }
@@ -96,7 +101,7 @@ std::string textOf(const json& value, const Unit* unit, bool in_list = false) {
     }
     return text;
   }
-  if (!value.is_number() || (value.is_number_integer() && unit == nullptr)) return value.dump();
+  if (value.is_number_integer() && (unit == nullptr || unit->scale == 1)) return value.dump();
   const double number = value.get<double>() * (unit ? unit->scale : 1);
   char text[40];
   // Rounding errors of vectors are no digits to read.
@@ -224,7 +229,8 @@ void printTable(const json& rows, int indent, std::ostream& out) {
       return "-";
     });
     for (const Leaf& leaf : leaves) {
-      if (!leaf.value->is_null() && columnOf(leaf).below) printLeaf(leaf, 0, indent + 2 * kStep, out);
+      if (!leaf.value->is_null() && columnOf(leaf).below)
+        printLeaf(leaf, 0, indent + 2 * kStep, out);
     }
   }
 }
@@ -255,22 +261,23 @@ void printText(const json& result, std::ostream& out) {
   const json report = withActuatorTable(result);
   const Leaves leaves = leavesOf(report);
   std::size_t width = 0;
-  const auto isShown = [](const Leaf& leaf) {  // nothing is told of words that are not there
-    return !leaf.value->is_null() || leaf.unit != nullptr;
-  };
   for (const Leaf& leaf : leaves) {
-    if (isShown(leaf) && !isTable(*leaf.value)) width = std::max(width, leaf.name.size());
+    if (!leaf.value->is_null() && !isTable(*leaf.value)) width = std::max(width, leaf.name.size());
   }
   for (const Leaf& leaf : leaves) {
-    if (isShown(leaf)) printLeaf(leaf, width, 0, out);
+    if (!leaf.value->is_null()) printLeaf(leaf, width, 0, out);
   }
 }
 
 std::string lineOf(const json& result) {
   std::string line;
   for (const Leaf& leaf : leavesOf(result)) {
-    if (leaf.value->is_null() || isTable(*leaf.value)) continue;
-    line += (line.empty() ? "" : "; ") + leaf.name + " " + leaf.shown();
+    if (leaf.value->is_null()) continue;
+    line += (line.empty() ? "" : "; ") + leaf.name + " ";
+    if (!isTable(*leaf.value)) line += leaf.shown();
+    for (std::size_t i = 0; isTable(*leaf.value) && i < leaf.value->size(); ++i) {
+      line += (i > 0 ? ", " : "") + lineOf((*leaf.value)[i]);
+    }
   }
   return line;
 }

@@ -395,8 +395,9 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
                     {"part", "tier", "setting", "time_ns", "tip_error_percent", "on_frontier"});
   };
   json shown = report;
-  shown["notes"].push_back("tip errors in % of the arm's length; on the frontier: no faster row of "
-                           "the same part is as accurate");
+  shown["notes"].push_back(
+      "tip errors in % of the arm's length; on the frontier: no faster row of "
+      "the same part is as accurate");
   printResult(global.format, report, table, shown);
   if (trade.rows.empty()) return kNotPossible;
   if (!folder) return kDone;

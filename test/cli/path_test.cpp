@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -48,11 +47,8 @@ TEST(Path, ACircleIsPrintedAsAPathFile) {
     EXPECT_EQ(outcome.err, "");
     const auto points = pointsOf(outcome.out);
     ASSERT_EQ(points.size(), 201u);
-    for (int i = 0; i <= 200; ++i) {
-      const double angle = 2 * basics::kPi * i / 200;
-      expectPoint(points[i], 0.04 * i, 0.35, 0.01 + 0.02 * std::cos(angle),
-                  -0.02 + 0.02 * std::sin(angle));
-    }
+    expectPoint(points[0], 0, 0.35, 0.03, -0.02);
+    expectPoint(points[50], 2, 0.35, 0.01, 0);
   }
 }
 
@@ -68,12 +64,7 @@ TEST(Path, TurnsAndPlaneAreThoseAskedFor) {
 TEST(Path, AFileHasTheSameContentAsStdoutAndIsAPath) {
   const TemporaryFolder folder;
   const std::string file = folder / "circle.csv";
-  const Outcome text = path("circle", {"--out", file});
-  ASSERT_EQ(text.exit_code, 0) << text.err;
-  EXPECT_EQ(text.out,
-            "circle of radius 0.02 m around [0.350000, 0.010000, -0.020000] m in the plane yz, 1 "
-            "turn of 8 s: 201 points from [0.350000, 0.030000, -0.020000] m in " +
-                file + "\n");
+  ASSERT_EQ(path("circle", {"--out", file}).exit_code, 0);
   EXPECT_EQ(contentOf(file), path("circle").out);
   const control::TipPath read(io::loadTipPath(io::loadDataSet(file)));
   EXPECT_EQ(read.lastTime(), 8.0);
