@@ -82,15 +82,6 @@ json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) 
           {"reason", textOrNull(reason)}};
 }
 
-// Comments of csv: a line for each of these keys, and the reason where there is one.
-void printComments(const json& report, const std::vector<const char*>& keys) {
-  for (const auto& [key, cell] : cellsOf(report, keys)) {
-    std::cout << "# " << key << " " << cell << "\n";
-  }
-  if (report["reason"].is_null()) return;
-  std::cout << "# reason " << report["reason"].get<std::string>() << "\n";
-}
-
 // Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
 // @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
@@ -106,6 +97,7 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   }
   const auto table = [&report] {
     printComments(report, {"median_rms_m", "median_tip_error_percent"});
+    printReason(report);
     return CsvTable(report["captures"],
                     {"capture", "status", "pressure_pa", "rms_m", "tip_error_m",
                      "tip_error_percent", "outlier_tags", "unknown_tags", "model_status"});
@@ -169,6 +161,7 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   shown["points"] = with_differences;
   const auto table = [&] {
     printComments(report, {"rms_rad", "max_rad"});
+    printReason(report);
     return CsvTable(with_differences,
                     {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
   };

@@ -45,20 +45,6 @@ const char* visionName(const FollowPlan& plan) {
   return plan.vision == simulation::VisionKind::kRendered ? "rendered" : "corners";
 }
 
-json statesJson(const FollowResult& result) {
-  json states = json::array();
-  for (const procedures::FollowState& change : result.states) {
-    states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
-  }
-  return states;
-}
-
-json settleJson(const procedures::FollowFigures& figures) {
-  json times = json::array();
-  for (const std::optional<double>& time : figures.settle) times.push_back(toJson(time));
-  return times;
-}
-
 // If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
@@ -92,9 +78,8 @@ json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
 
 void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
                     CsvTable::Row& row) {
-  const char* const axes[] = {"x_m", "y_m", "z_m"};
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(prefix + axes[i], position ? exact((*position)[i]) : std::string());
+  for (const auto& [name, axis] : {std::pair{"x_m", 0}, {"y_m", 1}, {"z_m", 2}}) {
+    row.emplace_back(prefix + name, position ? exact((*position)[axis]) : std::string());
   }
 }
 
@@ -170,6 +155,11 @@ std::string failureOf(const FollowReport& report) {
 
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
+  json states = json::array(), settle = json::array();
+  for (const procedures::FollowState& change : report.result.states) {
+    states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
+  }
+  for (const std::optional<double>& time : figures.settle) settle.push_back(toJson(time));
   return {{"scene", report.scene.name},
           {"rig", textOrNull(report.rig)},
           {"seed", report.plan.seed},
@@ -181,9 +171,9 @@ json reportOf(const FollowReport& report) {
           {"path_rms_m", toJson(figures.path_rms)},
           {"path_max_m", toJson(figures.path_max)},
           {"steady_rms_m", figures.steady_rms},
-          {"settle_s", settleJson(figures)},
+          {"settle_s", settle},
           {"unreachable", figures.unreachable},
-          {"states", statesJson(report.result)},
+          {"states", states},
           {"alarms", alarmsJson(report.result)},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},

@@ -203,6 +203,16 @@ CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) 
   return row;
 }
 
+void printComments(const json& report, const std::vector<const char*>& keys) {
+  for (const auto& [key, cell] : cellsOf(report, keys)) {
+    std::cout << "# " << key << " " << cell << "\n";
+  }
+}
+
+void printReason(const json& report) {
+  if (!report["reason"].is_null()) printComments(report, {"reason"});
+}
+
 std::string quotedCell(const std::string& text) {
   std::string cell = "\"";
   for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
@@ -229,19 +239,30 @@ void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable
 }
 
 void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
+  appendTwists(toJson(twists), static_cast<int>(twists.cols()), row);
+}
+
+void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
   const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
-  for (int k = 0; k < twists.cols(); ++k) {
-    for (int j = 0; j < 6; ++j) {
-      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j], exact(twists(j, k)));
+  for (std::size_t k = 0; k < static_cast<std::size_t>(sections); ++k) {
+    for (std::size_t j = 0; j < 6; ++j) {
+      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j],
+                       twist.is_null() ? "" : cellOf(twist[k][j]));
     }
   }
 }
 
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
-  const std::string position[] = {"x_m", "y_m", "z_m"}, quaternion[] = {"qx", "qy", "qz", "qw"};
-  const Eigen::Vector4d q = lie::quaternionXyzw(pose.rotation);
-  for (int i = 0; i < 3; ++i) row.emplace_back(prefix + position[i], exact(pose.translation[i]));
-  for (int i = 0; i < 4; ++i) row.emplace_back(prefix + quaternion[i], exact(q[i]));
+  appendPose(prefix, toJson(pose), row);
+}
+
+void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row) {
+  const char* const entries[] = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
+  for (std::size_t i = 0; i < 7; ++i) {
+    const char* const key = i < 3 ? "position_m" : "quaternion_xyzw";
+    row.emplace_back(prefix + entries[i],
+                     pose.is_null() ? "" : cellOf(pose[key][i < 3 ? i : i - 3]));
+  }
 }
 
 std::string bracketed(const Eigen::VectorXd& vector) {

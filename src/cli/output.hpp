@@ -66,6 +66,10 @@ class CsvTable {
 /// numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa` gives
 /// pressure_1_pa and so on.
 CsvTable::Row cellsOf(const nlohmann::json& report, const std::vector<const char*>& keys);
+/// The same as lines "# key value" in front of a table.
+void printComments(const nlohmann::json& report, const std::vector<const char*>& keys);
+/// Likewise the `reason` of a report, where there is one.
+void printReason(const nlohmann::json& report);
 /// A text in quotes, by RFC 4180.
 std::string quotedCell(const std::string& text);
 
@@ -77,7 +81,10 @@ std::string exact(const std::optional<double>& value);
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
 void appendTwists(const model::Twists& twists, CsvTable::Row& row);
-/// Cells `<prefix>x_m` .. `<prefix>qw`.
+/// The same of a report's `twist`, which may be null: empty cells.
+void appendTwists(const nlohmann::json& twist, int sections, CsvTable::Row& row);
+/// Cells `<prefix>x_m` .. `<prefix>qw`, also of a pose of a report, empty where it is null.
+void appendPose(const std::string& prefix, const nlohmann::json& pose, CsvTable::Row& row);
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row);
 
 /// "[1.000000, 2.000000]" for people.
