@@ -34,7 +34,7 @@ std::optional<double> tagDistance(const io::Scene& scene, const FittedCapture& c
   return count > 0 ? std::optional(std::sqrt(square / count)) : std::nullopt;
 }
 
-json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) {
+json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) {
   double arm_length = 0;  // at rest [m]
   for (int k = 0; k < scene.arm.sectionCount(); ++k) arm_length += scene.arm.restLength(k);
   const auto percent = [arm_length](const std::optional<double>& error) {
@@ -87,7 +87,7 @@ json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) 
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
   const std::vector<FittedCapture> captures = fitCaptures(scene, data);
-  const json report = reportOf(scene, captures);
+  const json report = comparisonOf(scene, captures);
   json shown = without(report, {"converged", "usual_fit_rms_m"});
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));

@@ -223,7 +223,7 @@ std::string fileCell(const std::string& text) {
 }
 
 // One row per tag; a frame without tags has one row, and missing values are empty cells.
-CsvTable csvTable(const io::Scene& scene, const json& frames) {
+CsvTable tagTable(const io::Scene& scene, const json& frames) {
   const estimation::TwistFitOptions& options = scene.vision.fit;
   CsvTable table;
   for (const json& frame : frames) {
@@ -264,7 +264,7 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
     for (json& tag : frame["tags"]) tag = json(tag["id"]);
   }
   printResult(
-      global.format, report, [&] { return csvTable(scene, frames); }, shown);
+      global.format, report, [&] { return tagTable(scene, frames); }, shown);
   return std::any_of(frames.begin(), frames.end(), isFailure) ? kNotPossible : kDone;
 }
 

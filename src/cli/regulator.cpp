@@ -43,7 +43,7 @@ using simulation::DeviceFault;
 
 constexpr double kProbeSeconds = 1;
 constexpr double kStay = 5;            // [s]
-constexpr double kLongest = 86400;     // [s]
+constexpr double kLongestRun = 86400;  // [s]
 constexpr double kBetweenReports = 1;  // of an emulated device [s]
 constexpr double kBetweenLines = 0.5;  // [s]
 constexpr double kLinkTime = 5;        // for a regulator to answer [s]
@@ -54,7 +54,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 constexpr std::chrono::milliseconds kTurn(5);
 constexpr std::chrono::milliseconds kBetweenReadings(10);
-constexpr std::chrono::milliseconds kBetweenTries(50);
+constexpr std::chrono::milliseconds kBetweenVents(50);
 
 struct RegulatorOptions {
   std::string scene;
@@ -444,7 +444,7 @@ Vented vent(regulator::Driver& driver, const io::Scene& scene) {
       result.reason = error.what();
     }
     if (result.reason.empty() || steadyNow() >= end) return result;
-    std::this_thread::sleep_for(kBetweenTries);
+    std::this_thread::sleep_for(kBetweenVents);
   }
 }
 
@@ -662,7 +662,7 @@ Subcommand addRegulator(CLI::App& app) {
   };
   const auto addSeconds = [&options](CLI::App* action, const char* help) {
     addOption(*action, "--seconds", options->seconds, help, TypeName{"S"},
-              CLI::Range(0.01, kLongest));
+              CLI::Range(0.01, kLongestRun));
   };
   addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
                  probeRegulator),
