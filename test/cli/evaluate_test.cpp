@@ -92,20 +92,6 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
   EXPECT_EQ(std::stod(rows[1][5]), capture["rms_m"].get<double>());
 }
 
-TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
-  const TemporaryFile scene(kFlatScene);
-  const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
-  const Outcome outcome = runCommand({"evaluate", scene.path(), high.path()});
-  expectCallerError(outcome, high.path() +
-                                 ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to "
-                                 "100 kPa");
-  expectCallerError(outcome,
-                    high.path() + ":4 pressure_1_kpa is not within the limits of muscle_1");
-  const TemporaryFile broken("pressure_1_kpa,curvature_rad\n50,nan\n");
-  expectCallerError(runCommand({"evaluate", scene.path(), broken.path()}),
-                    broken.path() + ":2 curvature_rad is not a finite number; expected one");
-}
-
 TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
   const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n"), tendons(kPulledScene);
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");

@@ -161,10 +161,6 @@ TEST(Fit, CallerErrorsAreReported) {
   const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25)), scene(kRodScene);
   expectCallerError(runCommand({"fit", scenePath("spatial_50"), data.path()}),
                     "scene spatial_50 has no tags; expected a scene with a section tags");
-  const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
-  expectCallerError(fit(scene, curvature), "has no column capture");
-  const TemporaryFile twice(kTagPoseHeader + "1,0,6,0,0,0,0,0,0,1\n1,0,6,0,0,0,0,0,0,1\n");
-  expectCallerError(fit(scene, twice), twice.path() + ":3 measures the tag of line 2 again");
   expectCallerError(runCommand({"fit", scene.path(), "/nowhere.csv"}),
                     "/nowhere.csv cannot be read");
 }

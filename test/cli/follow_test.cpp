@@ -152,14 +152,9 @@ TEST(Follow, ATipOutOfReachIsNoError) {
 
 TEST(Follow, PathsThatTheArmCannotFollowAreRefused) {
   const TemporaryFolder folder;
-  const std::string fast = circle(folder, "0.5"), big = circle(folder, "10", "0.2");
-  const Outcome too_fast = follow({"--path", fast, "--seconds", "3"});
-  expectCallerError(too_fast, "--path " + fast + ": the path is too fast after ");
-  EXPECT_NE(too_fast.err.find("multiply all times by "), std::string::npos) << too_fast.err;
-  expectCallerError(follow({"--path", big, "--seconds", "3"}),
-                    "--path " + big + ": the path leaves the arm's reach after 0 s");
-  std::ofstream(folder / "nan.csv") << "time_s,x_m,y_m,z_m\n0,0.36,0,0\n1,nan,0,0\n";
-  expectCallerError(follow({"--path", folder / "nan.csv", "--seconds", "3"}), "nan.csv:3 ");
+  const std::string fast = circle(folder, "0.5");
+  expectCallerError(follow({"--path", fast, "--seconds", "3"}),
+                    "--path " + fast + ": the path is too fast after ");
   const Outcome stretched = follow({"--path", circle(folder, "1"), "--seconds", "3"});
   EXPECT_EQ(stretched.exit_code, 0) << stretched.err;
 }

@@ -145,16 +145,6 @@ TEST(Command, WrongCallsExitWithTwo) {
                            "/nowhere.yaml cannot be read: No such file or directory"}});
 }
 
-TEST(Command, AllFaultsOfASceneAreListed) {
-  const Outcome outcome =
-      forward("planar_76", "0,0", {"--set", "arm.sections.0.ring.radius_m=-5", "--set", "nam=x"});
-  expectCallerError(
-      outcome,
-      "--set arm.sections.0.ring.radius_m: arm.sections[0].ring.radius_m is -5; expected a "
-      "finite value > 0");
-  expectCallerError(outcome, "--set nam: nam is not a known key; did you mean name?");
-}
-
 TEST(Command, HelpAndVersionGoToStdout) {
   const Outcome version = runCommand({"--version"});
   EXPECT_EQ(version.exit_code, 0);
