@@ -1,11 +1,10 @@
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/rig_check.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -32,12 +31,6 @@ std::optional<double> supplyOf(const regulator::Pressures& readings) {
   return std::isfinite(readings.supply) ? std::optional(readings.supply) : std::nullopt;
 }
 
-std::string kpaOf(double pressure) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(kDecimals) << pressure / 1e3 << " kPa";
-  return text.str();
-}
-
 // Tells what was read, and holds it against the scene.
 void judge(const io::Scene& scene, const regulator::Pressures& readings,
            std::vector<Finding>& findings) {
@@ -51,7 +44,7 @@ void judge(const io::Scene& scene, const regulator::Pressures& readings,
   }
   std::string said = pressureText(scene.arm, pressure, kDecimals);
   const std::optional<double> supply = supplyOf(readings);
-  if (supply) said += ", supply " + kpaOf(*supply);
+  if (supply) said += basics::format(", supply %.*f kPa", kDecimals, *supply / 1e3);
   findings.push_back({Severity::kNote, "answered", name,
                       "it vented and answered, gauge pressures: " + said,
                       "expect 0 kPa within the noise of the sensors"});

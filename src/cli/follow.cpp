@@ -1,5 +1,4 @@
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <sstream>
@@ -8,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
@@ -95,11 +95,7 @@ CsvTable::Row rowOf(const FollowRow& row, const model::Arm& arm) {
   return cells;
 }
 
-std::string millimetres(double metres) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(2) << 1e3 * metres << " mm";
-  return text.str();
-}
+std::string millimetres(double metres) { return basics::format("%.2f mm", 1e3 * metres); }
 
 // "path RMS 0.43 mm" or "RMS of the last seconds 0.20 mm"
 std::string summary(const procedures::FollowFigures& figures) {
@@ -255,10 +251,10 @@ std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
   }
   const double least = procedures::kLeastTipTime * static_cast<double>(tips.size());
   if (arguments.seconds < least) {
-    std::ostringstream message;
-    message << "--seconds " << arguments.seconds << " is too short for " << tips.size()
-            << " tips; expected at least 1 s for each: --seconds " << least;
-    throw CallerError(message.str());
+    throw CallerError(
+        basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
+                       "--seconds %g",
+                       arguments.seconds, tips.size(), least));
   }
   return tips;
 }

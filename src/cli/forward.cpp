@@ -1,9 +1,6 @@
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
-#include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"

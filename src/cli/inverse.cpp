@@ -2,12 +2,11 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -35,15 +34,9 @@ lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repea
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
-    std::ostringstream message;
-    message << culprit << " has a quaternion of ";
-    if (repeat_norm) {
-      message << "norm " << q.norm();
-    } else {
-      message << "another norm";
-    }
-    message << "; expected 1, in the order qx,qy,qz,qw";
-    throw CallerError(message.str());
+    throw CallerError(culprit + " has a quaternion of " +
+                      (repeat_norm ? basics::format("norm %g", q.norm()) : "another norm") +
+                      "; expected 1, in the order qx,qy,qz,qw");
   }
   return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
@@ -84,19 +77,20 @@ const char* statusName(InverseStatus status) {
 const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
 
 std::string reasonFor(const InverseResult& result) {
-  std::ostringstream reason;
+  if (result.status == InverseStatus::kReached && std::isfinite(result.residual)) return {};
   if (result.status == InverseStatus::kUnreachable) {
-    reason << "no inputs within the limits were found to reach the target; the closest leaves a "
-              "residual of "
-           << result.residual << " m";
-  } else if (!std::isfinite(result.residual)) {
-    reason << "no shape balances the load at any input that was tried; lower the load, or give "
-              "another start with --start-kpa";
-  } else if (result.status == InverseStatus::kNotConverged) {
-    reason << "the search did not converge; the best inputs found leave a residual of "
-           << result.residual << " m";
+    return basics::format(
+        "no inputs within the limits were found to reach the target; the closest leaves a residual "
+        "of %g m",
+        result.residual);
   }
-  return reason.str();
+  if (std::isfinite(result.residual)) {
+    return basics::format(
+        "the search did not converge; the best inputs found leave a residual of %g m",
+        result.residual);
+  }
+  return "no shape balances the load at any input that was tried; lower the load, or give another "
+         "start with --start-kpa";
 }
 
 json activeLimits(const model::Arm& arm, const InverseResult& result) {

@@ -1,14 +1,13 @@
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
@@ -121,11 +120,11 @@ class Locator {
     if (!scene_.camera) return "scene " + scene_.name + " has no camera";
     const estimation::Camera& camera = scene_.camera->model;
     if (size == cv::Size(camera.width, camera.height)) return "";
-    std::ostringstream text;
-    text << "the picture has " << size.width << " x " << size.height
-         << " pixels, the camera of scene " << scene_.name << " " << camera.width << " x "
-         << camera.height << "; take pictures of that size, or calibrate the camera at theirs";
-    return text.str();
+    return basics::format("the picture has %d x %d pixels, the camera of scene ", size.width,
+                          size.height) +
+           scene_.name +
+           basics::format(" %d x %d; take pictures of that size, or calibrate the camera at theirs",
+                          camera.width, camera.height);
   }
 
   // As it is, or without any tag that says so.

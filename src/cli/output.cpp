@@ -3,14 +3,14 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <iostream>
 #include <limits>
-#include <sstream>
 #include <streambuf>
 
+#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/lie/so3.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
@@ -129,17 +129,14 @@ json toJson(const lie::SE3& pose) {
 json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
 
 std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(decimals);
+  std::vector<std::string> parts;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    text << (i > 0 ? ", " : "") << arm.actuator(i).name;
-    if (std::isfinite(pressure[i])) {
-      text << " " << pressure[i] / 1e3 << " kPa";
-    } else {
-      text << " no reading";
-    }
+    parts.push_back(arm.actuator(i).name +
+                    (std::isfinite(pressure[i])
+                         ? basics::format(" %.*f kPa", decimals, pressure[i] / 1e3)
+                         : " no reading"));
   }
-  return text.str();
+  return basics::joined(parts);
 }
 
 json readingsJson(const Eigen::VectorXd& pressure) {
@@ -149,15 +146,14 @@ json readingsJson(const Eigen::VectorXd& pressure) {
 }
 
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
-  json names = json::array(), units = json::array();
+  json units = json::array();
   bool pressures = true;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
-    names.push_back(arm.actuator(i).name);
     units.push_back(unit.si);
     pressures = pressures && unit.pressure;
   }
-  result["actuators"] = names;
+  result["actuators"] = actuatorNames(arm);
   if (pressures) {
     result["pressure_pa"] = toJson(inputs);
   } else {
@@ -220,9 +216,7 @@ std::string quotedCell(const std::string& text) {
 }
 
 std::string exact(double value) {
-  std::ostringstream text;
-  text << std::setprecision(std::numeric_limits<double>::max_digits10) << value;
-  return text.str();
+  return basics::format("%.*g", std::numeric_limits<double>::max_digits10, value);
 }
 
 std::string exact(const std::optional<double>& value) {
@@ -266,11 +260,9 @@ void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row)
 }
 
 std::string bracketed(const Eigen::VectorXd& vector) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(6) << "[";
-  for (int i = 0; i < vector.size(); ++i) text << (i == 0 ? "" : ", ") << vector[i];
-  text << "]";
-  return text.str();
+  std::vector<std::string> parts;
+  for (const double each : vector) parts.push_back(basics::format("%.6f", each));
+  return "[" + basics::joined(parts) + "]";
 }
 
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {

@@ -3,11 +3,9 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <functional>
-#include <iomanip>
 #include <iostream>
 #include <limits>
 #include <memory>
@@ -22,6 +20,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -111,15 +110,13 @@ Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
     while (full < channels && std::abs(result.pressure[full]) <= rules.vented_below) ++full;
     if (full == channels) return result;
     if (steadyNow() >= end) {
-      std::ostringstream text;
-      text << scene.arm.actuator(full).name;
-      if (std::isnan(result.pressure[full])) {
-        text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
-      } else {
-        text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
-             << " s; shut the supply and check for a valve that does not close";
-      }
-      result.reason = text.str();
+      result.reason =
+          scene.arm.actuator(full).name +
+          (std::isnan(result.pressure[full])
+               ? " gives no reading" + (bad_reply.empty() ? "" : ": " + bad_reply)
+               : basics::format(" still has %g kPa after %g s; shut the supply and check for a "
+                                "valve that does not close",
+                                result.pressure[full] / 1e3, rules.vent_time));
       return result;
     }
     std::this_thread::sleep_for(kBetweenReadings);
@@ -215,9 +212,7 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
 
 // For text, which tells whose the pressures are.
 json namedActuators(const model::Arm& arm, json report) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    report["actuators"].push_back(arm.actuator(i).name);
-  }
+  report["actuators"] = actuatorNames(arm);
   return report;
 }
 
@@ -555,15 +550,15 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
   const Eigen::VectorXd pressure = emulated.pressure();
   const Eigen::VectorXd set_point = emulated.setPoint();
   const std::vector<Valve> valves = emulated.valves();
-  std::ostringstream line;
-  line << std::fixed << std::setprecision(1);
+  std::vector<std::string> parts;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int k = emulated.channels[static_cast<std::size_t>(i)];
-    line << (i > 0 ? ", " : "") << scene.arm.actuator(i).name << " "
-         << wordOf(valves[static_cast<std::size_t>(k)]) << ": set " << set_point[k] / 1e3
-         << ", has " << pressure[k] / 1e3 << " kPa";
+    parts.push_back(scene.arm.actuator(i).name +
+                    basics::format(" %s: set %.1f, has %.1f kPa",
+                                   wordOf(valves[static_cast<std::size_t>(k)]), set_point[k] / 1e3,
+                                   pressure[k] / 1e3));
   }
-  std::cout << line.str() << std::endl;
+  std::cout << basics::joined(parts) << std::endl;
 }
 
 void obey(const std::string& word, const Emulated& emulated) {

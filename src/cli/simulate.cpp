@@ -1,11 +1,8 @@
-#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iomanip>
-#include <iostream>
 #include <limits>
 #include <memory>
 #include <random>
@@ -14,6 +11,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/arm_view.hpp"
@@ -120,10 +118,9 @@ class CsvFile {
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
-  std::ostringstream text;
-  text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
-       << options.count << " --seed " << options.seed << "\n";
-  OutputFile(path).write(text.str());
+  OutputFile(path).write(
+      io::sceneText(options.scene, overridesOf(global)) +
+      basics::format("\n# Simulated with --count %d --seed %u\n", options.count, options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -155,9 +152,7 @@ void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& 
 }
 
 std::string pictureName(int capture) {
-  std::ostringstream name;
-  name << "picture_" << std::setfill('0') << std::setw(kFewestDigits) << capture << ".jpg";
-  return name.str();
+  return basics::format("picture_%0*d.jpg", kFewestDigits, capture);
 }
 
 // Measured by an instrument that sees all tags, with the noise vision.tag_position_noise_m.

@@ -2,7 +2,6 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <iostream>
 #include <limits>
 #include <memory>
@@ -13,6 +12,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
@@ -230,10 +230,8 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
                          ? tipDistance(vision.fit.shape, film.truth[i])
                          : kInfinity);
   }
-  std::ostringstream setting;
-  setting << "quad_decimate " << decimate;
-  return {"sight", nameOf(mode), setting.str(), basics::medianOf(times),
-          basics::medianOf(errors) / scene.arm.restLength()};
+  return {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate),
+          basics::medianOf(times), basics::medianOf(errors) / scene.arm.restLength()};
 }
 
 // Parameters that a fit estimates in addition to the shape.

@@ -1,6 +1,4 @@
 // `helix_arm camera` on rendered pictures whose truth is known.
-#include <Eigen/Geometry>
-#include <cmath>
 #include <filesystem>
 #include <iostream>
 

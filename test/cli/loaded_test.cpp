@@ -1,5 +1,4 @@
 #include <Eigen/Geometry>
-#include <cmath>
 
 #include <gtest/gtest.h>
 

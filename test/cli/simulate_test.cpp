@@ -1,11 +1,8 @@
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
-#include <utility>
 
 #include <gtest/gtest.h>
 
