@@ -284,7 +284,7 @@ class Checker:
         """The scene that docs/scene.md begins with is short, and gives what the page says."""
         text = document.path.read_text(encoding="utf-8")
         scene = re.search(r"^```yaml\n(.*?)^```", text, re.M | re.S)
-        call = re.search(r"^\$ helix_arm (.*?) arm\.yaml (.*?) \| tail -1\n(.*)$", text, re.M)
+        call = re.search(r"^\$ helix_arm (.*?) arm\.yaml (.*?) \| grep '(.*?)'\n(.*)$", text, re.M)
         if not scene or not call or scene.group(1).count("\n") > EXAMPLE_LINES:
             self.fault(document, 1, "no example of a scene of at most %d lines with a call of helix_arm" % EXAMPLE_LINES)
             return
@@ -292,8 +292,8 @@ class Checker:
             (Path(folder) / "arm.yaml").write_text(scene.group(1), encoding="utf-8")
             run = subprocess.run([str(Path(self.package.command.path).resolve()), call.group(1), "arm.yaml", *call.group(2).split()],
                                  cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60, universal_newlines=True)
-        printed = (run.stdout.strip().split("\n") or [""])[-1]
-        if printed != call.group(3):
+        printed = "\n".join(line for line in run.stdout.split("\n") if call.group(3) in line)
+        if printed != call.group(4):
             self.fault(document, text[:call.start()].count("\n") + 2, "the example prints %s" % printed)
 
     def check_tests(self, document, line):

@@ -156,7 +156,7 @@ def expect_cli(reader, command):
     check = asked("check", "my_arm.yaml")
     expect(check["passed"], "check finds %s" % check["findings"])
     expect(not any(one["check"] == "camera_uncalibrated" for one in check["findings"]), "the camera is not calibrated")
-    reached = re.search(r"^reached muscle_1 (-?[\d.]+) kPa", reader.told("regulator my_arm.yaml set"), re.M)
+    reached = re.search(r"^ *muscle_1 +(-?[\d.]+) ", reader.told("regulator my_arm.yaml set"), re.M)
     expect(reached and abs(float(reached.group(1)) - 20) < 4, "set to 20 kPa: " + reader.told("regulator my_arm.yaml set"))
 
 

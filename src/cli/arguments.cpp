@@ -3,10 +3,10 @@
 #include <cmath>
 #include <filesystem>
 #include <iostream>
-#include <sstream>
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
@@ -29,15 +29,6 @@ std::vector<std::string> split(const std::string& text) {
     }
   }
   return parts;
-}
-
-std::string actuatorNames(const model::Arm& arm) {
-  std::string names;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    if (i > 0) names += ", ";
-    names += arm.actuator(i).name;
-  }
-  return names;
 }
 
 statics::TierRequest requestOf(const TierArguments& arguments) {
@@ -187,14 +178,14 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
   if (in_kpa && hasTendon(arm)) {
     throw CallerError(kpa_option + " is for pressures, but scene " + scene.name +
                       " has tendons; give " + si_option + " in SI units (Pa or rad) for " +
-                      actuatorNames(arm));
+                      basics::joined(actuatorNames(arm)));
   }
   const std::string& option = in_kpa ? kpa_option : si_option;
   const std::vector<std::string> parts = split(in_kpa ? kpa_text : si_text);
   if (static_cast<int>(parts.size()) != arm.actuatorCount()) {
     throw CallerError(option + " has " + std::to_string(parts.size()) + " values; scene " +
                       scene.name + " has " + std::to_string(arm.actuatorCount()) +
-                      " actuators: " + actuatorNames(arm));
+                      " actuators: " + basics::joined(actuatorNames(arm)));
   }
   Eigen::VectorXd inputs(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -227,9 +218,7 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
   return [range](const std::string& text) -> std::string {
     const std::optional<double> number = io::parseNumber(text);
     if (number && range.contains(*number)) return {};
-    std::ostringstream message;
-    message << text << " is not a number from " << range.lower << " to " << range.upper;
-    return message.str();
+    return text + basics::format(" is not a number from %g to %g", range.lower, range.upper);
   };
 }
 
@@ -265,12 +254,15 @@ statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments
   }
 }
 
+std::vector<std::string> actuatorNames(const model::Arm& arm) {
+  std::vector<std::string> names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
+  return names;
+}
+
 std::string inputText(const model::Actuator& actuator, double input) {
   const model::DriveUnit unit = model::unitOf(actuator.drive);
-  std::ostringstream text;
-  text.precision(12);
-  text << input / unit.scale << " " << unit.shown;
-  return text.str();
+  return basics::format("%.12g %s", input / unit.scale, unit.shown);
 }
 
 bool hasTendon(const model::Arm& arm) {

@@ -99,6 +99,8 @@ void addTierOptions(CLI::App& command, TierArguments& arguments);
 /// @throws CallerError naming the option, what it meets in the scene and the remedy.
 statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments);
 
+std::vector<std::string> actuatorNames(const model::Arm& arm);
+
 /// An input with its unit: "413.6856 kPa" or "1.5 rad".
 std::string inputText(const model::Actuator& actuator, double input);
 

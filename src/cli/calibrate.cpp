@@ -1,5 +1,4 @@
 #include <filesystem>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -298,97 +297,50 @@ CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   return table;
 }
 
-// An error in the unit and precision of the text output.
-std::string errorText(double error, const std::string& unit) {
-  std::ostringstream text;
-  if (unit == "m") {
-    text << std::fixed << std::setprecision(1) << 1e3 * error << " mm";
-  } else {
-    text << std::setprecision(3) << error << " " << unit;
+// Adds the unit of errors to their keys.
+void nameUnit(json& tree, const std::string& suffix) {
+  for (const char* key : {"rms", "error", "in_sample"}) {
+    if (!tree.is_object() || !tree.contains(key)) continue;
+    tree[key + suffix] = tree[key];
+    tree.erase(key);
   }
-  return text.str();
-}
-
-void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& held_out,
-                  const std::string& unit) {
-  if (!held_out) return;
-  std::cout << "held-out error, " << what << ": " << errorText(held_out->error, unit)
-            << "; fitted: " << errorText(held_out->in_sample, unit) << "\n";
-  for (const estimation::HeldOut::Group& group : held_out->groups) {
-    std::cout << "  " << group.label << ": " << errorText(group.error, unit) << "\n";
+  for (json& below : tree) {
+    if (below.is_structured()) nameUnit(below, suffix);
   }
 }
 
-void printDetermined(const procedures::CalibrationOutcome& outcome) {
+// What the data determine, without the single readings.
+json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) {
+  json shown = without(
+      report, {"arms", "samples", "curve", "coefficients_m", "held_out_error", "error_unit"});
   const procedures::Determined found = procedures::determinedOf(outcome);
+  json& parameters = shown["parameters"] = json::array();
   for (const estimation::Parameter& one : found.parameters) {
-    std::cout << "  " << procedures::textOf(one) << "\n";
+    parameters.push_back(procedures::textOf(one));
   }
+  if (!outcome.success) shown.erase("parameters");
   if (!found.tags.empty()) {
-    std::cout << "  places of the tags " << io::listOf(found.tags)
-              << " (--format csv gives their numbers)\n";
+    shown["notes"].push_back("places of the tags " + io::listOf(found.tags) +
+                             " are fitted, too (--format csv gives their numbers)");
   }
   if (found.omitted > 0) {
-    std::cout << "  " << found.omitted
-              << (found.omitted == 1 ? " parameter that the data do not determine keeps its value\n"
-                                     : " parameters that the data do not determine keep their "
-                                       "values (--format csv lists them)\n");
+    shown["notes"].push_back(std::to_string(found.omitted) +
+                             " parameters that the data do not determine keep their values "
+                             "(--format csv lists them)");
   }
-}
-
-void printCombinations(const Calibration& calibration) {
-  for (const estimation::Combination& one : calibration.combinations) {
-    std::cout << (one.identifiable ? "  well known product: " : "  badly known product: ")
-              << procedures::textOf(one) << "\n";
-  }
-}
-
-void printResponse(const procedures::FittedResponse& response) {
-  std::cout << "readings about the best curve: " << errorText(response.fit.static_rms, "m")
-            << " RMS without a response, " << errorText(response.fit.rms, "m") << " with it\n";
-}
-
-void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
-                     const CalibrateOptions& options) {
-  const std::string tip_error = procedures::tipErrorText(outcome);
-  std::cout << scene.name << (tip_error.empty() ? "" : ": " + tip_error) << "\n";
-  for (const auto& [name, fit] : outcome.contractions) {
-    if (!fit.curve) continue;
-    std::cout << "contraction " << name << ": RMS " << std::fixed << std::setprecision(2)
-              << 1e3 * fit.rms << " mm" << (fit.constrained ? ", held monotone" : "")
-              << (outcome.curve_in_arm && outcome.curve_in_arm->taken ? ", fitted with the arm"
-                                                                      : "")
-              << "\n";
-  }
-  std::cout << std::defaultfloat << std::setprecision(6);
-  if (outcome.success) printDetermined(outcome);
-  if (outcome.response && outcome.success) printResponse(*outcome.response);
   if (outcome.calibration) {
-    const Calibration& calibration = *outcome.calibration;
-    if (outcome.success) {
-      printCombinations(calibration);
-      std::cout << "RMS residual of the captures that fit: "
-                << errorText(calibration.rms, calibration.error_unit) << "\n";
+    const std::string unit = outcome.calibration->error_unit;
+    if (shown.contains("least_tip_error")) {
+      nameUnit(shown["least_tip_error"], unit == "rad" ? "_rad" : "_m");
     }
-    if (outcome.least_tip_error) {
-      std::cout << "K_kappa of the least tip error (the paper's definition): "
-                << outcome.least_tip_error->K_kappa << " m^2, mean error "
-                << errorText(outcome.least_tip_error->error,
-                             calibration.error_unit == "rad" ? "rad" : "m")
-                << "\n";
-    }
-    printHeldOut("per pressure", calibration.by_pressure, calibration.error_unit);
-    printHeldOut("per arm", calibration.by_arm, calibration.error_unit);
-    for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
-      std::cout << "most informative next pressures: " << bracketed(pressure / 1e3) << " kPa\n";
+    nameUnit(shown, "_" + unit);
+    json& products = shown["combinations"] = json::array();
+    for (const estimation::Combination& one : outcome.calibration->combinations) {
+      products.push_back((one.identifiable ? "well known: " : "badly known: ") +
+                         procedures::textOf(one));
     }
   }
-  for (const std::string& warning : outcome.warnings) std::cout << "warning: " << warning << "\n";
-  if (!outcome.success) {
-    std::cout << outcome.message << "\n";
-  } else if (!options.out.empty()) {
-    std::cout << "written: " << options.out << "\n";
-  }
+  return shown;
 }
 
 int run(const CalibrateOptions& options, const GlobalOptions& global) {
@@ -409,9 +361,9 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (outcome.success && !options.out.empty()) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
+  const json report = reportOf(scene, outcome, options);
   printResult(
-      global.format, reportOf(scene, outcome, options), [&outcome] { return csvTable(outcome); },
-      [&] { printTextResult(scene, outcome, options); });
+      global.format, report, [&outcome] { return csvTable(outcome); }, shownOf(outcome, report));
   return outcome.success ? kDone : kNotPossible;
 }
 

@@ -356,27 +356,6 @@ json reportOf(const Calibrated& result) {
           {"out", textOrNull(result.out)}};
 }
 
-void printText(const Calibrated& result) {
-  const CameraCalibration& calibration = result.calibration;
-  if (!calibration.success) std::cout << "not calibrated: " << calibration.reason << "\n";
-  int used = 0;
-  for (const CalibratedView& view : calibration.views) {
-    used += view.used ? 1 : 0;
-    if (!view.used) std::cout << view.name << " is left out: " << view.reason << "\n";
-  }
-  if (calibration.parameters.empty()) return;
-  std::cout << used << " of " << calibration.views.size() << " views, RMS " << std::setprecision(3)
-            << calibration.rms << " px, " << std::lround(100 * calibration.coverage)
-            << " % of the picture covered, " << calibration.tilted_views << " views tilted\n";
-  for (const CameraParameter& one : calibration.parameters) {
-    std::cout << one.name << " = " << std::setprecision(7) << one.value << " +- "
-              << std::setprecision(2) << one.standard_error << " " << one.unit << "\n";
-  }
-  for (const std::string& warning : calibration.warnings)
-    std::cout << "warning: " << warning << "\n";
-  if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
-}
-
 CsvTable parameterTable(const CameraCalibration& calibration) {
   CsvTable table;
   for (const CameraParameter& one : calibration.parameters) {
@@ -436,9 +415,8 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;
   }
-  printResult(
-      global.format, reportOf(result), [&result] { return parameterTable(result.calibration); },
-      [&result] { printText(result); });
+  printResult(global.format, reportOf(result),
+              [&result] { return parameterTable(result.calibration); });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
@@ -493,27 +471,6 @@ json reportOf(const Placed& result) {
   out["rms_px"] = placing.fit.rms;
   out["shape_deviations"] = placing.fit.shape_deviations;
   return out;
-}
-
-void printText(const Placed& result) {
-  const CameraPlacing& placing = result.placing;
-  if (!placing.success) {
-    std::cout << "not placed: " << placing.reason << "\n";
-    return;
-  }
-  const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
-  const Eigen::VectorXd errors = result.errors();
-  std::cout << result.scene.name << ": camera placed by " << placing.tags.size() << " tags in "
-            << result.read.pictures << (result.read.pictures == 1 ? " picture" : " pictures")
-            << ", RMS " << std::setprecision(2) << placing.fit.rms << " px\n"
-            << "position_m: " << bracketed(place.position) << " +- " << std::fixed
-            << std::setprecision(1) << 1e3 * errors.head(3).maxCoeff() << " mm\n"
-            << "rpy_deg: " << bracketed(place.rpy_deg) << " +- " << std::setprecision(2)
-            << kDegrees * errors.tail(3).maxCoeff() << " deg\n"
-            << "from the scene's pose: " << std::setprecision(1) << 1e3 * placing.moved << " mm, "
-            << std::setprecision(2) << kDegrees * placing.turned << " deg\n";
-  for (const std::string& warning : placing.warnings) std::cout << "warning: " << warning << "\n";
-  if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }
 
 CsvTable placeTable(const Placed& result) {
@@ -581,9 +538,9 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                                                     {std::nullopt, result.placing.X_WC}));
     result.out = arguments.out;
   }
+  const json report = reportOf(result);
   printResult(
-      global.format, reportOf(result), [&result] { return placeTable(result); },
-      [&result] { printText(result); });
+      global.format, report, [&result] { return placeTable(result); }, without(report, {"pose"}));
   return result.placing.success ? kDone : kNotPossible;
 }
 

@@ -1,11 +1,10 @@
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/rig_check.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -28,27 +27,15 @@ struct CheckArguments {
   int samples = 150;
 };
 
-// What the regulator said.
-struct Answer {
-  bool asked = false;
-  std::optional<regulator::Pressures> readings;  // if it answered
-};
-
-std::optional<double> supplyOf(const Answer& answer) {
-  if (!answer.readings || !std::isfinite(answer.readings->supply)) return std::nullopt;
-  return answer.readings->supply;
-}
-
-std::string kpaOf(double pressure) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(kDecimals) << pressure / 1e3 << " kPa";
-  return text.str();
+std::optional<double> supplyOf(const regulator::Pressures& readings) {
+  return std::isfinite(readings.supply) ? std::optional(readings.supply) : std::nullopt;
 }
 
 // Tells what was read, and holds it against the scene.
-void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& findings) {
+void judge(const io::Scene& scene, const regulator::Pressures& readings,
+           std::vector<Finding>& findings) {
   const std::string name = regulator::describe(*scene.regulator);
-  const Eigen::VectorXd& pressure = answer.readings->pressure;
+  const Eigen::VectorXd& pressure = readings.pressure;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     if (std::isfinite(pressure[i])) continue;
     findings.push_back({Severity::kFault, "no_reading", scene.arm.actuator(i).name,
@@ -56,8 +43,8 @@ void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& f
                         "look at its sensor and address: helix_arm regulator SCENE probe"});
   }
   std::string said = pressureText(scene.arm, pressure, kDecimals);
-  const std::optional<double> supply = supplyOf(answer);
-  if (supply) said += ", supply " + kpaOf(*supply);
+  const std::optional<double> supply = supplyOf(readings);
+  if (supply) said += basics::format(", supply %.*f kPa", kDecimals, *supply / 1e3);
   findings.push_back({Severity::kNote, "answered", name,
                       "it vented and answered, gauge pressures: " + said,
                       "expect 0 kPa within the noise of the sensors"});
@@ -75,16 +62,16 @@ void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& f
   }
 }
 
-// Connects, which vents, and reads once.
-Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
-  Answer answer{true, std::nullopt};
+// Connects, which vents, and reads once; nothing if it does not answer.
+std::optional<regulator::Pressures> ask(const io::Scene& scene, std::vector<Finding>& findings) {
+  std::optional<regulator::Pressures> readings;
   const std::string name = regulator::describe(*scene.regulator);
   try {
     const auto driver = regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
     driver->connect();
     regulator::Pressures pressures(scene.arm.actuatorCount());
     driver->read(pressures);
-    answer.readings = pressures;
+    readings = pressures;
   } catch (const regulator::LinkError& error) {
     findings.push_back(
         {Severity::kFault, "no_answer", name, error.what(), "check power, cable and address"});
@@ -92,9 +79,9 @@ Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
     findings.push_back(
         {Severity::kFault, "bad_reply", name, error.what(), "check the profile of the regulator"});
   }
-  if (answer.readings) judge(scene, answer, findings);
+  if (readings) judge(scene, *readings, findings);
   procedures::sortBySeverity(findings);
-  return answer;
+  return readings;
 }
 
 json visionJson(const std::optional<VisionFigures>& vision) {
@@ -109,7 +96,8 @@ json visionJson(const std::optional<VisionFigures>& vision) {
           {"pixels_per_bit", vision->pixels_per_bit > 0 ? json(vision->pixels_per_bit) : json()}};
 }
 
-json reportOf(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
+json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
+              const std::optional<regulator::Pressures>& readings) {
   json findings = json::array();
   for (const Finding& finding : check.findings) {
     findings.push_back({{"severity", nameOf(finding.severity)},
@@ -122,10 +110,10 @@ json reportOf(const io::Scene& scene, const RigCheck& check, const Answer& answe
           {"passed", !check.hasFault()},
           {"findings", findings},
           {"sight", visionJson(check.vision)},
-          {"probed", answer.asked},
+          {"probed", probed},
           {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
-          {"pressures_pa", answer.readings ? readingsJson(answer.readings->pressure) : json()},
-          {"supply_pa", toJson(supplyOf(answer))}};
+          {"pressures_pa", readings ? readingsJson(readings->pressure) : json()},
+          {"supply_pa", readings ? toJson(supplyOf(*readings)) : json()}};
 }
 
 // The names also where there are no findings.
@@ -141,31 +129,6 @@ void printCsv(const json& findings) {
   }
 }
 
-void printText(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
-  for (const Finding& finding : check.findings) {
-    std::cout << nameOf(finding.severity) << ": " << finding.culprit << ": " << finding.value
-              << ". " << finding.remedy << " [" << finding.check << "]\n";
-  }
-  if (check.vision && check.vision->samples > 0) {
-    const VisionFigures& vision = *check.vision;
-    std::cout << "over " << vision.samples << " inputs the camera reads " << vision.median_tags
-              << " tags (median), at least " << vision.least_tags << "; measured in "
-              << std::lround(100 * vision.measured) << " %";
-    if (vision.measured > 0) {
-      std::cout << std::fixed << std::setprecision(1) << ", tip to " << 1e3 * vision.median_tip_sd
-                << " mm (median), at worst " << 1e3 * vision.worst_tip_sd << " mm";
-    }
-    std::cout << "\n";
-  }
-  if (scene.regulator && regulator::isHardware(*scene.regulator) && !answer.asked) {
-    std::cout << "the regulator was not asked: --probe connects to it, which vents\n";
-  }
-  std::cout << scene.name
-            << (check.hasFault()
-                    ? ": faults found\n"
-                    : (check.findings.empty() ? ": nothing found\n" : ": no fault found\n"));
-}
-
 int run(const CheckArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   if (arguments.probe && !scene.regulator) {
@@ -174,12 +137,17 @@ int run(const CheckArguments& arguments, const GlobalOptions& global) {
         " has no regulator to probe; add the section regulator, or leave out --probe");
   }
   RigCheck check = procedures::checkRig(scene, arguments.samples);
-  const Answer answer = arguments.probe ? ask(scene, check.findings) : Answer();
-  const json report = reportOf(scene, check, answer);
+  std::optional<regulator::Pressures> readings;
+  if (arguments.probe) readings = ask(scene, check.findings);
+  const json report = reportOf(scene, check, arguments.probe, readings);
   if (global.format == Format::kCsv) {
     printCsv(report["findings"]);
   } else {
-    printResult(global.format, report, {}, [&] { printText(scene, check, answer); });
+    json shown = report;
+    if (scene.regulator && regulator::isHardware(*scene.regulator) && !arguments.probe) {
+      shown["notes"] = {"the regulator was not asked: --probe connects to it, which vents"};
+    }
+    printResult(global.format, report, {}, shown);
   }
   return check.hasFault() ? kNotPossible : kDone;
 }

@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
-#include <iostream>
 #include <memory>
 
 #include "arguments.hpp"
@@ -20,203 +18,95 @@ namespace {
 
 using nlohmann::json;
 
-// The model's tags and tip against those of one capture.
-struct CaptureComparison {
-  FittedCapture measured;
-  std::vector<int> outlier_tags;
-  std::optional<double> rms;        // of the tags that fit the measured shape [m]
-  std::optional<double> tip_error;  // [m]
-};
-
-struct TagComparison {
-  std::vector<CaptureComparison> captures;
-  double arm_length;                                   // at rest [m]
-  std::optional<double> median_rms, median_tip_error;  // over the valid captures [m]
-
-  std::optional<double> percent(const std::optional<double>& tip_error) const {
-    return tip_error ? std::optional(100 * *tip_error / arm_length) : std::nullopt;
-  }
-};
-
-CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured) {
-  CaptureComparison comparison{std::move(measured), {}, {}, {}};
-  const FittedCapture& capture = comparison.measured;
-  comparison.outlier_tags = capture.outlierTags(*scene.tags);
-  if (!capture.model.converged()) return comparison;
+// RMS distance of the model's tags from those measured that fit one shape; nothing of none [m].
+std::optional<double> tagDistance(const io::Scene& scene, const FittedCapture& capture) {
   const std::vector<lie::SE3> model = estimation::tagPoses(*scene.tags, capture.model.shape);
+  const std::vector<int> outliers = capture.outlierTags(*scene.tags);
   double square = 0;
   int count = 0;
   for (const estimation::PoseObservation& seen : capture.seen) {
     const int id = scene.tags->tags[seen.tag].id;
-    const std::vector<int>& outliers = comparison.outlier_tags;
     if (std::find(outliers.begin(), outliers.end(), id) != outliers.end()) continue;
     square += (model[seen.tag].translation - seen.X_BT.translation).squaredNorm();
     ++count;
   }
-  if (capture.converged()) {
-    if (count > 0) comparison.rms = std::sqrt(square / count);
-    comparison.tip_error =
-        (capture.model.tip.translation - measuredTip(*capture.fit).translation).norm();
-  }
-  return comparison;
+  return count > 0 ? std::optional(std::sqrt(square / count)) : std::nullopt;
 }
 
-TagComparison compareTags(const io::Scene& scene, const io::DataSet& data) {
-  TagComparison comparison{{}, 0, {}, {}};
-  for (int k = 0; k < scene.arm.sectionCount(); ++k) {
-    comparison.arm_length += scene.arm.restLength(k);
-  }
-  std::vector<double> rms, tip_errors;
-  for (FittedCapture& measured : fitCaptures(scene, data)) {
-    comparison.captures.push_back(compareCapture(scene, std::move(measured)));
-    const CaptureComparison& capture = comparison.captures.back();
-    if (!capture.measured.sound() || !capture.tip_error) continue;
-    rms.push_back(*capture.rms);
-    tip_errors.push_back(*capture.tip_error);
-  }
-  comparison.median_rms = median(std::move(rms));
-  comparison.median_tip_error = median(std::move(tip_errors));
-  return comparison;
-}
-
-std::vector<FittedCapture> fittedOf(const TagComparison& c) {
-  std::vector<FittedCapture> captures;
-  for (const CaptureComparison& capture : c.captures) captures.push_back(capture.measured);
-  return captures;
-}
-
-// Empty if the model has a shape for at least one valid capture.
-std::string reasonForNoModel(const TagComparison& c) {
-  if (c.median_tip_error) return {};
-  const auto lacking = std::find_if(c.captures.begin(), c.captures.end(), [](const auto& capture) {
-    return !capture.measured.model.converged();
-  });
-  return "the model finds no shape for any valid capture: " +
-         reasonForNoShape(lacking->measured.model.status);
-}
-
-json reportOf(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
+json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) {
+  double arm_length = 0;  // at rest [m]
+  for (int k = 0; k < scene.arm.sectionCount(); ++k) arm_length += scene.arm.restLength(k);
+  const auto percent = [arm_length](const std::optional<double>& error) {
+    return error ? json(100 * *error / arm_length) : json();
+  };
   json captures = json::array();
-  for (const CaptureComparison& capture : c.captures) {
-    captures.push_back(
-        {{"capture", capture.measured.number},
-         {"pressure_pa", toJson(capture.measured.pressure)},
-         {"status", estimation::nameOf(capture.measured.status)},
-         {"converged", capture.measured.converged()},
-         {"reason", textOrNull(capture.measured.reason)},
-         {"model_status", statics::nameOf(capture.measured.model.status)},
-         {"rms_m", toJson(capture.rms)},
-         {"tip_error_m", toJson(capture.tip_error)},
-         {"tip_error_percent", toJson(c.percent(capture.tip_error))},
-         {"outlier_tags", capture.outlier_tags},
-         {"fit_rms_m", capture.measured.fit ? json(capture.measured.fit->rms) : json()},
-         {"usual_fit_rms_m", toJson(capture.measured.usual_rms)},
-         {"unknown_tags", capture.measured.unknown_tags}});
+  std::vector<double> rms, tip_errors;  // of the valid captures [m]
+  for (const FittedCapture& capture : fitted) {
+    std::optional<double> tags, tip;
+    if (capture.model.converged() && capture.converged()) {
+      tags = tagDistance(scene, capture);
+      tip = (capture.model.tip.translation - measuredTip(*capture.fit).translation).norm();
+      if (capture.sound()) rms.push_back(*tags);
+      if (capture.sound()) tip_errors.push_back(*tip);
+    }
+    captures.push_back({{"capture", capture.number},
+                        {"pressure_pa", toJson(capture.pressure)},
+                        {"status", estimation::nameOf(capture.status)},
+                        {"converged", capture.converged()},
+                        {"reason", textOrNull(capture.reason)},
+                        {"model_status", statics::nameOf(capture.model.status)},
+                        {"rms_m", toJson(tags)},
+                        {"tip_error_m", toJson(tip)},
+                        {"tip_error_percent", percent(tip)},
+                        {"outlier_tags", capture.outlierTags(*scene.tags)},
+                        {"fit_rms_m", capture.fit ? json(capture.fit->rms) : json()},
+                        {"usual_fit_rms_m", toJson(capture.usual_rms)},
+                        {"unknown_tags", capture.unknown_tags}});
+  }
+  const std::optional<double> tip_error = median(tip_errors);
+  std::string reason = reasonForNoFit(fitted);
+  if (reason.empty() && !tip_error) {
+    const auto lacking =
+        std::find_if(fitted.begin(), fitted.end(),
+                     [](const FittedCapture& capture) { return !capture.model.converged(); });
+    reason = "the model finds no shape for any valid capture: " +
+             reasonForNoShape(lacking->model.status);
   }
   return {{"scene", scene.name},
           {"tier", statics::nameOf(scene.model.choice().setting.tier)},
           {"captures", captures},
-          {"median_rms_m", toJson(c.median_rms)},
-          {"median_tip_error_percent", toJson(c.percent(c.median_tip_error))},
-          {"arm_length_m", c.arm_length},
+          {"median_rms_m", toJson(median(rms))},
+          {"median_tip_error_percent", percent(tip_error)},
+          {"arm_length_m", arm_length},
           {"reason", textOrNull(reason)}};
-}
-
-// The table, after comments that are printed at once.
-CsvTable csvTable(const TagComparison& c, const json& report, const std::string& reason) {
-  std::cout << "# median_rms_m " << exact(c.median_rms) << "\n# median_tip_error_percent "
-            << exact(c.percent(c.median_tip_error)) << "\n";
-  if (!reason.empty()) std::cout << "# reason " << reason << "\n";
-  return {report["captures"],
-          {"capture", "status", "pressure_pa", "rms_m", "tip_error_m", "tip_error_percent",
-           "outlier_tags", "unknown_tags", "model_status"}};
-}
-
-void printTextResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
-  const auto print = [](const std::optional<double>& number, double factor, const char* unit) {
-    if (number) {
-      std::cout << factor * *number << unit;
-    } else {
-      std::cout << "-";
-    }
-  };
-  std::cout << scene.name << ", model against measured tags\n"
-            << std::fixed << std::setprecision(1);
-  for (const CaptureComparison& capture : c.captures) {
-    std::cout << "capture " << capture.measured.number << ": tags RMS ";
-    print(capture.rms, 1e3, " mm");
-    std::cout << ", tip off by ";
-    print(capture.tip_error, 1e3, " mm");
-    std::cout << " = ";
-    print(c.percent(capture.tip_error), 1, " % of the arm");
-    if (!capture.outlier_tags.empty()) {
-      std::cout << "; wrong: tag " << joined(capture.outlier_tags);
-    }
-    if (capture.measured.usual_rms) std::cout << "; " << noteOnScatter(capture.measured);
-    if (!capture.measured.unknown_tags.empty()) {
-      std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
-    }
-    if (!capture.measured.model.converged()) {
-      std::cout << "; " << reasonForNoShape(capture.measured.model.status);
-    }
-    if (!capture.measured.converged()) {
-      std::cout << "; " << estimation::nameOf(capture.measured.status) << ": "
-                << capture.measured.reason;
-    }
-    std::cout << "\n";
-  }
-  std::cout << "median over the captures whose tags all fit one shape: RMS ";
-  print(c.median_rms, 1e3, " mm");
-  std::cout << ", tip ";
-  print(c.percent(c.median_tip_error), 1, " %");
-  std::cout << "\n" << reason << (reason.empty() ? "" : "\n");
 }
 
 // Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
 // @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
-  const TagComparison comparison = compareTags(scene, data);
-  std::string reason = reasonForNoFit(fittedOf(comparison));
-  if (reason.empty()) reason = reasonForNoModel(comparison);
-  const json report = reportOf(scene, comparison, reason);
-  printResult(
-      format, report, [&] { return csvTable(comparison, report, reason); },
-      [&] { printTextResult(scene, comparison, reason); });
-  return reason.empty() ? kDone : kNotPossible;
+  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
+  const json report = comparisonOf(scene, captures);
+  json shown = without(report, {"converged", "usual_fit_rms_m"});
+  for (const FittedCapture& capture : captures) {
+    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
+    if (capture.model.converged()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " +
+                             reasonForNoShape(capture.model.status));
+  }
+  const auto table = [&report] {
+    printComments(report, {"median_rms_m", "median_tip_error_percent"});
+    printReason(report);
+    return CsvTable(report["captures"],
+                    {"capture", "status", "pressure_pa", "rms_m", "tip_error_m",
+                     "tip_error_percent", "outlier_tags", "unknown_tags", "model_status"});
+  };
+  printResult(format, report, table, shown);
+  return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
 struct EvaluateOptions {
   std::string scene, data;
-};
-
-// Length-scaled curvature of every row: |(w_y, w_z)| of the section.
-struct CurvatureComparison {
-  Eigen::MatrixXd pressures;  // (rows x actuators) [Pa]
-  Eigen::VectorXd measured;
-  std::vector<std::optional<double>> model;  // (rows) absent if it finds no shape
-  std::string reason;                        // why some are absent
-  std::optional<double> difference(int row) const {
-    return model[row] ? std::optional(*model[row] - measured[row]) : std::nullopt;
-  }
-  // Over the rows that have a model; absent if none has.
-  std::optional<double> rms() const {
-    double sum = 0;
-    int count = 0;
-    for (int row = 0; row < measured.size(); ++row) {
-      if (!model[row]) continue;
-      sum += *difference(row) * *difference(row);
-      ++count;
-    }
-    return count > 0 ? std::optional(std::sqrt(sum / count)) : std::nullopt;
-  }
-  std::optional<double> max() const {
-    std::optional<double> most;
-    for (int row = 0; row < measured.size(); ++row) {
-      if (model[row]) most = std::max(most.value_or(0), std::abs(*difference(row)));
-    }
-    return most;
-  }
 };
 
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
@@ -232,88 +122,50 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   }
 }
 
-CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
-  CurvatureComparison comparison{procedures::pressuresWithinLimits(data, scene.arm),
-                                 data.values.col(data.find("curvature_rad")),
-                                 {},
-                                 {}};
-  for (int row = 0; row < comparison.pressures.rows(); ++row) {
-    const statics::Solution solution = scene.model.solve(comparison.pressures.row(row));
-    std::optional<double> curvature;
-    if (solution.converged()) curvature = model::curvatureOf(solution.shape.twists().col(0));
-    if (!curvature && comparison.reason.empty()) {
-      comparison.reason =
-          "row " + std::to_string(row + 1) + ": " + reasonForNoShape(solution.status);
-    }
-    comparison.model.push_back(curvature);
-  }
-  return comparison;
-}
-
-json reportOf(const io::Scene& scene, const CurvatureComparison& c) {
-  json points = json::array();
-  for (int row = 0; row < c.measured.size(); ++row) {
-    points.push_back({{"pressure_pa", toJson(c.pressures.row(row))},
-                      {"measured_rad", c.measured[row]},
-                      {"model_rad", toJson(c.model[row])}});
-  }
-  return {{"scene", scene.name},
-          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
-          {"rms_rad", toJson(c.rms())},
-          {"max_rad", toJson(c.max())},
-          {"reason", textOrNull(c.reason)},
-          {"points", points}};
-}
-
-// The table, after comments that are printed at once.
-CsvTable csvTable(const CurvatureComparison& c, const json& report) {
-  std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
-  if (!c.reason.empty()) std::cout << "# reason " << c.reason << "\n";
-  CsvTable table;
-  for (int row = 0; row < c.measured.size(); ++row) {
-    CsvTable::Row cells = cellsOf(report["points"][static_cast<std::size_t>(row)],
-                                  {"pressure_pa", "measured_rad", "model_rad"});
-    cells.emplace_back("difference_rad", exact(c.difference(row)));
-    table.add(cells);
-  }
-  return table;
-}
-
-void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
-  constexpr int kWidth = 12;
-  std::cout << scene.name << ", length-scaled curvature [rad]\n";
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    std::cout << std::setw(kWidth) << "p" + std::to_string(i + 1) + " [kPa]";
-  }
-  for (const char* title : {"measured", "model", "difference"})
-    std::cout << std::setw(kWidth) << title;
-  std::cout << "\n" << std::fixed << std::setprecision(5);
-  for (int row = 0; row < c.measured.size(); ++row) {
-    for (int i = 0; i < c.pressures.cols(); ++i)
-      std::cout << std::setw(kWidth) << c.pressures(row, i) / 1e3;
-    std::cout << std::setw(kWidth) << c.measured[row];
-    for (const std::optional<double>& number : {c.model[row], c.difference(row)}) {
-      std::cout << std::setw(kWidth);
-      if (number) {
-        std::cout << *number;
-      } else {
-        std::cout << "-";
-      }
-    }
-    std::cout << "\n";
-  }
-  if (c.rms()) std::cout << "RMS " << *c.rms() << " rad, max " << *c.max() << " rad\n";
-  if (!c.reason.empty()) std::cout << c.reason << "\n";
-}
-
+// Length-scaled curvature of every row: |(w_y, w_z)| of the section.
 int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
   requireComparable(scene, data);
-  const CurvatureComparison comparison = compareCurvature(scene, data);
-  const json report = reportOf(scene, comparison);
-  printResult(
-      format, report, [&] { return csvTable(comparison, report); },
-      [&] { printTextResult(scene, comparison); });
-  return comparison.reason.empty() ? kDone : kNotPossible;
+  const Eigen::MatrixXd pressures = procedures::pressuresWithinLimits(data, scene.arm);
+  const Eigen::VectorXd measured = data.values.col(data.find("curvature_rad"));
+  json points = json::array(), with_differences = json::array(), reason;
+  double square = 0, most = 0;
+  int count = 0;
+  for (Eigen::Index row = 0; row < pressures.rows(); ++row) {
+    const statics::Solution solution = scene.model.solve(pressures.row(row));
+    json model, difference;
+    if (solution.converged()) {
+      const double curvature = model::curvatureOf(solution.shape.twists().col(0));
+      const double off = curvature - measured[row];
+      model = curvature;
+      difference = off;
+      square += off * off;
+      most = std::max(most, std::abs(off));
+      ++count;
+    } else if (reason.is_null()) {
+      reason = "row " + std::to_string(row + 1) + ": " + reasonForNoShape(solution.status);
+    }
+    points.push_back({{"pressure_pa", toJson(pressures.row(row))},
+                      {"measured_rad", measured[row]},
+                      {"model_rad", model}});
+    with_differences.push_back(points.back());
+    with_differences.back()["difference_rad"] = difference;
+  }
+  const json report{{"scene", scene.name},
+                    {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+                    {"rms_rad", count > 0 ? json(std::sqrt(square / count)) : json()},
+                    {"max_rad", count > 0 ? json(most) : json()},
+                    {"reason", reason},
+                    {"points", points}};
+  json shown = report;
+  shown["points"] = with_differences;
+  const auto table = [&] {
+    printComments(report, {"rms_rad", "max_rad"});
+    printReason(report);
+    return CsvTable(with_differences,
+                    {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
+  };
+  printResult(format, report, table, shown);
+  return reason.is_null() ? kDone : kNotPossible;
 }
 
 int run(const EvaluateOptions& options, const GlobalOptions& global) {

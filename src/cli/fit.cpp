@@ -1,5 +1,3 @@
-#include <iomanip>
-#include <iostream>
 #include <memory>
 #include <set>
 
@@ -17,29 +15,6 @@ using nlohmann::json;
 struct FitOptions {
   std::string scene, data;
 };
-
-struct FitSummary {
-  std::optional<double> median_rms;   // over the valid captures [m]
-  std::vector<int> flagged_captures;  // those with tags that do not fit
-  std::vector<int> unknown_tags;
-};
-
-FitSummary summaryOf(const std::vector<FittedCapture>& captures) {
-  FitSummary summary;
-  std::vector<double> rms;
-  std::set<int> unknown;
-  for (const FittedCapture& capture : captures) {
-    if (capture.sound()) rms.push_back(capture.fit->rms);
-    const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
-    if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {
-      summary.flagged_captures.push_back(capture.number);
-    }
-    unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
-  }
-  summary.median_rms = median(std::move(rms));
-  summary.unknown_tags.assign(unknown.begin(), unknown.end());
-  return summary;
-}
 
 json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   json tags = json::array();
@@ -75,107 +50,80 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   return result;
 }
 
-json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-              const FitSummary& summary) {
-  json list = json::array();
-  for (const FittedCapture& capture : captures) list.push_back(captureJson(capture, *scene.tags));
+json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures) {
+  json list = json::array(), flagged = json::array();  // flagged: with tags that do not fit
+  std::vector<double> rms;                             // of the valid captures [m]
+  std::set<int> unknown;
+  for (const FittedCapture& capture : captures) {
+    list.push_back(captureJson(capture, *scene.tags));
+    if (capture.sound()) rms.push_back(capture.fit->rms);
+    const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
+    if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {
+      flagged.push_back(capture.number);
+    }
+    unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
+  }
   return {{"scene", scene.name},
           {"captures", list},
-          {"median_rms_m", toJson(summary.median_rms)},
-          {"flagged_captures", summary.flagged_captures},
-          {"unknown_tags", summary.unknown_tags},
+          {"median_rms_m", toJson(median(std::move(rms)))},
+          {"flagged_captures", flagged},
+          {"unknown_tags", unknown},
           {"reason", textOrNull(reasonForNoFit(captures))}};
 }
 
-// An absent fit gives the same columns with empty cells.
-void appendFit(const FittedCapture& capture, const TagLayout& layout, int sections,
-               CsvTable::Row& row) {
-  const int size = 6 * sections;
-  CsvTable::Row cells;
-  appendTwists(capture.fit ? capture.fit->twists : model::Twists::Zero(6, sections), cells);
-  for (int i = 0; i < size; ++i) {
-    for (int j = i; j < size; ++j) {
-      cells.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
-                         capture.fit ? exact(capture.fit->covariance(i, j)) : "");
+// Twists, covariance and residuals; empty cells where there is no fit.
+void appendFit(const json& capture, const TagLayout& layout, int sections, CsvTable::Row& row) {
+  appendTwists(capture["twist"], sections, row);
+  const auto size = static_cast<std::size_t>(6 * sections);
+  const json& covariance = capture["covariance"];
+  for (std::size_t i = 0; i < size; ++i) {
+    for (std::size_t j = i; j < size; ++j) {
+      row.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
+                       covariance.is_null() ? "" : exact(covariance[i][j].get<double>()));
     }
   }
-  if (!capture.fit) {
-    for (auto& cell : cells) cell.second.clear();
-  }
-  row.insert(row.end(), cells.begin(), cells.end());
-  for (std::size_t i = 0; i < layout.tags.size(); ++i) {
-    row.emplace_back("tag_" + std::to_string(layout.tags[i].id) + "_residual_m", "");
-    if (!capture.fit) continue;
-    for (const estimation::TagResidual& tag : capture.fit->tags) {
-      if (tag.tag == static_cast<int>(i)) row.back().second = exact(tag.rms);
+  for (const auto& placed : layout.tags) {
+    row.emplace_back("tag_" + std::to_string(placed.id) + "_residual_m", "");
+    for (const json& tag : capture["tags"]) {
+      if (tag["id"] == placed.id) row.back().second = exact(tag["residual_m"].get<double>());
     }
   }
 }
 
 // The table, after comments that are printed at once.
-CsvTable csvTable(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                  const json& report) {
-  const json& median = report["median_rms_m"];
-  if (!median.is_null()) std::cout << "# median_rms_m " << exact(median.get<double>()) << "\n";
-  const std::string reason = reasonForNoFit(captures);
-  if (!reason.empty()) std::cout << "# reason " << reason << "\n";
+CsvTable csvTable(const io::Scene& scene, const json& report) {
+  if (!report["median_rms_m"].is_null()) printComments(report, {"median_rms_m"});
+  printReason(report);
   CsvTable table;
-  for (std::size_t i = 0; i < captures.size(); ++i) {
-    const json& capture = report["captures"][i];
+  for (const json& capture : report["captures"]) {
     CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
                                           "outlier_tags", "usual_rms_m", "unknown_tags"});
-    appendFit(captures[i], *scene.tags, scene.arm.sectionCount(), row);
+    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
     row.push_back(cellsOf(capture, {"model_status"}).front());
     table.add(row);
   }
   return table;
 }
 
-void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
-                     const FitSummary& summary) {
-  std::cout << scene.name << ", one twist per capture [m, rad]\n" << std::fixed;
+// The report without the residuals of single tags, and with what it means.
+json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
+  json shown = without(report, {"tags", "base", "model_status", "usual_rms_m", "converged"});
   for (const FittedCapture& capture : captures) {
-    std::cout << "capture " << capture.number << ": ";
-    std::cout << capture.seen.size() << " tags";
-    if (capture.fit) {
-      std::cout << ", RMS " << std::setprecision(1) << 1e3 * capture.fit->rms << " mm, twist";
-      for (int k = 0; k < capture.fit->twists.cols(); ++k) {
-        std::cout << " " << bracketed(capture.fit->twists.col(k));
-      }
-    }
-    const std::vector<int> outliers = capture.outlierTags(*scene.tags);
-    if (!outliers.empty()) std::cout << "; does not fit: tag " << joined(outliers);
-    if (!capture.unknown_tags.empty()) {
-      std::cout << "; not in the scene: tag " << joined(capture.unknown_tags);
-    }
-    if (!capture.converged()) {
-      std::cout << "; " << estimation::nameOf(capture.status) << ": " << capture.reason;
-    }
-    if (capture.usual_rms) std::cout << "; " << noteOnScatter(capture);
+    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
     const std::string note = noteOnStart(capture.model);
-    if (!note.empty()) std::cout << "; " << note;
-    std::cout << "\n";
+    if (note.empty()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
   }
-  if (summary.median_rms) {
-    std::cout << "median RMS " << std::setprecision(1) << 1e3 * *summary.median_rms
-              << " mm over the captures whose tags all fit\n";
-  }
-  if (!summary.flagged_captures.empty()) {
-    std::cout << "captures with tags that do not fit: " << joined(summary.flagged_captures) << "\n";
-  }
-  const std::string reason = reasonForNoFit(captures);
-  if (!reason.empty()) std::cout << reason << "\n";
+  return shown;
 }
 
 int run(const FitOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
-  const FitSummary summary = summaryOf(captures);
-  const json report = reportOf(scene, captures, summary);
+  const json report = reportOf(scene, captures);
   printResult(
-      global.format, report, [&] { return csvTable(scene, captures, report); },
-      [&] { printTextResult(scene, captures, summary); });
-  return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
+      global.format, report, [&] { return csvTable(scene, report); }, shownOf(captures, report));
+  return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
 }  // namespace

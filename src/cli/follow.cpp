@@ -1,5 +1,4 @@
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <sstream>
@@ -8,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
@@ -46,20 +46,6 @@ const char* visionName(const FollowPlan& plan) {
   return plan.vision == simulation::VisionKind::kRendered ? "rendered" : "corners";
 }
 
-json statesJson(const FollowResult& result) {
-  json states = json::array();
-  for (const procedures::FollowState& change : result.states) {
-    states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
-  }
-  return states;
-}
-
-json settleJson(const procedures::FollowFigures& figures) {
-  json times = json::array();
-  for (const std::optional<double>& time : figures.settle) times.push_back(toJson(time));
-  return times;
-}
-
 // If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
@@ -93,9 +79,8 @@ json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
 
 void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
                     CsvTable::Row& row) {
-  const char* const axes[] = {"x_m", "y_m", "z_m"};
-  for (int i = 0; i < 3; ++i) {
-    row.emplace_back(prefix + axes[i], position ? exact((*position)[i]) : std::string());
+  for (const auto& [name, axis] : {std::pair{"x_m", 0}, {"y_m", 1}, {"z_m", 2}}) {
+    row.emplace_back(prefix + name, position ? exact((*position)[axis]) : std::string());
   }
 }
 
@@ -111,11 +96,7 @@ CsvTable::Row rowOf(const FollowRow& row, const model::Arm& arm) {
   return cells;
 }
 
-std::string millimetres(double metres) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(2) << 1e3 * metres << " mm";
-  return text.str();
-}
+std::string millimetres(double metres) { return basics::format("%.2f mm", 1e3 * metres); }
 
 // "path RMS 0.43 mm" or "RMS of the last seconds 0.20 mm"
 std::string summary(const procedures::FollowFigures& figures) {
@@ -129,23 +110,6 @@ std::string summary(const procedures::FollowFigures& figures) {
   }
   if (reachable == 0) return "";
   return "steady RMS " + millimetres(std::sqrt(square / reachable));
-}
-
-void printTips(const procedures::FollowFigures& figures) {
-  for (std::size_t k = 0; k < figures.steady_rms.size(); ++k) {
-    std::cout << "tip " << k + 1 << ": ";
-    if (figures.unreachable[k]) {
-      std::cout << "out of reach; " << millimetres(figures.steady_rms[k]) << " from it\n";
-      continue;
-    }
-    std::cout << "steady RMS " << millimetres(figures.steady_rms[k]) << ", ";
-    if (figures.settle[k]) {
-      std::cout << "settled after " << std::fixed << std::setprecision(2) << *figures.settle[k]
-                << " s\n";
-    } else {
-      std::cout << "did not settle\n";
-    }
-  }
 }
 
 // Rows that count for the figures: all, or those of the path.
@@ -188,6 +152,11 @@ std::string failureOf(const FollowReport& report) {
 
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
+  json states = json::array(), settle = json::array();
+  for (const procedures::FollowState& change : report.result.states) {
+    states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
+  }
+  for (const std::optional<double>& time : figures.settle) settle.push_back(toJson(time));
   return {{"scene", report.scene.name},
           {"rig", textOrNull(report.rig)},
           {"seed", report.plan.seed},
@@ -199,9 +168,9 @@ json reportOf(const FollowReport& report) {
           {"path_rms_m", toJson(figures.path_rms)},
           {"path_max_m", toJson(figures.path_max)},
           {"steady_rms_m", figures.steady_rms},
-          {"settle_s", settleJson(figures)},
+          {"settle_s", settle},
           {"unreachable", figures.unreachable},
-          {"states", statesJson(report.result)},
+          {"states", states},
           {"alarms", alarmsJson(report.result)},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},
@@ -222,28 +191,21 @@ std::string csvOf(const FollowReport& report) {
   return out.str();
 }
 
-void printText(const FollowReport& report) {
+// The report with figures of the tips as one table, and of the budget the deviations alone.
+json shownOf(const FollowReport& report, json shown) {
+  shown["loop"] = report.plan.open ? "open" : "closed";
+  json tips = json::array();
   const procedures::FollowFigures& figures = report.result.figures;
-  std::cout << report.scene.name << ", " << (report.plan.open ? "open" : "closed") << " loop, "
-            << visionName(report.plan) << ", " << report.plan.seconds << " s, "
-            << report.result.pictures << " pictures\n";
-  if (figures.path_rms) {
-    std::cout << "path: RMS " << millimetres(*figures.path_rms) << ", largest error "
-              << millimetres(*figures.path_max) << "\n";
+  for (std::size_t k = 0; k < figures.steady_rms.size(); ++k) {
+    tips.push_back({{"name", "tip " + std::to_string(k + 1)},
+                    {"unreachable", shown["unreachable"][k]},
+                    {"steady_rms_m", shown["steady_rms_m"][k]},
+                    {"settled_s", shown["settle_s"][k]}});
   }
-  printTips(figures);
-  std::cout << "states:";
-  for (const procedures::FollowState& change : report.result.states) {
-    std::cout << " " << nameOf(change.state) << " from " << std::fixed << std::setprecision(2)
-              << change.time << " s" << (&change == &report.result.states.back() ? "\n" : ",");
-  }
-  if (const auto& budget = report.result.budget) {
-    std::cout << "standard deviation of the predicted tip "
-              << millimetres(budget->predicted.deviation()) << ", of the open loop's "
-              << millimetres(budget->open_loop.deviation()) << "\n";
-  }
-  const std::string failure = failureOf(report);
-  if (!failure.empty()) std::cout << failure << "\n";
+  for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s"}) shown.erase(key);
+  if (!report.plan.path) shown = without(shown, {"path_rms_m", "path_max_m"});
+  shown["tips"] = tips;
+  return shown;
 }
 
 // What plot_report draws.
@@ -290,10 +252,10 @@ std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
   }
   const double least = procedures::kLeastTipTime * static_cast<double>(tips.size());
   if (arguments.seconds < least) {
-    std::ostringstream message;
-    message << "--seconds " << arguments.seconds << " is too short for " << tips.size()
-            << " tips; expected at least 1 s for each: --seconds " << least;
-    throw CallerError(message.str());
+    throw CallerError(
+        basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
+                       "--seconds %g",
+                       arguments.seconds, tips.size(), least));
   }
   return tips;
 }
@@ -384,7 +346,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kCsv) {
     std::cout << csvOf(report);
   } else {
-    printResult(global.format, reportOf(report), {}, [&report] { printText(report); });
+    const json tree = reportOf(report);
+    printResult(global.format, tree, {}, shownOf(report, tree));
   }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;

@@ -1,9 +1,6 @@
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
-#include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
@@ -25,12 +22,6 @@ struct ForwardOptions {
   int samples = 0;
 };
 
-struct SectionResult {
-  int rank;
-  double condition;
-  Eigen::MatrixXd null_space;  // (6 x lost), columns [v; w]
-};
-
 // One row of a history.
 struct HistoryRow {
   std::optional<double> time;
@@ -43,43 +34,27 @@ struct ForwardResult {
   statics::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
   statics::Solution solution;
-  model::Twists twists;  // mean, of the sections
   int full_rank;
-  std::vector<SectionResult> sections;
+  std::vector<json> sections;  // {rank, condition, null_space}
   std::vector<model::CurvePoint<lie::SE3>> curve;
   model::ArmResponse response;   // at the inputs
   Eigen::VectorXd measured;      // (n) last row of the history, or the inputs
   std::vector<HistoryRow> rows;  // of the history
-
-  int rank() const {
-    const auto less = [](const SectionResult& a, const SectionResult& b) {
-      return a.rank < b.rank;
-    };
-    return std::min_element(sections.begin(), sections.end(), less)->rank;
-  }
-  double condition() const {
-    const auto less = [](const SectionResult& a, const SectionResult& b) {
-      return a.condition < b.condition;
-    };
-    return std::max_element(sections.begin(), sections.end(), less)->condition;
-  }
-  // Absent if the tier does not converge at all of the sampled inputs.
-  std::optional<double> tipErrorPercent() const {
-    const bool known = std::isfinite(choice.relative_tip_error);
-    return known ? std::optional(100 * choice.relative_tip_error) : std::nullopt;
-  }
 };
 
 template <class Group>
-std::vector<SectionResult> sectionsOf(const model::ArmOf<Group>& arm) {
-  std::vector<SectionResult> sections;
+std::vector<json> sectionsOf(const model::ArmOf<Group>& arm) {
+  std::vector<json> sections;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto& equilibrium = arm.equilibrium(k);
-    Eigen::MatrixXd null_space(6, equilibrium.null_space.cols());
-    for (int j = 0; j < null_space.cols(); ++j) {
-      null_space.col(j) = lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j)));
+    json null_space = json::array();
+    for (int j = 0; j < equilibrium.null_space.cols(); ++j) {
+      null_space.push_back(
+          toJson(lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j)))));
     }
-    sections.push_back({equilibrium.rank, equilibrium.condition, null_space});
+    sections.push_back({{"rank", equilibrium.rank},
+                        {"condition", equilibrium.condition},
+                        {"null_space", null_space}});
   }
   return sections;
 }
@@ -90,14 +65,12 @@ ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inp
                        inputs,
                        model.arm().lengths(inputs),
                        model.solve(inputs),
-                       {},
                        planar ? lie::SE2::kDof : lie::SE3::kDof,
                        planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
                        {},
                        model::ArmResponse(model.arm()),
                        inputs,
                        {}};
-  result.twists = result.solution.shape.twists();
   if (samples > 0) result.curve = model.curve(inputs, samples);
   return result;
 }
@@ -121,59 +94,49 @@ ForwardResult forward(const statics::ArmModel& model, const model::InputHistory&
   return result;
 }
 
-std::string failureOf(const ForwardResult& result) {
-  return result.solution.converged() ? "" : reasonForNoShape(result.solution.status);
-}
-
-// Below this angle, the curvature of a section is rounding error.
-constexpr double kStraight = 1e-12;  // [rad]
-
-bool isStraight(const lie::Vector6& twist) { return twist.tail<3>().norm() < kStraight; }
-
 json helixJson(const lie::Vector6& twist) {
-  if (isStraight(twist)) return {{"radius_m", nullptr}, {"pitch_m", 0.0}, {"turns", 0.0}};
+  constexpr double kStraight = 1e-12;  // below it, a curvature is rounding error [rad]
+  if (twist.tail<3>().norm() < kStraight) {
+    return {{"radius_m", nullptr}, {"pitch_m", 0.0}, {"turns", 0.0}};
+  }
   const model::Helix helix = model::helixOf(twist);
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
-}
-
-std::string helixText(const lie::Vector6& twist) {
-  if (isStraight(twist)) return "straight";
-  const model::Helix helix = model::helixOf(twist);
-  std::ostringstream text;
-  text << "helix of radius " << helix.radius << " m, pitch " << helix.pitch << " m, turns "
-       << helix.turns;
-  return text.str();
 }
 
 // What a row of csv has besides vectors; tables of many rows build no more of the report.
 json summaryOf(const ForwardResult& result) {
   const statics::TierSetting& setting = result.choice.setting;
+  int rank = result.full_rank;
+  double condition = 0;
+  for (const json& section : result.sections) {
+    rank = std::min(rank, section["rank"].get<int>());
+    condition = std::max(condition, section["condition"].get<double>());
+  }
   return {{"tier", statics::nameOf(setting.tier)},
           {"order", setting.order > 0 ? json(setting.order) : json()},
-          {"tip_error_percent", toJson(result.tipErrorPercent())},
+          {"tip_error_percent", finite(100 * result.choice.relative_tip_error)},
           {"status", statics::nameOf(result.solution.status)},
           {"relative_residual", result.solution.residual},
           {"iterations", result.solution.iterations},
-          {"rank", result.rank()},
-          {"condition", result.condition()}};
+          {"rank", rank},
+          {"condition", condition}};
 }
 
 json reportOf(const io::Scene& scene, const ForwardResult& result) {
-  json sections = json::array();
-  for (std::size_t k = 0; k < result.sections.size(); ++k) {
-    const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
-    sections.push_back({{"name", scene.looks[k].name},
-                        {"rank", result.sections[k].rank},
-                        {"condition", result.sections[k].condition},
-                        {"null_space", rowsJson(result.sections[k].null_space.transpose())},
+  const model::Twists twists = result.solution.shape.twists();  // means
+  json sections = result.sections;
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    const lie::Vector6 twist = twists.col(static_cast<int>(k));
+    sections[k].update({{"name", scene.looks[k].name},
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
+  const bool converged = result.solution.converged();
   json document = summaryOf(result);
   document.update({{"scene", scene.name},
                    {"tier_reason", result.choice.reason},
-                   {"failure", textOrNull(failureOf(result))},
-                   {"twist", toJson(result.twists)},
+                   {"failure", converged ? json() : json(reasonForNoShape(result.solution.status))},
+                   {"twist", toJson(twists)},
                    {"tip", toJson(result.solution.tip)},
                    {"lengths_m", toJson(result.lengths)},
                    {"full_rank", result.full_rank},
@@ -213,7 +176,7 @@ CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
-  appendTwists(result.twists, row);
+  appendTwists(result.solution.shape.twists(), row);
   appendPose("tip_", result.solution.tip, row);
   for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
                                       "tip_error_percent"})) {
@@ -246,49 +209,18 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
   return table;
 }
 
-void printText(const io::Scene& scene, const ForwardResult& result) {
-  std::cout << scene.name << ", tier " << result.choice.setting.name()
-            << ", seen from the arm's base\n"
-            << result.choice.reason << "\n";
-  const std::string failure = failureOf(result);
-  if (!failure.empty()) {
-    std::cout << statics::nameOf(result.solution.status) << ": " << failure << "\n";
+// The report without the history, and with what the numbers leave open.
+json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
+  report["tier"] = result.choice.setting.name();
+  if (!result.rows.empty()) report["history"] = std::to_string(result.rows.size()) + " rows";
+  report.erase("order");
+  report.erase("piece_twist");
+  const std::string note = noteOnResponse(scene.arm);
+  if (result.rows.empty() && !note.empty()) {
+    report.erase("response");
+    report["notes"] = {note + "; --history follows measured pressures"};
   }
-  if (!result.rows.empty()) {
-    std::cout << "after " << result.rows.size() << " rows of pressures, "
-              << (result.response.known()
-                      ? "which determine what the actuators remember"
-                      : "which leave open what the actuators remember: up to " +
-                            std::to_string(1e-3 * result.response.uncertainty().maxCoeff()) +
-                            " kPa of pressure")
-              << "\n";
-  } else if (const std::string note = noteOnResponse(scene.arm); !note.empty()) {
-    std::cout << note << "; --history follows measured pressures\n";
-  }
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    std::cout << "  " << scene.arm.actuator(i).name << ": ";
-    if (!result.rows.empty()) {
-      std::cout << inputText(scene.arm.actuator(i), result.measured[i]) << ", effective ";
-    }
-    std::cout << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
-              << std::fixed << std::setprecision(6) << result.lengths[i] << " m\n"
-              << std::defaultfloat;
-  }
-  for (std::size_t k = 0; k < result.sections.size(); ++k) {
-    const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
-    std::cout << "section " << scene.looks[k].name << "\n  twist v " << bracketed(twist.head<3>())
-              << " m, w " << bracketed(twist.tail<3>()) << " rad\n"
-              << std::setprecision(6) << "  " << helixText(twist) << "\n  rank "
-              << result.sections[k].rank << " of " << result.full_rank << ", condition "
-              << result.sections[k].condition << "\n";
-    for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
-      std::cout << "  undetermined along " << bracketed(result.sections[k].null_space.col(j))
-                << "\n";
-    }
-  }
-  std::cout << "tip " << poseText(result.solution.tip) << "\n";
-  for (const auto& point : result.curve)
-    std::cout << "s " << point.s << ": " << poseText(point.X) << "\n";
+  return report;
 }
 
 // One result per row of a table.
@@ -305,12 +237,10 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     const ForwardResult result = forward(model, inputs.row(row), 0);
     all_converged = all_converged && result.solution.converged();
-    rows.add([&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); });
-    if (global.format == Format::kText) {
-      std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
-                << statics::nameOf(result.solution.status) << ", tip "
-                << poseText(result.solution.tip) << "\n";
-    }
+    rows.add(
+        "line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
+        [&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); },
+        {"status", "tip"});
   }
   rows.end();
   return all_converged ? kDone : kNotPossible;
@@ -340,7 +270,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   const json report = reportOf(scene, result);
   printResult(
       global.format, report, [&] { return csvTable(scene, result); },
-      [&] { printText(scene, result); });
+      shownOf(scene, result, report));
   return result.solution.converged() ? kDone : kNotPossible;
 }
 

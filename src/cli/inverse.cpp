@@ -2,12 +2,11 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -35,15 +34,9 @@ lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repea
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
-    std::ostringstream message;
-    message << culprit << " has a quaternion of ";
-    if (repeat_norm) {
-      message << "norm " << q.norm();
-    } else {
-      message << "another norm";
-    }
-    message << "; expected 1, in the order qx,qy,qz,qw";
-    throw CallerError(message.str());
+    throw CallerError(culprit + " has a quaternion of " +
+                      (repeat_norm ? basics::format("norm %g", q.norm()) : "another norm") +
+                      "; expected 1, in the order qx,qy,qz,qw");
   }
   return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
@@ -84,19 +77,20 @@ const char* statusName(InverseStatus status) {
 const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
 
 std::string reasonFor(const InverseResult& result) {
-  std::ostringstream reason;
+  if (result.status == InverseStatus::kReached && std::isfinite(result.residual)) return {};
   if (result.status == InverseStatus::kUnreachable) {
-    reason << "no inputs within the limits were found to reach the target; the closest leaves a "
-              "residual of "
-           << result.residual << " m";
-  } else if (!std::isfinite(result.residual)) {
-    reason << "no shape balances the load at any input that was tried; lower the load, or give "
-              "another start with --start-kpa";
-  } else if (result.status == InverseStatus::kNotConverged) {
-    reason << "the search did not converge; the best inputs found leave a residual of "
-           << result.residual << " m";
+    return basics::format(
+        "no inputs within the limits were found to reach the target; the closest leaves a residual "
+        "of %g m",
+        result.residual);
   }
-  return reason.str();
+  if (std::isfinite(result.residual)) {
+    return basics::format(
+        "the search did not converge; the best inputs found leave a residual of %g m",
+        result.residual);
+  }
+  return "no shape balances the load at any input that was tried; lower the load, or give another "
+         "start with --start-kpa";
 }
 
 json activeLimits(const model::Arm& arm, const InverseResult& result) {
@@ -162,30 +156,6 @@ CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
   return row;
 }
 
-void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseAnswer& answer, const statics::Solution& reached) {
-  const InverseResult& result = answer.result;
-  std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
-  if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = scene.arm.actuator(i);
-    std::cout << "  " << actuator.name << ": " << inputText(actuator, answer.pressure[i]);
-    if (answer.history_rows > 0)
-      std::cout << ", effective " << inputText(actuator, result.input[i]);
-    if (result.limits[i] != Limit::kNone)
-      std::cout << ", at its " << limitName(result.limits[i]) << " limit";
-    std::cout << "\n";
-  }
-  const std::string note = noteOnResponse(scene.arm);
-  if (answer.history_rows == 0 && !note.empty()) {
-    std::cout << note << "; --history follows measured pressures\n";
-  }
-  if (!reached.converged()) return;
-  std::cout << "residual " << result.residual << " m, position error " << result.position_error
-            << " m\n"
-            << "tip " << poseText(reached.tip) << "\n";
-}
-
 // Positions, or poses where the table has a quaternion. Each search begins at the start; with
 // min-change, at the inputs of the row before.
 int runRows(const InverseArguments& arguments, const GlobalOptions& global, const io::Scene& scene,
@@ -214,12 +184,11 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
-    rows.add([&] { return reportOf(scene, tier, answer, reached); },
-             [&] { return rowOf(scene, tier, answer, reached); });
-    if (global.format == Format::kText) {
-      std::cout << line << " ";
-      printTextResult(scene, tier, answer, reached);
-    }
+    rows.add(
+        line, [&] { return reportOf(scene, tier, answer, reached); },
+        [&] { return rowOf(scene, tier, answer, reached); },
+        {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
+         "position_error_m", "tip"});
   }
   rows.end();
   return all_reached ? kDone : kNotPossible;
@@ -268,9 +237,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);
+  json shown = without(report, {"response", "converged", "order"});
+  shown["tier"] = tier.name();
+  const std::string note = noteOnResponse(scene.arm);
+  if (rows == 0 && !note.empty()) {
+    shown["notes"] = {note + "; --history follows measured pressures"};
+  }
   printResult(
-      global.format, report, [&] { return rowOf(scene, tier, answer, reached); },
-      [&] { printTextResult(scene, tier, answer, reached); });
+      global.format, report, [&] { return rowOf(scene, tier, answer, reached); }, shown);
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 

@@ -1,14 +1,13 @@
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
@@ -26,49 +25,62 @@ struct LocalizeOptions {
   std::vector<std::string> pictures;
 };
 
-// A fitted parameter that is improbably far from its prior.
-struct Suspicion {
-  std::string parameter;
-  double deviations;  // standard deviations of its prior
-  std::string remedy;
-};
-
-// Result of one picture.
-struct LocatedFrame {
-  std::string file;
-  std::string state;   // that of the observation, or "tags_only", "wrong_size" or "unreadable"
-  std::string reason;  // why there is no twist; empty if there is one
-  std::vector<TagDetection> tags;
-  std::vector<int> unknown_tags, repeated_tags, unusable_tags, outlier_tags;
-  std::optional<estimation::TwistFit> fit;
-  std::vector<Suspicion> suspicious;
-  bool failed = false;  // tags or a twist were expected and not found
-};
-
-std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
-                                    const estimation::TwistFitOptions& options) {
+// Fitted parameters that are improbably far from their priors.
+json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOptions& options) {
   constexpr double kLikely = 3.0;  // standard deviations
-  std::vector<Suspicion> suspicions;
+  json suspicions = json::array();
+  const auto judge = [&](const char* parameter, double deviations, const char* remedy) {
+    if (deviations <= kLikely) return;
+    suspicions.push_back(
+        {{"parameter", parameter}, {"deviations", deviations}, {"remedy", remedy}});
+  };
   if (options.free_base) {
     const lie::Vector6 offset = fit.X_B0B.log();
-    const double deviations =
-        std::max(offset.head<3>().cwiseAbs().maxCoeff() / options.base_prior.translation,
-                 offset.tail<3>().cwiseAbs().maxCoeff() / options.base_prior.rotation);
-    if (deviations > kLikely) {
-      suspicions.push_back({"base", deviations,
-                            "check camera.position_m and rpy_deg, arm.base, camera.focal_px and "
-                            "tags.size_m, or widen vision.base_prior"});
-    }
+    judge("base",
+          std::max(offset.head<3>().cwiseAbs().maxCoeff() / options.base_prior.translation,
+                   offset.tail<3>().cwiseAbs().maxCoeff() / options.base_prior.rotation),
+          "check camera.position_m and rpy_deg, arm.base, camera.focal_px and tags.size_m, or "
+          "widen vision.base_prior");
   }
   if (options.free_bleed) {
-    const double deviations = std::abs(fit.bleed) / options.bleed_prior;
-    if (deviations > kLikely) {
-      suspicions.push_back({"bleed_m", deviations,
-                            "check tags.size_m (the black border's outer edge) and the exposure, "
-                            "or widen vision.bleed_prior_m"});
-    }
+    judge("bleed_m", std::abs(fit.bleed) / options.bleed_prior,
+          "check tags.size_m (the black border's outer edge) and the exposure, or widen "
+          "vision.bleed_prior_m");
   }
   return suspicions;
+}
+
+json tagsJson(const std::vector<TagDetection>& detections) {
+  json tags = json::array();
+  for (const TagDetection& tag : detections) {
+    tags.push_back({{"id", tag.id},
+                    {"corners_px", rowsJson(tag.corners.transpose())},
+                    {"hamming", tag.hamming},
+                    {"margin", tag.margin}});
+  }
+  return tags;
+}
+
+// A picture's entry of the report.
+// @param reason  why there is no twist; empty if there is one.
+json frameOf(const std::string& file, const std::string& state, const std::string& reason) {
+  json frame{{"file", file}, {"state", state}, {"reason", textOrNull(reason)}};
+  for (const char* key :
+       {"tags", "unknown_tags", "repeated_tags", "unusable_tags", "outlier_tags", "suspicious"}) {
+    frame[key] = json::array();
+  }
+  for (const char* key :
+       {"twist", "covariance", "rms_px", "tip", "tip_covariance", "base", "bleed_m"}) {
+    frame[key] = nullptr;
+  }
+  return frame;
+}
+
+// Tags or a twist were expected and not found.
+bool isFailure(const json& frame) {
+  const bool strangers = frame["unknown_tags"].size() >= frame["tags"].size();
+  const bool measured = !frame["twist"].is_null() || frame["state"] == "tags_only";
+  return !measured && (frame["tags"].empty() || !strangers);
 }
 
 // Finds tags, and the arm's shape if the scene has a camera.
@@ -81,33 +93,19 @@ class Locator {
     if (localizer_) localizer_->reset();
   }
 
-  LocatedFrame locate(const vision::Frame& frame) {
-    LocatedFrame located;
-    located.file = frame.name;
-    located.reason = whyNoTwist(frame.gray.size());
-    if (located.reason.empty()) {
-      localize(frame.gray, located);
-    } else {
-      if (!detector_) detector_.emplace(scene_.vision.detector);
-      located.state = "tags_only";
-      located.tags = detector_->detect(frame.gray);
-    }
-    if (located.tags.empty()) {
-      located.failed = true;
-      located.state = nameOf(ObservationState::kNoTags);
-      located.reason = "no tag of family " + scene_.vision.detector.family + " is in sight";
-    }
-    return located;
+  json locate(const vision::Frame& frame) {
+    const std::string reason = whyNoTwist(frame.gray.size());
+    if (reason.empty()) return localize(frame);
+    if (!detector_) detector_.emplace(scene_.vision.detector);
+    json located = frameOf(frame.name, "tags_only", reason);
+    located["tags"] = tagsJson(detector_->detect(frame.gray));
+    return withTags(located);
   }
 
   // Result of a frame that could not be read.
-  LocatedFrame broken(const vision::Frame& frame) const {
-    LocatedFrame located;
-    located.file = frame.name;
-    located.state = frame.wrong_size ? "wrong_size" : "unreadable";
-    located.reason = frame.wrong_size ? whyNoTwist(*frame.wrong_size) : frame.fault;
-    located.failed = true;
-    return located;
+  json broken(const vision::Frame& frame) const {
+    return frame.wrong_size ? frameOf(frame.name, "wrong_size", whyNoTwist(*frame.wrong_size))
+                            : frameOf(frame.name, "unreadable", frame.fault);
   }
 
   // Size that its pictures must have; any size if they are not measured.
@@ -122,31 +120,44 @@ class Locator {
     if (!scene_.camera) return "scene " + scene_.name + " has no camera";
     const estimation::Camera& camera = scene_.camera->model;
     if (size == cv::Size(camera.width, camera.height)) return "";
-    std::ostringstream text;
-    text << "the picture has " << size.width << " x " << size.height
-         << " pixels, the camera of scene " << scene_.name << " " << camera.width << " x "
-         << camera.height << "; take pictures of that size, or calibrate the camera at theirs";
-    return text.str();
+    return basics::format("the picture has %d x %d pixels, the camera of scene ", size.width,
+                          size.height) +
+           scene_.name +
+           basics::format(" %d x %d; take pictures of that size, or calibrate the camera at theirs",
+                          camera.width, camera.height);
   }
 
-  void localize(const cv::Mat& gray, LocatedFrame& located) {
+  // As it is, or without any tag that says so.
+  json withTags(json located) const {
+    if (!located["tags"].empty()) return located;
+    return frameOf(located["file"], nameOf(ObservationState::kNoTags),
+                   "no tag of family " + scene_.vision.detector.family + " is in sight");
+  }
+
+  json localize(const vision::Frame& frame) {
     if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
-    const vision::Observation& observation = localizer_->locate(gray, model_);
-    located.state = nameOf(observation.state);
-    located.tags = observation.detections;
-    located.unknown_tags = observation.unknown_ids;
-    located.repeated_tags = observation.repeated_ids;
-    located.unusable_tags = observation.unusable_ids;
-    if (observation.state == ObservationState::kMeasured) {
-      located.fit = observation.fit;
-      located.suspicious = suspicionsOf(observation.fit, scene_.vision.fit);
-      for (const estimation::TagResidual& tag : observation.fit.tags) {
-        if (tag.outlier) located.outlier_tags.push_back(scene_.tags->tags[tag.tag].id);
-      }
-      return;
+    const vision::Observation& seen = localizer_->locate(frame.gray, model_);
+    const bool measured = seen.state == ObservationState::kMeasured;
+    json located = frameOf(frame.name, nameOf(seen.state), measured ? "" : reasonOf(seen));
+    located["tags"] = tagsJson(seen.detections);
+    located["unknown_tags"] = seen.unknown_ids;
+    located["repeated_tags"] = seen.repeated_ids;
+    located["unusable_tags"] = seen.unusable_ids;
+    if (!measured) return withTags(located);
+    const estimation::TwistFit& fit = seen.fit;
+    const estimation::TwistFitOptions& options = scene_.vision.fit;
+    located["suspicious"] = suspicionsOf(fit, options);
+    for (const estimation::TagResidual& tag : fit.tags) {
+      if (tag.outlier) located["outlier_tags"].push_back(scene_.tags->tags[tag.tag].id);
     }
-    located.reason = reasonOf(observation);
-    located.failed = observation.unknown_ids.size() < observation.detections.size();
+    located["twist"] = toJson(fit.twists);
+    located["covariance"] = rowsJson(fit.covariance);
+    located["rms_px"] = fit.rms;
+    located["tip"] = toJson(measuredTip(fit));
+    located["tip_covariance"] = rowsJson(fit.tip_covariance);
+    if (options.free_base) located["base"] = toJson(fit.X_B0B);
+    if (options.free_bleed) located["bleed_m"] = fit.bleed;
+    return located;
   }
 
   std::string reasonOf(const vision::Observation& observation) const {
@@ -185,11 +196,11 @@ class Locator {
   std::optional<vision::TagDetector> detector_;
 };
 
-std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locator& locator) {
+json locateAll(const std::vector<std::string>& paths, Locator& locator) {
   std::vector<std::unique_ptr<vision::FrameSource>> sources;
   for (const std::string& path : paths)
     sources.push_back(vision::FrameSource::files(path, locator.expectedSize()));
-  std::vector<LocatedFrame> located;
+  json located = json::array();
   vision::Frame frame;
   for (const auto& source : sources) {
     locator.reset();
@@ -197,70 +208,11 @@ std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locat
       const vision::FrameStatus status = source->next(frame);
       if (status == vision::FrameStatus::kEnd) break;
       if (!source->continuous()) locator.reset();
-      if (status == vision::FrameStatus::kFrame) {
-        located.push_back(locator.locate(frame));
-      } else {
-        located.push_back(locator.broken(frame));
-      }
+      const bool sound = status == vision::FrameStatus::kFrame;
+      located.push_back(sound ? locator.locate(frame) : locator.broken(frame));
     }
   }
   return located;
-}
-
-std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
-  std::vector<int> ids;
-  for (const TagDetection& tag : tags) ids.push_back(tag.id);
-  return ids;
-}
-
-json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& options) {
-  json tags = json::array();
-  for (const TagDetection& tag : frame.tags) {
-    json corners = json::array();
-    for (int k = 0; k < 4; ++k) corners.push_back(toJson(tag.corners.col(k)));
-    tags.push_back({{"id", tag.id},
-                    {"corners_px", corners},
-                    {"hamming", tag.hamming},
-                    {"margin", tag.margin}});
-  }
-  json result{{"file", frame.file},
-              {"state", frame.state},
-              {"reason", textOrNull(frame.reason)},
-              {"tags", tags},
-              {"unknown_tags", frame.unknown_tags},
-              {"repeated_tags", frame.repeated_tags},
-              {"unusable_tags", frame.unusable_tags},
-              {"outlier_tags", frame.outlier_tags},
-              {"twist", nullptr},
-              {"covariance", nullptr},
-              {"rms_px", nullptr},
-              {"tip", nullptr},
-              {"tip_covariance", nullptr},
-              {"base", nullptr},
-              {"bleed_m", nullptr},
-              {"suspicious", json::array()}};
-  for (const Suspicion& suspicion : frame.suspicious) {
-    result["suspicious"].push_back({{"parameter", suspicion.parameter},
-                                    {"deviations", suspicion.deviations},
-                                    {"remedy", suspicion.remedy}});
-  }
-  if (frame.fit) {
-    result["twist"] = toJson(frame.fit->twists);
-    result["covariance"] = rowsJson(frame.fit->covariance);
-    result["rms_px"] = frame.fit->rms;
-    result["tip"] = toJson(measuredTip(*frame.fit));
-    result["tip_covariance"] = rowsJson(frame.fit->tip_covariance);
-    if (options.free_base) result["base"] = toJson(frame.fit->X_B0B);
-    if (options.free_bleed) result["bleed_m"] = frame.fit->bleed;
-  }
-  return result;
-}
-
-json reportOf(const io::Scene& scene, const statics::Solution& start,
-              const std::vector<LocatedFrame>& frames) {
-  json list = json::array();
-  for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame, scene.vision.fit));
-  return {{"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", list}};
 }
 
 // Quoted where needed, since paths may contain commas.
@@ -270,27 +222,24 @@ std::string fileCell(const std::string& text) {
 }
 
 // One row per tag; a frame without tags has one row, and missing values are empty cells.
-CsvTable csvTable(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+CsvTable tagTable(const io::Scene& scene, const json& frames) {
+  const estimation::TwistFitOptions& options = scene.vision.fit;
   CsvTable table;
-  for (const LocatedFrame& frame : frames) {
-    CsvTable::Row fitted;
-    const estimation::TwistFit fit = frame.fit.value_or(estimation::TwistFit());
-    fitted.emplace_back("rms_px", exact(fit.rms));
-    if (scene.vision.fit.free_base) appendPose("base_", fit.X_B0B, fitted);
-    if (scene.vision.fit.free_bleed) fitted.emplace_back("bleed_m", exact(fit.bleed));
-    appendTwists(frame.fit ? fit.twists : model::Twists::Zero(6, scene.arm.sectionCount()), fitted);
-    if (!frame.fit) {
-      for (auto& cell : fitted) cell.second.clear();
-    }
-    for (std::size_t i = 0; i < std::max<std::size_t>(frame.tags.size(), 1); ++i) {
-      const TagDetection* tag = frame.tags.empty() ? nullptr : &frame.tags[i];
-      CsvTable::Row row{{"file", fileCell(basics::printable(frame.file))},
-                        {"state", frame.state},
-                        {"tag", tag ? std::to_string(tag->id) : ""}};
-      for (int k = 0; k < 4; ++k) {
-        const std::string corner = "corner_" + std::to_string(k + 1);
-        row.emplace_back(corner + "_x_px", tag ? exact(tag->corners(0, k)) : "");
-        row.emplace_back(corner + "_y_px", tag ? exact(tag->corners(1, k)) : "");
+  for (const json& frame : frames) {
+    CsvTable::Row fitted = cellsOf(frame, {"rms_px"});
+    if (options.free_base) appendPose("base_", frame["base"], fitted);
+    if (options.free_bleed) fitted.push_back(cellsOf(frame, {"bleed_m"}).front());
+    appendTwists(frame["twist"], scene.arm.sectionCount(), fitted);
+    for (std::size_t i = 0; i < std::max<std::size_t>(frame["tags"].size(), 1); ++i) {
+      const json tag = frame["tags"].empty() ? json() : frame["tags"][i];
+      CsvTable::Row row{{"file", fileCell(basics::printable(frame["file"].get<std::string>()))},
+                        {"state", frame["state"].get<std::string>()},
+                        {"tag", tag.is_null() ? "" : tag["id"].dump()}};
+      for (std::size_t k = 0; k < 4; ++k) {
+        for (const std::size_t axis : {0, 1}) {
+          row.emplace_back("corner_" + std::to_string(k + 1) + (axis == 0 ? "_x_px" : "_y_px"),
+                           tag.is_null() ? "" : exact(tag["corners_px"][k][axis].get<double>()));
+        }
       }
       row.insert(row.end(), fitted.begin(), fitted.end());
       table.add(row);
@@ -299,53 +248,23 @@ CsvTable csvTable(const io::Scene& scene, const std::vector<LocatedFrame>& frame
   return table;
 }
 
-void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
-  std::cout << scene.name << ", one twist per picture [m, rad]\n" << std::fixed;
-  for (const LocatedFrame& frame : frames) {
-    std::cout << basics::printable(frame.file) << ": " << frame.state << ", " << frame.tags.size()
-              << " tags";
-    if (!frame.tags.empty()) std::cout << " (" << joined(idsOf(frame.tags)) << ")";
-    if (frame.fit) {
-      std::cout << ", RMS " << std::setprecision(2) << frame.fit->rms << " px, twist";
-      for (int k = 0; k < frame.fit->twists.cols(); ++k) {
-        std::cout << " " << bracketed(frame.fit->twists.col(k));
-      }
-      if (scene.vision.fit.free_base) std::cout << ", base " << poseText(frame.fit->X_B0B);
-      if (scene.vision.fit.free_bleed) {
-        std::cout << ", bleed " << 1e3 * frame.fit->bleed << " mm";
-      }
-    }
-    const auto name = [](const char* what, const std::vector<int>& ids) {
-      if (!ids.empty()) std::cout << "; " << what << ": tag " << joined(ids);
-    };
-    name("does not fit", frame.outlier_tags);
-    name("not in the scene", frame.unknown_tags);
-    name("seen more than once", frame.repeated_tags);
-    name("where the lens distortion cannot be inverted", frame.unusable_tags);
-    for (const Suspicion& suspicion : frame.suspicious) {
-      std::cout << "; suspicious: " << suspicion.parameter << " is " << std::setprecision(1)
-                << suspicion.deviations
-                << " standard deviations from its prior: " << suspicion.remedy;
-    }
-    if (!frame.reason.empty()) std::cout << "; " << basics::printable(frame.reason);
-    std::cout << "\n";
-  }
-}
-
 int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const Eigen::VectorXd inputs = inputsOrRest(scene, options.pressure_kpa, options.input);
   const statics::Solution start = scene.model.solve(inputs);
   Locator locator(scene, statics::startingShape(scene.model, start, inputs));
-  const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
+  const json frames = locateAll(options.pictures, locator);
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
+  const json report{
+      {"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", frames}};
+  json shown = without(report, {"model_status"});
+  for (json& frame : shown["frames"]) {
+    for (json& tag : frame["tags"]) tag = json(tag["id"]);
+  }
   printResult(
-      global.format, reportOf(scene, start, frames), [&] { return csvTable(scene, frames); },
-      [&] { printTextResult(scene, frames); });
-  const bool failed = std::any_of(frames.begin(), frames.end(),
-                                  [](const LocatedFrame& frame) { return frame.failed; });
-  return failed ? kNotPossible : kDone;
+      global.format, report, [&] { return tagTable(scene, frames); }, shown);
+  return std::any_of(frames.begin(), frames.end(), isFailure) ? kNotPossible : kDone;
 }
 
 }  // namespace

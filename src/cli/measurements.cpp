@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <iostream>
 #include <map>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/captures.hpp"
@@ -177,12 +177,6 @@ std::optional<double> median(std::vector<double> values) {
   return basics::medianOf(std::move(values));
 }
 
-std::string joined(const std::vector<int>& numbers) {
-  std::string text;
-  for (const int number : numbers) text += (text.empty() ? "" : " ") + std::to_string(number);
-  return text;
-}
-
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path) {
   requirePressureDriven(scene);
   return io::historyOf(io::loadDataSet(path), scene.arm.actuatorCount());
@@ -190,13 +184,11 @@ model::InputHistory historyOfFile(const io::Scene& scene, const std::string& pat
 
 std::string noteOnResponse(const model::Arm& arm) {
   if (model::ArmResponse(arm).instant()) return {};
-  std::ostringstream note;
-  note << "at rest, with every effective pressure the pressure itself";
   const double widest = halfWidths(arm).maxCoeff();
-  if (widest > 0) {
-    note << ": the middle of hysteresis loops of up to +-" << 1e-3 * widest << " kPa";
-  }
-  return note.str();
+  return "at rest, with every effective pressure the pressure itself" +
+         (widest > 0
+              ? basics::format(": the middle of hysteresis loops of up to +-%g kPa", 1e-3 * widest)
+              : "");
 }
 
 void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eigen::Index rows,

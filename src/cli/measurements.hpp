@@ -66,9 +66,6 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
 /// The middle value; nothing of none.
 std::optional<double> median(std::vector<double> values);
 
-/// "6 7 9".
-std::string joined(const std::vector<int>& numbers);
-
 /// The text of an option `--history` of a subcommand.
 inline constexpr char kHistoryHelp[] =
     "data set with the measured pressures in the order taken: pressure_1_kpa, .., and optionally "

@@ -275,18 +275,16 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
                     {"tags", tags},
                     {"regulator", scene.regulator},
                     {"out", arguments.out}};
+  json shown = report;
+  shown["notes"] = {
+      "its contraction curve and stiffness are guesses: edit the file, then run helix_arm check " +
+      arguments.out};
   printResult(
       global.format, report,
       [&report] {
         return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
       },
-      [&] {
-        std::cout << "written: " << arguments.out << ", an arm with " << made.arm.actuatorCount()
-                  << " muscles and " << tags << " tags\n"
-                  << "Its contraction curve and stiffness are guesses: edit the file, then run "
-                     "helix_arm check "
-                  << arguments.out << "\n";
-      });
+      shown);
   return kDone;
 }
 

@@ -3,14 +3,14 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <iostream>
 #include <limits>
-#include <sstream>
 #include <streambuf>
 
+#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/lie/so3.hpp"
 
@@ -128,17 +128,14 @@ json toJson(const lie::SE3& pose) {
 json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
 
 std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(decimals);
+  std::vector<std::string> parts;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    text << (i > 0 ? ", " : "") << arm.actuator(i).name;
-    if (std::isfinite(pressure[i])) {
-      text << " " << pressure[i] / 1e3 << " kPa";
-    } else {
-      text << " no reading";
-    }
+    parts.push_back(arm.actuator(i).name +
+                    (std::isfinite(pressure[i])
+                         ? basics::format(" %.*f kPa", decimals, pressure[i] / 1e3)
+                         : " no reading"));
   }
-  return text.str();
+  return basics::joined(parts);
 }
 
 json readingsJson(const Eigen::VectorXd& pressure) {
@@ -148,15 +145,14 @@ json readingsJson(const Eigen::VectorXd& pressure) {
 }
 
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
-  json names = json::array(), units = json::array();
+  json units = json::array();
   bool pressures = true;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
-    names.push_back(arm.actuator(i).name);
     units.push_back(unit.si);
     pressures = pressures && unit.pressure;
   }
-  result["actuators"] = names;
+  result["actuators"] = actuatorNames(arm);
   if (pressures) {
     result["pressure_pa"] = toJson(inputs);
   } else {
@@ -202,6 +198,16 @@ CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) 
   return row;
 }
 
+void printComments(const json& report, const std::vector<const char*>& keys) {
+  for (const auto& [key, cell] : cellsOf(report, keys)) {
+    std::cout << "# " << key << " " << cell << "\n";
+  }
+}
+
+void printReason(const json& report) {
+  if (!report["reason"].is_null()) printComments(report, {"reason"});
+}
+
 std::string quotedCell(const std::string& text) {
   std::string cell = "\"";
   for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
@@ -209,9 +215,7 @@ std::string quotedCell(const std::string& text) {
 }
 
 std::string exact(double value) {
-  std::ostringstream text;
-  text << std::setprecision(std::numeric_limits<double>::max_digits10) << value;
-  return text.str();
+  return basics::format("%.*g", std::numeric_limits<double>::max_digits10, value);
 }
 
 std::string exact(const std::optional<double>& value) {
@@ -228,32 +232,36 @@ void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable
 }
 
 void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
+  appendTwists(toJson(twists), static_cast<int>(twists.cols()), row);
+}
+
+void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
   const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
-  for (int k = 0; k < twists.cols(); ++k) {
-    for (int j = 0; j < 6; ++j) {
-      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j], exact(twists(j, k)));
+  for (std::size_t k = 0; k < static_cast<std::size_t>(sections); ++k) {
+    for (std::size_t j = 0; j < 6; ++j) {
+      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j],
+                       twist.is_null() ? "" : cellOf(twist[k][j]));
     }
   }
 }
 
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
-  const std::string position[] = {"x_m", "y_m", "z_m"}, quaternion[] = {"qx", "qy", "qz", "qw"};
-  const Eigen::Vector4d q = lie::quaternionXyzw(pose.rotation);
-  for (int i = 0; i < 3; ++i) row.emplace_back(prefix + position[i], exact(pose.translation[i]));
-  for (int i = 0; i < 4; ++i) row.emplace_back(prefix + quaternion[i], exact(q[i]));
+  appendPose(prefix, toJson(pose), row);
+}
+
+void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row) {
+  const char* const entries[] = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
+  for (std::size_t i = 0; i < 7; ++i) {
+    const char* const key = i < 3 ? "position_m" : "quaternion_xyzw";
+    row.emplace_back(prefix + entries[i],
+                     pose.is_null() ? "" : cellOf(pose[key][i < 3 ? i : i - 3]));
+  }
 }
 
 std::string bracketed(const Eigen::VectorXd& vector) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(6) << "[";
-  for (int i = 0; i < vector.size(); ++i) text << (i == 0 ? "" : ", ") << vector[i];
-  text << "]";
-  return text.str();
-}
-
-std::string poseText(const lie::SE3& pose) {
-  return "position " + bracketed(pose.translation) + " m, quaternion xyzw " +
-         bracketed(lie::quaternionXyzw(pose.rotation));
+  std::vector<std::string> parts;
+  for (const double each : vector) parts.push_back(basics::format("%.6f", each));
+  return "[" + basics::joined(parts) + "]";
 }
 
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
@@ -262,8 +270,17 @@ RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format
   }
 }
 
-void RowPrinter::add(const std::function<json()>& report,
-                     const std::function<CsvTable::Row()>& cells) {
+void RowPrinter::add(const std::string& where, const std::function<json()>& report,
+                     const std::function<CsvTable::Row()>& cells,
+                     const std::vector<const char*>& shown) {
+  if (format_ == Format::kText) {
+    const json all = report();
+    json line;
+    for (const char* key : shown) {
+      if (all.contains(key)) line[key] = all[key];
+    }
+    std::cout << where << ": " << lineOf(line) << "\n";
+  }
   if (format_ == Format::kJson) {
     std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
   }
@@ -277,6 +294,15 @@ void RowPrinter::add(const std::function<json()>& report,
 
 void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
+}
+
+void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
+                 const json& shown) {
+  printResult(format, report, table, [&shown] { printText(shown, std::cout); });
+}
+
+void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
+  printResult(format, report, table, report);
 }
 
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,

@@ -66,6 +66,10 @@ class CsvTable {
 /// numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa` gives
 /// pressure_1_pa and so on.
 CsvTable::Row cellsOf(const nlohmann::json& report, const std::vector<const char*>& keys);
+/// The same as lines "# key value" in front of a table.
+void printComments(const nlohmann::json& report, const std::vector<const char*>& keys);
+/// Likewise the `reason` of a report, where there is one.
+void printReason(const nlohmann::json& report);
 /// A text in quotes, by RFC 4180.
 std::string quotedCell(const std::string& text);
 
@@ -77,23 +81,24 @@ std::string exact(const std::optional<double>& value);
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
 void appendTwists(const model::Twists& twists, CsvTable::Row& row);
-/// Cells `<prefix>x_m` .. `<prefix>qw`.
+/// The same of a report's `twist`, which may be null: empty cells.
+void appendTwists(const nlohmann::json& twist, int sections, CsvTable::Row& row);
+/// Cells `<prefix>x_m` .. `<prefix>qw`, also of a pose of a report, empty where it is null.
+void appendPose(const std::string& prefix, const nlohmann::json& pose, CsvTable::Row& row);
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row);
 
 /// "[1.000000, 2.000000]" for people.
 std::string bracketed(const Eigen::VectorXd& vector);
-/// "position [..] m, quaternion xyzw [..]" for people.
-std::string poseText(const lie::SE3& pose);
-
 /// Prints the results of a table's rows as they come, so that a long table takes no memory:
 /// {scene, rows [..]} as json, or names and a line a row as csv.
 class RowPrinter {
  public:
-  /// @param format  json or csv; of text nothing is printed.
   RowPrinter(Format format, const std::string& scene);
+  /// @param where          of the row, for text.
   /// @param report, cells  give the row in each format; they are called where it needs them.
-  void add(const std::function<nlohmann::json()>& report,
-           const std::function<CsvTable::Row()>& cells);
+  /// @param shown          keys of the report that text has, on one line.
+  void add(const std::string& where, const std::function<nlohmann::json()>& report,
+           const std::function<CsvTable::Row()>& cells, const std::vector<const char*>& shown);
   void end();
 
  private:
@@ -116,8 +121,21 @@ class PrintableStream {
   std::streambuf* const bare_;
 };
 
+/// A result for people: aligned lines and tables, names and units by its keys (text.cpp).
+void printText(const nlohmann::json& result, std::ostream& out);
+/// The same on one line, without tables.
+std::string lineOf(const nlohmann::json& result);
+/// A report without keys of any depth: what text leaves to json.
+nlohmann::json without(nlohmann::json report, const std::vector<std::string>& keys);
+
 /// Prints a result in the chosen format.
-/// @param table, text  of the result; only that of the chosen format is called, and text prints.
+/// @param table  of the result; called for csv alone.
+/// @param shown  what text shows instead of the report.
+void printResult(Format format, const nlohmann::json& report,
+                 const std::function<CsvTable()>& table, const nlohmann::json& shown);
+void printResult(Format format, const nlohmann::json& report,
+                 const std::function<CsvTable()>& table);
+/// @param text  prints the result for people.
 void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table, const std::function<void()>& text);
 

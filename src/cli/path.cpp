@@ -1,9 +1,9 @@
 #include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
@@ -57,11 +57,9 @@ ShapedPath pathOf(const PathArguments& arguments) {
 
 // "circle of radius 0.02 m around [..] m in the plane yz, 1 turn of 20 s"
 std::string describe(const ShapedPath& path) {
-  std::ostringstream text;
-  text << nameOf(path.shape) << " of radius " << path.radius << " m around "
-       << bracketed(path.centre) << " m in the plane " << nameOf(path.plane) << ", " << path.turns
-       << (path.turns == 1 ? " turn of " : " turns of ") << path.period << " s";
-  return text.str();
+  return basics::format("%s of radius %g m around %s m in the plane %s, %d turn%s of %g s",
+                        nameOf(path.shape), path.radius, bracketed(path.centre).c_str(),
+                        nameOf(path.plane), path.turns, path.turns == 1 ? "" : "s", path.period);
 }
 
 std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points) {
@@ -108,15 +106,14 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
     return kDone;
   }
   const json report = reportOf(path, points, out);
+  json shown = report;
+  shown["begin_m"] = toJson(points.front().position);
   printResult(
       global.format, report,
       [&] {
         return cellsOf(report, {"shape", "points", "duration_s", "out"});
       },
-      [&] {
-        std::cout << describe(path) << ": " << points.size() << " points from "
-                  << bracketed(points.front().position) << " m in " << out << "\n";
-      });
+      shown);
   return kDone;
 }
 

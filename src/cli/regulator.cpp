@@ -3,11 +3,9 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <functional>
-#include <iomanip>
 #include <iostream>
 #include <limits>
 #include <memory>
@@ -22,6 +20,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -43,7 +42,7 @@ using simulation::DeviceFault;
 
 constexpr double kProbeSeconds = 1;
 constexpr double kStay = 5;            // [s]
-constexpr double kLongest = 86400;     // [s]
+constexpr double kLongestRun = 86400;  // [s]
 constexpr double kBetweenReports = 1;  // of an emulated device [s]
 constexpr double kBetweenLines = 0.5;  // [s]
 constexpr double kLinkTime = 5;        // for a regulator to answer [s]
@@ -54,7 +53,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 constexpr std::chrono::milliseconds kTurn(5);
 constexpr std::chrono::milliseconds kBetweenReadings(10);
-constexpr std::chrono::milliseconds kBetweenTries(50);
+constexpr std::chrono::milliseconds kBetweenVents(50);
 
 struct RegulatorOptions {
   std::string scene;
@@ -111,15 +110,13 @@ Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
     while (full < channels && std::abs(result.pressure[full]) <= rules.vented_below) ++full;
     if (full == channels) return result;
     if (steadyNow() >= end) {
-      std::ostringstream text;
-      text << scene.arm.actuator(full).name;
-      if (std::isnan(result.pressure[full])) {
-        text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
-      } else {
-        text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
-             << " s; shut the supply and check for a valve that does not close";
-      }
-      result.reason = text.str();
+      result.reason =
+          scene.arm.actuator(full).name +
+          (std::isnan(result.pressure[full])
+               ? " gives no reading" + (bad_reply.empty() ? "" : ": " + bad_reply)
+               : basics::format(" still has %g kPa after %g s; shut the supply and check for a "
+                                "valve that does not close",
+                                result.pressure[full] / 1e3, rules.vent_time));
       return result;
     }
     std::this_thread::sleep_for(kBetweenReadings);
@@ -177,34 +174,6 @@ Probe probe(const io::Scene& scene, double seconds) {
   return result;
 }
 
-void printProbeText(const io::Scene& scene, const Probe& result) {
-  std::cout << regulator::describe(*scene.regulator)
-            << ": connected, which vents; nothing else was written\n"
-            << std::fixed;
-  // Without a line to a device, their rate is that of this computer.
-  const bool hardware = regulator::isHardware(*scene.regulator);
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const int readings = result.readings[static_cast<std::size_t>(i)];
-    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
-              << ": ";
-    if (readings == 0) {
-      std::cout << "no reading\n";
-    } else {
-      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
-      if (hardware) {
-        std::cout << ", " << std::setprecision(1) << readings / result.seconds
-                  << " readings a second";
-      }
-      std::cout << "\n";
-    }
-  }
-  if (std::isfinite(result.supply)) {
-    std::cout << "supply: " << std::setprecision(2) << result.supply / 1e3 << " kPa\n";
-  } else {
-    std::cout << "supply: not measured\n";
-  }
-}
-
 int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
@@ -224,14 +193,27 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
                     {"supply_pa", finite(result.supply)},
                     {"seconds", result.seconds},
                     {"reason", textOrNull(result.reason)}};
+  json shown = without(report, {"reason"});
+  for (json& channel : shown["channels"]) {
+    // Without a line to a device, their rate is that of this computer.
+    const double seconds = regulator::isHardware(*scene.regulator) ? result.seconds : 0;
+    channel["readings_per_second"] =
+        seconds > 0 ? json(channel["readings"].get<int>() / seconds) : json();
+  }
+  if (!std::isfinite(result.supply)) shown["supply"] = "not measured";
+  shown["notes"] = {"connected, which vents; nothing else was written"};
+  if (!(result.seconds > 0)) shown = nullptr;
   printResult(
-      global.format, report, [&table] { return table; },
-      [&] {
-        if (result.seconds > 0) printProbeText(scene, result);
-      });
+      global.format, report, [&table] { return table; }, shown);
   if (result.reason.empty()) return kDone;
   std::cerr << result.reason << "\n";
   return kNotPossible;
+}
+
+// For text, which tells whose the pressures are.
+json namedActuators(const model::Arm& arm, json report) {
+  report["actuators"] = actuatorNames(arm);
+  return report;
 }
 
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
@@ -256,12 +238,9 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
     }
     return row;
   };
-  printResult(global.format, report, table, [&] {
-    if (!vented) return;
-    std::cout << "vented, to within " << scene.safety.rules.vented_below / 1e3
-              << " kPa of the atmosphere (safety.vented_below_kpa): "
-              << pressureText(scene.arm, result.pressure) << "\n";
-  });
+  json shown = namedActuators(scene.arm, report);
+  shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
+  printResult(global.format, report, table, vented ? shown : json());
   if (vented) return kDone;
   std::cerr << "not vented: " << result.reason << "\n";
   return kNotPossible;
@@ -406,10 +385,7 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
     }
     return rows;
   };
-  printResult(global.format, report, table, [&] {
-    std::cout << "reached " << pressureText(scene.arm, outcome.pressure) << ", then " << state
-              << "\n";
-  });
+  printResult(global.format, report, table, without(namedActuators(scene.arm, report), {"reason"}));
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;
@@ -463,7 +439,7 @@ Vented vent(regulator::Driver& driver, const io::Scene& scene) {
       result.reason = error.what();
     }
     if (result.reason.empty() || steadyNow() >= end) return result;
-    std::this_thread::sleep_for(kBetweenTries);
+    std::this_thread::sleep_for(kBetweenVents);
   }
 }
 
@@ -574,15 +550,15 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
   const Eigen::VectorXd pressure = emulated.pressure();
   const Eigen::VectorXd set_point = emulated.setPoint();
   const std::vector<Valve> valves = emulated.valves();
-  std::ostringstream line;
-  line << std::fixed << std::setprecision(1);
+  std::vector<std::string> parts;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int k = emulated.channels[static_cast<std::size_t>(i)];
-    line << (i > 0 ? ", " : "") << scene.arm.actuator(i).name << " "
-         << wordOf(valves[static_cast<std::size_t>(k)]) << ": set " << set_point[k] / 1e3
-         << ", has " << pressure[k] / 1e3 << " kPa";
+    parts.push_back(scene.arm.actuator(i).name +
+                    basics::format(" %s: set %.1f, has %.1f kPa",
+                                   wordOf(valves[static_cast<std::size_t>(k)]), set_point[k] / 1e3,
+                                   pressure[k] / 1e3));
   }
-  std::cout << line.str() << std::endl;
+  std::cout << basics::joined(parts) << std::endl;
 }
 
 void obey(const std::string& word, const Emulated& emulated) {
@@ -681,7 +657,7 @@ Subcommand addRegulator(CLI::App& app) {
   };
   const auto addSeconds = [&options](CLI::App* action, const char* help) {
     addOption(*action, "--seconds", options->seconds, help, TypeName{"S"},
-              CLI::Range(0.01, kLongest));
+              CLI::Range(0.01, kLongestRun));
   };
   addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
                  probeRegulator),

@@ -1,11 +1,8 @@
-#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iomanip>
-#include <iostream>
 #include <limits>
 #include <memory>
 #include <random>
@@ -14,6 +11,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/arm_view.hpp"
@@ -120,10 +118,9 @@ class CsvFile {
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
-  std::ostringstream text;
-  text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
-       << options.count << " --seed " << options.seed << "\n";
-  OutputFile(path).write(text.str());
+  OutputFile(path).write(
+      io::sceneText(options.scene, overridesOf(global)) +
+      basics::format("\n# Simulated with --count %d --seed %u\n", options.count, options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -155,9 +152,7 @@ void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& 
 }
 
 std::string pictureName(int capture) {
-  std::ostringstream name;
-  name << "picture_" << std::setfill('0') << std::setw(kFewestDigits) << capture << ".jpg";
-  return name.str();
+  return basics::format("picture_%0*d.jpg", kFewestDigits, capture);
 }
 
 // Measured by an instrument that sees all tags, with the noise vision.tag_position_noise_m.
@@ -298,23 +293,6 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
           rig.hasCamera()};
 }
 
-void printText(const SimulatedSet& set, bool arm) {
-  const std::string pictures = pictureName(1) + " to " + pictureName(set.captures) + "\n";
-  std::cout << set.captures << (arm ? " captures in " : " pictures of the calibration board in ")
-            << set.directory.string() << ": ";
-  if (!arm) {
-    std::cout << pictures;
-    return;
-  }
-  std::cout << "scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
-  if (set.pictures) {
-    std::cout << ", tag_corners.csv, " << pictures;
-  } else {
-    std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
-              << "\n";
-  }
-}
-
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && options.rest) {
@@ -335,12 +313,20 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                     {"truth", pathOf("truth.csv", arm)},
                     {"tag_poses", pathOf("tag_poses.csv", arm && set.tags > 0)},
                     {"tag_corners", pathOf("tag_corners.csv", arm && set.pictures)}};
+  json shown = report;
+  shown["pictures"] = json();
+  if (set.pictures) {
+    shown["pictures"] = pictureName(1) + " to " + pictureName(set.captures);
+  } else {
+    shown["notes"] = {std::string("no pictures: the scene has no ") +
+                      (set.tags > 0 ? "camera" : "tags to see")};
+  }
   printResult(
       global.format, report,
       [&report] {
         return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
       },
-      [&] { printText(set, arm); });
+      shown);
   return kDone;
 }
 

@@ -2,7 +2,6 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <iomanip>
 #include <iostream>
 #include <limits>
 #include <memory>
@@ -13,6 +12,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
@@ -230,10 +230,8 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
                          ? tipDistance(vision.fit.shape, film.truth[i])
                          : kInfinity);
   }
-  std::ostringstream setting;
-  setting << "quad_decimate " << decimate;
-  return {"sight", nameOf(mode), setting.str(), basics::medianOf(times),
-          basics::medianOf(errors) / scene.arm.restLength()};
+  return {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate),
+          basics::medianOf(times), basics::medianOf(errors) / scene.arm.restLength()};
 }
 
 // Parameters that a fit estimates in addition to the shape.
@@ -374,43 +372,6 @@ json reportOf(const Trade& trade) {
   return {{"scene", trade.scene}, {"rows", rows}, {"notes", trade.notes}};
 }
 
-std::string timeText(double seconds) {
-  const bool long_time = seconds >= 1e-3, short_time = seconds < 1e-6;
-  std::ostringstream text;
-  text << std::setprecision(3)
-       << seconds * (long_time    ? 1e3
-                     : short_time ? 1e9
-                                  : 1e6)
-       << (long_time    ? " ms"
-           : short_time ? " ns"
-                        : " us");
-  return text.str();
-}
-
-std::string errorText(double error) {
-  if (!std::isfinite(error)) return "no answer";
-  if (error < kRounding) return "none";
-  std::ostringstream text;
-  text << std::setprecision(2) << 100 * error << " %";
-  return text.str();
-}
-
-void printText(const Trade& trade) {
-  std::cout << trade.scene << ": time of one answer and largest error, in % of the arm's length\n"
-            << "(* no faster row of the same part is as accurate)\n";
-  std::string part;
-  for (const TradeRow& row : trade.rows) {
-    if (row.part != part) {
-      part = row.part;
-      std::cout << part << "\n";
-    }
-    std::cout << (row.on_frontier ? " * " : "   ") << std::left << std::setw(15) << row.tier
-              << std::setw(24) << row.setting << std::right << std::setw(11) << timeText(row.time)
-              << std::setw(12) << errorText(row.error) << "\n";
-  }
-  for (const std::string& note : trade.notes) std::cout << note << "\n";
-}
-
 fs::path makeFolder(const TradeOptions& options, const std::string& scene) {
   const fs::path folder = options.out.empty() ? "trade_" + scene : options.out;
   std::error_code error;
@@ -431,7 +392,11 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
     return CsvTable(report["rows"],
                     {"part", "tier", "setting", "time_ns", "tip_error_percent", "on_frontier"});
   };
-  printResult(global.format, report, table, [&trade] { printText(trade); });
+  json shown = report;
+  shown["notes"].push_back(
+      "tip errors in % of the arm's length; on the frontier: no faster row of "
+      "the same part is as accurate");
+  printResult(global.format, report, table, shown);
   if (trade.rows.empty()) return kNotPossible;
   if (!folder) return kDone;
   std::ostringstream csv;

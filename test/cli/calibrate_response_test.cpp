@@ -184,18 +184,6 @@ TEST(CalibrateResponse, ASeriesOfTheTipGivesTheLagToEveryCurve) {
   EXPECT_EQ(runCommand({"forward", out, "--pressure-kpa", "100,0"}).exit_code, 0);
 }
 
-TEST(CalibrateResponse, TheTextSaysWhatWasFound) {
-  const TemporaryFile data(freeLengths(play()));
-  const Outcome outcome = runCommand(
-      {"calibrate", scenePath("planar_76"), data.path(), "--fit", "contraction,response"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_NE(outcome.out.find("\n  play_1 = 39."), std::string::npos) << outcome.out;
-  EXPECT_NE(outcome.out.find("without a response"), std::string::npos) << outcome.out;
-  EXPECT_NE(outcome.out.find("warning: response: nothing was recorded in motion"),
-            std::string::npos)
-      << outcome.out;
-}
-
 TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
   const TemporaryFile lengths(freeLengths(play())), tips(tipSeries(1));
   const TemporaryFile timed("time_s,pressure_kpa,length_m\n0,0,0.44\n1,10,0.43\n");

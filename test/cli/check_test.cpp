@@ -32,13 +32,8 @@ TEST(Check, AFaultExitsWithOneInEveryFormat) {
     return runCommand({"check", scenePath("demo"), "--set", "tags.groups.0.rpy_deg=[180,0,0]",
                        "--samples", "10", "--format", format});
   };
-  const Outcome text = run("text"), csv = run("csv");
-  EXPECT_EQ(text.exit_code, 1);
-  EXPECT_NE(text.out.find("fault: tags 0, 1, 2, 3, 4, 5, 6: the face points 180 deg from outwards; "
-                          "expected less than 90 deg. turn it by rpy_deg"),
-            std::string::npos)
-      << text.out;
-  EXPECT_NE(text.out.find("demo: faults found\n"), std::string::npos);
+  const Outcome csv = run("csv");
+  EXPECT_EQ(run("text").exit_code, 1);
   EXPECT_EQ(csv.exit_code, 1);
   EXPECT_EQ(csv.out.substr(0, 36), "severity,check,culprit,value,remedy\n");
   const json result = run("json").json();

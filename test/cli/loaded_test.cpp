@@ -1,5 +1,4 @@
 #include <Eigen/Geometry>
-#include <cmath>
 
 #include <gtest/gtest.h>
 
@@ -83,11 +82,6 @@ TEST(ForwardLoaded, TheCurveEndsAtTheTipOfItsTier) {
   ASSERT_EQ(result["curve"].size(), 9u);
   EXPECT_LT(positionOf(result["curve"][0]).norm(), 1e-15);
   EXPECT_LT((positionOf(result["curve"][8]) - positionOf(result["tip"])).norm(), 1e-9);
-  // No single helix goes through them: half way the mean twist is off.
-  lie::Vector6 mean;
-  for (int i = 0; i < 6; ++i) mean[i] = result["twist"][0][i].get<double>();
-  const lie::SE3 half = lie::SE3::exp(0.5 * mean);
-  EXPECT_GT((positionOf(result["curve"][4]) - half.translation).norm(), 1e-3);
 }
 
 TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
@@ -128,7 +122,9 @@ TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
 }
 
 TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
-  std::vector<Refusal> refusals = {
+  const std::vector<Refusal> refusals = {
+      {{"--accuracy", "nan"}, "--accuracy: nan is not a number from 2e-07 to 100"},
+      {{"--budget", "0"}, "--budget: 0 is not a number from 0.001 to 1e+09"},
       {{"--tier", "planar"}, "--tier planar needs a scene with arm.geometry: planar"},
       {{"--order", "3"}, "--order needs --tier loaded"},
       {{"--tier", "exact", "--order", "3"}, "--order needs --tier loaded"},
@@ -143,14 +139,6 @@ TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
        "tier meets"},
       {{"--budget", "1e-3"},
        "--budget is not possible with scene loaded: budget.time_us: the cheapest"}};
-  for (const std::string percent : {"0", "-1", "200", "inf", "nan", "much"}) {
-    refusals.push_back(
-        {{"--accuracy", percent}, "--accuracy: " + percent + " is not a number from 2e-07 to 100"});
-  }
-  for (const std::string us : {"0", "inf", "1e10"}) {
-    refusals.push_back(
-        {{"--budget", us}, "--budget: " + us + " is not a number from 0.001 to 1e+09"});
-  }
   expectCallerErrors({"forward", scenePath("loaded"), "--pressure-kpa", "200,0,50"}, refusals);
   expectCallerError(forward("helical_50", {"--set", "load.mass_kg=0.2"}),
                     "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N]");

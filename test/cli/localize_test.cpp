@@ -97,7 +97,6 @@ TEST_F(Localize, AParameterFarFromItsPriorIsSuspicious) {
               std::abs(frame["bleed_m"].get<double>()) / 0.0005, 1e-9);
   EXPECT_GT((*bleed)["deviations"].get<double>(), 3);
   EXPECT_NE((*bleed)["remedy"].get<std::string>().find("tags.size_m"), std::string::npos);
-  EXPECT_NE(with("text").out.find("suspicious: bleed_m is "), std::string::npos);
 }
 
 TEST_F(Localize, ANameThatIsNoUtf8LosesNoResult) {
@@ -122,12 +121,6 @@ TEST_F(Localize, CsvHasARowForEveryTag) {
     EXPECT_EQ(std::stod(rows[i + 1][3]), frame["tags"][i]["corners_px"][0][0].get<double>());
     EXPECT_EQ(std::stod(rows[i + 1].back()), frame["twist"][0][5].get<double>());
   }
-}
-
-TEST_F(Localize, TextNamesTheStateAndTheTags) {
-  const Outcome outcome = runCommand({"localize", scenePath("demo"), picture(1)});
-  EXPECT_EQ(outcome.exit_code, 0);
-  EXPECT_NE(outcome.out.find(picture(1) + ": measured, "), std::string::npos) << outcome.out;
 }
 
 TEST_F(Localize, PressuresSayWhereTheSearchBegins) {

@@ -47,13 +47,6 @@ TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
   EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
 }
 
-TEST(Response, AMemoryIsKnownAfterAStroke) {
-  const TemporaryFile both("pressure_1_kpa,pressure_2_kpa\n0,0\n300,300\n200,50\n");
-  const nlohmann::json result = run("forward", {"--history", both.path()}).json();
-  EXPECT_EQ(result["response"]["memory_known"], true);
-  EXPECT_EQ(result["history"][0]["memory_known"], false);
-}
-
 TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
   const TemporaryFile series(
       "trial,time_s,pressure_1_kpa\n1,10,0\n1,10.5,100\n1,11.5,100\n2,3,80\n");
@@ -92,9 +85,6 @@ TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysS
   EXPECT_FALSE(plain.contains("response"));
   result.erase("response");
   EXPECT_EQ(result, plain);  // all else as without one
-  const Outcome text = runCommand(
-      {"forward", scenePath("planar_76"), "--pressure-kpa", "200,50", kPlays[0], kPlays[1]});
-  EXPECT_NE(text.out.find("the middle of hysteresis loops"), std::string::npos);
   const nlohmann::json workspace = run("workspace", {"--count", "10"}).json();
   EXPECT_EQ(workspace["response"]["note"], run("forward", call).json()["response"]["note"]);
 }

@@ -1,11 +1,8 @@
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
-#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -73,56 +70,6 @@ TEST(Simulate, ASceneWithACameraGivesPicturesPosesAndTruth) {
   EXPECT_EQ(tableOf(folder / "tag_poses.csv").size(), 3u * result["tags"].get<unsigned>());
   const std::string scene = contentOf(scenePath("demo"));
   EXPECT_EQ(contentOf(folder / "scene.yaml").substr(0, scene.size()), scene);
-}
-
-// How far the corners in a folder are from where a view says, root mean square [px]; and of how
-// many tags.
-std::pair<double, int> cornerError(const std::string& folder, const estimation::ArmView& view) {
-  const auto truth = tableOf(folder + "/truth.csv");
-  const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
-  double squares = 0;
-  int tags = 0;
-  for (const auto& row : tableOf(folder + "/tag_corners.csv")) {
-    const auto& moment = truth.at(static_cast<std::size_t>(row.at("capture")) - 1);
-    EXPECT_EQ(row.at("pressure_1_kpa"), moment.at("pressure_1_kpa"));
-    model::Twists twists(6, 1);
-    for (int k = 0; k < 6; ++k) twists(k, 0) = moment.at("section_1_" + entries[k]);
-    const int id = static_cast<int>(row.at("tag"));
-    const auto observations = estimation::visibleTags(view, twists, 0.0);
-    const auto observation =
-        std::find_if(observations.begin(), observations.end(),
-                     [&](const auto& other) { return view.layout.tags[other.tag].id == id; });
-    if (observation == observations.end()) {
-      ADD_FAILURE() << "tag " << id << " is out of sight";
-      continue;
-    }
-    for (int c = 0; c < 4; ++c) {
-      const Eigen::Vector2d seen(row.at("x" + std::to_string(c + 1) + "_px"),
-                                 row.at("y" + std::to_string(c + 1) + "_px"));
-      squares += (seen - observation->corners.col(c)).squaredNorm() / 4;
-    }
-    ++tags;
-  }
-  return {std::sqrt(squares / tags), tags};
-}
-
-TEST(Simulate, CornersAreWhereTheTrueCameraSeesTheTrueTags) {
-  const TemporaryFolder folder;
-  const std::vector<io::Override> mounts{{"simulation.mounts.camera_translation_m", "0.02"},
-                                         {"simulation.mounts.camera_rotation_deg", "2"},
-                                         {"simulation.mounts.tag_translation_m", "0.002"},
-                                         {"simulation.mounts.tag_rotation_deg", "3"},
-                                         {"simulation.mounts.seed", "8"}};
-  std::vector<std::string> more{"--count", "5"};
-  for (const io::Override& set : mounts) {
-    more.insert(more.end(), {"--set", set.key + "=" + set.value});
-  }
-  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), more).exit_code, 0);
-  const io::Scene scene = io::loadScene(scenePath("demo"), mounts);
-  const auto [error, tags] = cornerError(folder.path(), scene.cameraSetup()->view);
-  EXPECT_GE(tags, 5 * 6);
-  EXPECT_LT(error, 0.7);
-  EXPECT_GT(cornerError(folder.path(), scene.view()).first, 5) << "the scene does not know";
 }
 
 TEST(Simulate, TagPosesAreThoseOfTheTrueTags) {

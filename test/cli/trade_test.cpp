@@ -56,18 +56,6 @@ TEST(Trade, MeasuresEveryTierThatTheSceneCanHave) {
   EXPECT_EQ(planar.count({"planar", ""}), 1u);
 }
 
-TEST(Trade, ErrorsFallWithTheOrderUnderLoad) {
-  const json rows = rowsOf("loaded");
-  double last = rowOf(rows, "linear", "")["tip_error_percent"];
-  EXPECT_GT(last, 0.1);
-  for (int order = 2; order <= 6; ++order) {
-    const double error =
-        rowOf(rows, "loaded", "order " + std::to_string(order))["tip_error_percent"];
-    EXPECT_LT(error, 0.3 * last) << order;
-    last = error;
-  }
-}
-
 TEST(Trade, NothingBeatsARowOfTheFrontier) {
   const json rows = rowsOf("loaded");
   std::map<std::string, int> on_frontier;

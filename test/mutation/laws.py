@@ -250,7 +250,7 @@ LAWS = {
             "if (number) inputs[i] = in_kpa ? io::pascals(*number) : *number;",
             "if (number) inputs[i] = io::pascals(*number);"),
         Law("forward: the full rank beside the rank", GTEST + "cli_forward_test",
-            '{"full_rank", result.full_rank},', '{"full_rank", result.rank()},'),
+            '{"full_rank", result.full_rank},', '{"full_rank", result.sections[0]["rank"]},'),
         Law("--set without a value is refused", GTEST + "cli_forward_test",
             "if (equals == std::string::npos || equals == 0) {", "if (equals == 0) {"),
         Law("forward: exit code 1 where no shape balances the load", GTEST + "cli_loaded_test",
