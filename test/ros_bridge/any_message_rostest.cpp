@@ -2,29 +2,319 @@
 // whose fields are extreme, one by one and all at once, and the nodes go on; so do the services of
 // visual_servo. follow_path alone may end, in order, where a message says that its goal has ended.
 #include <atomic>
+#include <chrono>
+#include <cstdint>
 #include <cstring>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <set>
+#include <string>
 #include <thread>
 
+#include <actionlib_msgs/GoalID.h>
+#include <actionlib_msgs/GoalStatusArray.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/WrenchStamped.h>
 #include <gtest/gtest.h>
 #include <ros/master.h>
+#include <ros/message_traits.h>
+#include <ros/node_handle.h>
+#include <ros/serialization.h>
 #include <ros/this_node.h>
+#include <rosgraph_msgs/Clock.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
 #include <tf2/buffer_core.h>
+#include <tf2_msgs/TFMessage.h>
+#include <visualization_msgs/InteractiveMarkerFeedback.h>
 
+#include "helix_arm/ArmShape.h"
 #include "helix_arm/ClearSamples.h"
-#include "support/known_messages.hpp"
+#include "helix_arm/FollowTipPathAction.h"
+#include "helix_arm/ModelError.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/Reload.h"
+#include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TagDetections.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/TipTarget.h"
+#include "helix_arm/VisionStatus.h"
 #include "support/message_fields.hpp"
 #include "support/process.hpp"
-#include "support/raw_message.hpp"
 #include "support/ros_rig.hpp"
-#include "support/silent_path_server.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
+
+/// A message of any type, as the bytes on the wire.
+struct RawMessage {
+  std::string bytes;
+};
+
+}  // namespace helix_arm::test
+
+namespace ros {
+namespace message_traits {
+
+template <>
+struct MD5Sum<helix_arm::test::RawMessage> {
+  static const char* value(const helix_arm::test::RawMessage&) { return value(); }
+  static const char* value() { return "*"; }
+};
+template <>
+struct DataType<helix_arm::test::RawMessage> {
+  static const char* value(const helix_arm::test::RawMessage&) { return value(); }
+  static const char* value() { return "*"; }
+};
+template <>
+struct Definition<helix_arm::test::RawMessage> {
+  static const char* value(const helix_arm::test::RawMessage&) { return value(); }
+  static const char* value() { return ""; }
+};
+
+}  // namespace message_traits
+
+namespace serialization {
+
+template <>
+struct Serializer<helix_arm::test::RawMessage> {
+  template <class Stream>
+  static void write(Stream& stream, const helix_arm::test::RawMessage& message) {
+    const auto length = static_cast<std::uint32_t>(message.bytes.size());
+    if (length > 0) std::memcpy(stream.advance(length), message.bytes.data(), length);
+  }
+  template <class Stream>
+  static void read(Stream& stream, helix_arm::test::RawMessage& message) {
+    const std::uint32_t length = stream.getLength();
+    message.bytes.assign(reinterpret_cast<const char*>(stream.advance(length)), length);
+  }
+  static std::uint32_t serializedLength(const helix_arm::test::RawMessage& message) {
+    return static_cast<std::uint32_t>(message.bytes.size());
+  }
+};
+
+}  // namespace serialization
+}  // namespace ros
+
+namespace helix_arm::test {
 namespace {
+
+// A type of messages, with a sound one.
+struct Type {
+  std::string name, md5sum, definition;
+  std::string bytes;  // of a sound message
+};
+
+// Of a message, without its length.
+std::string bytesOf(const ros::SerializedMessage& message) {
+  return {reinterpret_cast<const char*>(message.message_start),
+          message.num_bytes - static_cast<std::size_t>(message.message_start - message.buf.get())};
+}
+
+// A sound message.
+template <class Message>
+Message sample() {
+  return {};
+}
+template <>
+ShapeTarget sample() {
+  ShapeTarget out;
+  out.twist = {0.4, 0, 0, 0, 0.1, 0};
+  return out;
+}
+template <>
+TipTarget sample() {
+  TipTarget out;
+  out.pose.position.x = 0.35;
+  out.pose.orientation.w = 1;
+  return out;
+}
+template <>
+geometry_msgs::WrenchStamped sample() {
+  geometry_msgs::WrenchStamped out;
+  out.wrench.force.y = 0.3;
+  return out;
+}
+template <>
+RunCalibrationActionGoal sample() {
+  RunCalibrationActionGoal out;
+  out.goal.fit = {"stiffness"};
+  out.goal.plan = {0, 0, 0, 1e5, 0, 0};
+  return out;
+}
+template <>
+visualization_msgs::InteractiveMarkerFeedback sample() {
+  visualization_msgs::InteractiveMarkerFeedback out;
+  out.client_id = "/rviz";
+  out.marker_name = "tip";
+  out.event_type = visualization_msgs::InteractiveMarkerFeedback::POSE_UPDATE;
+  out.pose.position.x = 0.35;
+  out.pose.orientation.w = 1;
+  return out;
+}
+
+template <>
+geometry_msgs::PoseStamped sample() {
+  geometry_msgs::PoseStamped out;
+  out.pose.position.x = 0.35;
+  return out;
+}
+template <>
+tf2_msgs::TFMessage sample() {
+  geometry_msgs::TransformStamped transform;
+  transform.header.frame_id = "arm_base";
+  transform.child_frame_id = "table";
+  transform.transform.rotation.w = 1;
+  tf2_msgs::TFMessage out;
+  out.transforms = {transform};
+  return out;
+}
+template <>
+FollowTipPathActionGoal sample() {
+  FollowTipPathActionGoal out;
+  out.goal.path.joint_names = {"tip"};
+  for (const double y : {0.0035, 0.0185}) {
+    trajectory_msgs::MultiDOFJointTrajectoryPoint point;
+    point.transforms.resize(1);
+    point.transforms[0].translation.x = 0.366;
+    point.transforms[0].translation.y = y;
+    point.transforms[0].translation.z = 0.0088;
+    point.transforms[0].rotation.w = 1;
+    point.velocities.resize(1);
+    point.time_from_start = ros::Duration(1 + 1000 * (y - 0.0035));
+    out.goal.path.points.push_back(point);
+  }
+  out.goal.hold_s = 0.1;
+  return out;
+}
+
+template <class... Messages>
+std::map<std::string, Type> typesOf() {
+  namespace traits = ros::message_traits;
+  std::map<std::string, Type> out;
+  (out.emplace(traits::datatype<Messages>(),
+               Type{traits::datatype<Messages>(), traits::md5sum<Messages>(),
+                    traits::definition<Messages>(),
+                    bytesOf(ros::serialization::serializeMessage(sample<Messages>()))}),
+   ...);
+  return out;
+}
+
+// All that the nodes subscribe to; a new one belongs in here.
+const std::map<std::string, Type>& knownTypes() {
+  static const auto kTypes =
+      typesOf<ArmShape, ModelError, PressureArray, SafetyState, ShapeTarget, TagDetections,
+              TargetStatus, TipTarget, VisionStatus, FollowTipPathActionFeedback,
+              FollowTipPathActionGoal, FollowTipPathActionResult, RunCalibrationActionGoal,
+              actionlib_msgs::GoalID, actionlib_msgs::GoalStatusArray,
+              diagnostic_msgs::DiagnosticArray, geometry_msgs::PoseStamped,
+              geometry_msgs::WrenchStamped, rosgraph_msgs::Clock, sensor_msgs::CameraInfo,
+              sensor_msgs::CompressedImage, sensor_msgs::Image, tf2_msgs::TFMessage,
+              visualization_msgs::InteractiveMarkerFeedback>();
+  return kTypes;
+}
+
+// Requests of the services of visual_servo, by the names of these below the node's.
+const std::map<std::string, Type>& knownRequests() {
+  static const auto kTypes = [] {
+    const auto types = typesOf<ReloadRequest, std_srvs::SetBoolRequest, std_srvs::TriggerRequest>();
+    return std::map<std::string, Type>{{"reload", types.at("helix_arm/ReloadRequest")},
+                                       {"close_loop", types.at("std_srvs/SetBoolRequest")},
+                                       {"reset", types.at("std_srvs/TriggerRequest")}};
+  }();
+  return kTypes;
+}
+
+// An action follow_tip_path whose goals run without end: says that the last one is active, with a
+// feedback, ten times a second, from a thread of its own. Its callbacks are of the global queue.
+class SilentPathServer {
+ public:
+  explicit SilentPathServer(const std::string& action)
+      : node_(action),
+        status_publisher_(advertise<actionlib_msgs::GoalStatusArray>("status")),
+        feedback_publisher_(advertise<FollowTipPathActionFeedback>("feedback")),
+        result_publisher_(advertise<FollowTipPathActionResult>("result")),
+        goal_subscriber_(node_.subscribe("goal", 10, &SilentPathServer::onGoal, this)),
+        cancel_subscriber_(node_.subscribe<actionlib_msgs::GoalID>(
+            "cancel", 10, [](const actionlib_msgs::GoalIDConstPtr&) {})),
+        thread_([this] { beat(); }) {}
+  ~SilentPathServer() {
+    stop_ = true;
+    thread_.join();
+  }
+
+  // Whether a goal has come since the last call.
+  bool takeGoal() { return new_.exchange(false); }
+
+  actionlib_msgs::GoalStatusArray status() const {
+    actionlib_msgs::GoalStatusArray out;
+    out.header.stamp = ros::Time::now();
+    out.status_list = {goalStatus()};
+    return out;
+  }
+  FollowTipPathActionFeedback feedback() const {
+    FollowTipPathActionFeedback out;
+    out.header.stamp = ros::Time::now();
+    out.status = goalStatus();
+    out.feedback.state = "closed";
+    return out;
+  }
+  FollowTipPathActionResult result() const {
+    FollowTipPathActionResult out;
+    out.header.stamp = ros::Time::now();
+    out.status = goalStatus();
+    out.status.status = actionlib_msgs::GoalStatus::ABORTED;
+    return out;
+  }
+
+ private:
+  // A test may publish damaged messages on the same topics: roscpp would read their headers, and
+  // end the process where they are cut off.
+  template <class Message>
+  ros::Publisher advertise(const std::string& topic) {
+    ros::AdvertiseOptions options;
+    options.init<Message>(topic, 100);
+    options.has_header = false;
+    return node_.advertise(options);
+  }
+  void onGoal(const FollowTipPathActionGoalConstPtr& goal) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    goal_ = goal->goal_id;
+    new_ = true;
+  }
+
+  actionlib_msgs::GoalStatus goalStatus() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    actionlib_msgs::GoalStatus out;
+    out.goal_id = goal_;
+    out.status = actionlib_msgs::GoalStatus::ACTIVE;
+    return out;
+  }
+
+  void beat() {
+    while (!stop_) {
+      status_publisher_.publish(status());
+      feedback_publisher_.publish(feedback());
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+  }
+
+  ros::NodeHandle node_;
+  ros::Publisher status_publisher_, feedback_publisher_, result_publisher_;
+  mutable std::mutex mutex_;
+  actionlib_msgs::GoalID goal_;
+  std::atomic<bool> new_ = false, stop_ = false;
+  ros::Subscriber goal_subscriber_, cancel_subscriber_;
+  std::thread thread_;
+};
 
 // What comes on a topic from others than this test, as bytes: no claim in it costs memory here.
 class Heard {

@@ -188,7 +188,11 @@ TEST(Conversions, TheOrientationOfAPositionTargetIsNotLookedAt) {
   target.pose.orientation.x = std::nan("");
   EXPECT_TRUE(std::holds_alternative<TipGoal>(fromMsg(target, "arm_base")));
   target.mode = TipTarget::POSE;
-  EXPECT_TRUE(std::holds_alternative<control::Refusal>(fromMsg(target, "arm_base")));
+  EXPECT_EQ(std::get<control::Refusal>(fromMsg(target, "arm_base")).fault,
+            control::Fault::kNotFinite);
+  target.pose.orientation.x = 0;
+  EXPECT_EQ(std::get<control::Refusal>(fromMsg(target, "arm_base")).fault,
+            control::Fault::kNotUnitQuaternion);
 }
 
 geometry_msgs::WrenchStamped wrenchOf(const Eigen::Vector3d& force) {

@@ -5,7 +5,6 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
-#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -104,13 +103,6 @@ TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   rig_.expectNothingMovesUntilEnabled(kPressures);
 }
 
-TEST_P(DeadParts, ACommanderThatTalksNonsenseIsASilentOne) {
-  rig_.command(Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
-  ASSERT_TRUE(deviceVents(kTargetTimeout));
-  ASSERT_TRUE(rig_.comesTo("vented"));
-  EXPECT_EQ(rig_.safety.last().cause, "stale_target");
-}
-
 TEST_P(DeadParts, TheEmergencyStopIsLatched) {
   const double begin = regulator::steadyNow();
   const auto stopped = rig_.stop(true);
@@ -202,17 +194,6 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   std::filesystem::rename(hidden, scene);
   EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
   EXPECT_EQ(guardsOf(scene).size(), 1u);
-}
-
-TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
-  Process second(
-      {HELIX_ARM_SERIES, "__ns:=/" + nameOf(GetParam()), "_scene:=" + regulator_.scene()});
-  ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
-  // Ours, or none where a machine that is busy has silenced us.
-  const Eigen::VectorXd set_point = regulator_.setPoint();
-  EXPECT_TRUE((set_point - kPressures).cwiseAbs().maxCoeff() < 1e3 || regulator_.isVented())
-      << set_point.transpose();
-  EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
 // If node and guard die together, only the device itself can vent.

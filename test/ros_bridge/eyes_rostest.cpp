@@ -260,20 +260,6 @@ TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   }));
 }
 
-TEST_P(JpegEye, ATimeThatJumpsBackStartsAnew) {
-  const model::Twists other = eye_.twists({1e5, 3e5, 1e5});
-  eye_.show(eye_.picture(bent_), ros::TIME_MAX);
-  ASSERT_TRUE(VisionListener::of(eye_.measured, ros::TIME_MAX));
-  eye_.setTime(ros::Time::now() - ros::Duration(100.0));
-  for (int k = 0; k < 3; ++k) {
-    const ros::Time stamp = eye_.nextStamp();
-    eye_.show(eye_.picture(other), stamp);
-    const auto measured = VisionListener::of(eye_.measured, stamp);
-    ASSERT_TRUE(measured);
-    EXPECT_LT(tipDistance(*measured, other), 0.003);
-  }
-}
-
 TEST_P(JpegEye, AnUncalibratedCameraIsRefused) {
   auto info = eye_.info();
   info.K.fill(0);

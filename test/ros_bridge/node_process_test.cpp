@@ -7,8 +7,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -101,6 +99,8 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                  "~patience_s is long"},
                 HELIX_ARM_CALIBRATION);
   expectRefused({"_scene:=demo", "_time_factor:=5"}, {"~time_factor is 5", "/use_sim_time"},
+                HELIX_ARM_SIMULATED_RIG);
+  expectRefused({"_scene:=demo", "_regulator:=topic", "_time_factor:=2"}, {"~time_factor is 2"},
                 HELIX_ARM_SIMULATED_RIG);
   expectRefused({"_scene:=demo", "_time_factor:=0.001"}, {"~time_factor is 0.001"},
                 HELIX_ARM_SIMULATED_RIG);
@@ -205,28 +205,6 @@ TEST_F(NodeProcess, WithoutACameraThereIsNothingToSee) {
   EXPECT_NE(content.output().find("nothing to see"), std::string::npos) << content.output();
 }
 
-TEST_F(NodeProcess, AFolderOfPicturesIsMeasuredInToItsEnd) {
-  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
-  simulation::SimulatedCamera camera(scene.view(), vision::TagFamily(scene.vision.detector.family),
-                                     {}, scene.simulation.camera);
-  vision::JpegEncoder encoder(90);
-  const TemporaryFolder folder;
-  for (int k = 0; k < 5; ++k) {
-    const auto jpeg =
-        encoder.encode(camera.render(scene.arm.twists(Eigen::Vector3d(5e4 * k, 1e5, 0))));
-    std::ofstream(folder / (std::to_string(k) + ".jpg"), std::ios::binary)
-        .write(reinterpret_cast<const char*>(jpeg.data()),
-               static_cast<std::streamsize>(jpeg.size()));
-  }
-  std::ofstream(folder / "2.jpg", std::ios::binary) << "no picture";
-  Process node({HELIX_ARM_VISION, "_scene:=demo", "_source:=" + folder.path()}, variables());
-  for (const char* words : {"measured: ", "source_faults, 1 so far", " has ended"}) {
-    EXPECT_TRUE(node.prints(words)) << words << " in:\n" << node.output();
-  }
-  node.signal(SIGINT);
-  EXPECT_EQ(node.exitCode(), 0) << node.output();
-}
-
 TEST_F(NodeProcess, AnArmThatItCannotDriveIsRefused) {
   const TemporaryFile scene(
       ringScene("tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 6}"));
@@ -243,13 +221,6 @@ TEST_F(NodeProcess, ASupplyBelowTheLimitsIsReported) {
         "muscle_3 has limits of 0 to 400 kPa, but the simulated supply gives 0 to 300 kPa"))
         << node.output();
   }
-}
-
-TEST_F(NodeProcess, AskedToEndItEndsWith0) {
-  Process node({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
-  ASSERT_TRUE(node.prints(kReady)) << node.output();
-  node.signal(SIGINT);
-  EXPECT_EQ(node.exitCode(), 0) << node.output();
 }
 
 TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {

@@ -1,21 +1,13 @@
 // Who can reach the nodes: the environment that the launch files give them, and the sockets on
 // which a launched node listens.
-#include <cstdint>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <regex>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 
-#include <arpa/inet.h>
 #include <gtest/gtest.h>
-#include <ifaddrs.h>
-#include <net/if.h>
-#include <netdb.h>
-#include <unistd.h>
 #include <xmlrpcpp/XmlRpcClient.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -45,6 +37,12 @@ struct Shell {
 };
 void PrintTo(const Shell& shell, std::ostream* out) { *out << shell.name; }
 
+std::string outputOf(const Words& command) {
+  Process process(command);
+  if (process.exitCode() != 0) throw std::runtime_error(process.output());
+  return process.output();
+}
+
 class LaunchFiles : public ::testing::TestWithParam<Shell> {
  protected:
   // What it takes to have all nodes of a file; {{}} where it is not among these.
@@ -69,10 +67,8 @@ class LaunchFiles : public ::testing::TestWithParam<Shell> {
         "    print('node', node.name, dict(node.env_args).get('ROS_HOSTNAME'))\n";
     Words command = {"python3", "-c", script, file};
     command.insert(command.end(), arguments.begin(), arguments.end());
-    Process process(inShell(GetParam().set, command));
-    if (process.exitCode() != 0) throw std::runtime_error(process.output());
     std::map<std::string, std::string> out;
-    std::istringstream lines(process.output());
+    std::istringstream lines(outputOf(inShell(GetParam().set, command)));
     for (std::string word, name, host; lines >> word;) {
       if (word == "node" && lines >> name >> host) out[name] = host;
     }
@@ -127,78 +123,28 @@ using Listeners = std::set<std::pair<int, std::string>>;
 constexpr char kLoopback[] = "127.0.0.1";
 constexpr char kEverywhere[] = "0.0.0.0";
 
-// An address in /proc/net/tcp or tcp6: words of 32 bit in this machine's order.
-std::string addressOf(const std::string& digits) {
-  in6_addr bytes{};
-  for (std::size_t i = 0; 8 * i < digits.size(); ++i) {
-    const auto word = static_cast<std::uint32_t>(std::stoul(digits.substr(8 * i, 8), nullptr, 16));
-    std::memcpy(bytes.s6_addr + 4 * i, &word, sizeof word);
-  }
-  char text[INET6_ADDRSTRLEN];
-  inet_ntop(digits.size() == 8 ? AF_INET : AF_INET6, &bytes, text, sizeof text);
-  return text;
-}
-
 Listeners listenersOf(int process) {
-  const fs::path proc = "/proc/" + std::to_string(process);
-  std::set<std::string> sockets;
-  for (const auto& file : fs::directory_iterator(proc / "fd")) {
-    std::error_code closed;  // since it was listed
-    sockets.insert(fs::read_symlink(file, closed));
-  }
+  std::istringstream rows(outputOf({"ss", "-Hltnp"}));
+  const std::string wanted = "pid=" + std::to_string(process) + ",";
   Listeners out;
-  for (const char* table : {"tcp", "tcp6"}) {
-    std::ifstream rows(proc / "net" / table);
-    std::string row;
-    std::getline(rows, row);  // names of the columns
-    while (std::getline(rows, row)) {
-      std::istringstream columns(row);
-      std::string number, local, remote, state, queues, timer, tries, user, timeout, inode;
-      columns >> number >> local >> remote >> state >> queues >> timer >> tries >> user >>
-          timeout >> inode;
-      if (state != "0A" || sockets.count("socket:[" + inode + "]") == 0) continue;
-      const std::size_t colon = local.find(':');
-      out.emplace(std::stoi(local.substr(colon + 1), nullptr, 16),
-                  addressOf(local.substr(0, colon)));
-    }
+  for (std::string row; std::getline(rows, row);) {
+    if (row.find(wanted) == std::string::npos) continue;
+    std::istringstream columns(row);
+    std::string state, received, sent, local;
+    columns >> state >> received >> sent >> local;
+    const std::size_t colon = local.rfind(':');
+    out.emplace(std::stoi(local.substr(colon + 1)), local.substr(0, colon));
   }
   return out;
-}
-
-bool accepts(const std::string& host, int port) {
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(port));
-  inet_pton(AF_INET, host.c_str(), &address.sin_addr);
-  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
-  const bool connected =
-      connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
-  close(socket);
-  return connected;
 }
 
 // By which its network knows this machine; an address of its own alone where it has no network.
 std::string addressOfThisMachine() {
-  std::string out = "127.0.0.2";
-  ifaddrs* all = nullptr;
-  if (getifaddrs(&all) != 0) return out;
-  for (const ifaddrs* one = all; one != nullptr; one = one->ifa_next) {
-    if (one->ifa_addr == nullptr || one->ifa_addr->sa_family != AF_INET) continue;
-    if ((one->ifa_flags & IFF_LOOPBACK) != 0 || (one->ifa_flags & IFF_UP) == 0) continue;
-    char text[INET_ADDRSTRLEN];
-    const auto* address = reinterpret_cast<const sockaddr_in*>(one->ifa_addr);
-    out = inet_ntop(AF_INET, &address->sin_addr, text, sizeof text);
-    break;
+  std::istringstream addresses(outputOf({"hostname", "-I"}));
+  for (std::string one; addresses >> one;) {
+    if (one.find(':') == std::string::npos) return one;
   }
-  freeifaddrs(all);
-  return out;
-}
-
-bool resolves(const std::string& host) {
-  addrinfo* found = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, nullptr, &found) != 0) return false;
-  freeaddrinfo(found);
-  return true;
+  return "127.0.0.2";
 }
 
 // arm.launch, with a master of its own.
@@ -272,16 +218,11 @@ TEST(OpenPorts, WithLocalhostInTheShellMasterAndTopicsAreForThisMachine) {
   EXPECT_EQ(arm.host(), "localhost");
   EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kLoopback}, {arm.calls(), kEverywhere}}));
   EXPECT_EQ(arm.master(), (Listeners{{arm.masterPort(), kLoopback}}));
-  const std::string address = addressOfThisMachine();
-  EXPECT_FALSE(accepts(address, arm.topics())) << address;
-  EXPECT_FALSE(accepts(address, arm.masterPort())) << address;
-  EXPECT_TRUE(accepts(kLoopback, arm.topics()));
 }
 
 TEST(OpenPorts, InABareShellTopicsAreForThisMachineAndTheMasterIsNot) {
-  char name[256] = "";
-  gethostname(name, sizeof name - 1);
-  if (!resolves(name)) GTEST_SKIP() << name << " does not resolve: roslaunch needs ROS_HOSTNAME";
+  Process known({"sh", "-c", "getent hosts \"$(hostname)\""});
+  if (known.exitCode() != 0) GTEST_SKIP() << "no name to resolve: roslaunch needs ROS_HOSTNAME";
   const Arm arm({}, {});
   EXPECT_EQ(arm.host(), "localhost");
   EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kLoopback}, {arm.calls(), kEverywhere}}));
@@ -293,7 +234,6 @@ TEST(OpenPorts, AnAddressOpensTheTopicsToItsNetwork) {
   const Arm arm({"ROS_HOSTNAME=localhost"}, {"host:=" + address});
   EXPECT_EQ(arm.host(), address);
   EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kEverywhere}, {arm.calls(), kEverywhere}}));
-  EXPECT_TRUE(accepts(address, arm.topics())) << address;
 }
 
 }  // namespace

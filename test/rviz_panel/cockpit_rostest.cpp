@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -205,22 +204,6 @@ TEST_F(Cockpit, ATipTargetInNumbersMovesTheArm) {
   ASSERT_TRUE(until([this] { return says("goal", "tip target"); }));
 }
 
-TEST_F(Cockpit, AVentEndsWhatIsHeld) {
-  enable();
-  while (find<QSlider>("slider_1")->value() < 500) click("slider_1", 0.9);
-  ASSERT_TRUE(until([this] { return command_.last().pressure.at(1) > 4e4; }));
-  click("vent");
-  ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
-  ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
-  EXPECT_TRUE(says("cause", "a vent was requested")) << text("cause");
-  EXPECT_TRUE(says("remedy", "call enable")) << text("remedy");
-  EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
-  // Enabled again, it stays where it is: nothing old is repeated.
-  enable();
-  pass(1);
-  EXPECT_NEAR(command_.last().pressure.at(1), 0, 1);
-}
-
 TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
   enable();
   click("stop");
@@ -260,28 +243,6 @@ TEST_F(Cockpit, WithoutAnArmAllButTheStopIsGreyAndTheWordsSayWhy) {
   EXPECT_EQ(find<QLabel>("answer")->window()->width(), 360);
   expectPaintedWhole("answer");
   EXPECT_TRUE(painted("answer").startsWith(QString("Emergency stop: ") + ros_bridge::kStopByHand));
-}
-
-TEST_F(Cockpit, ANodeThatHangsBlocksNeitherWindowNorStop) {
-  enable();
-  pressure_->signal(SIGSTOP);
-  click("vent");
-  double longest = 0, last = seconds();
-  ASSERT_TRUE(until([&] {
-    longest = std::max(longest, seconds() - last);
-    last = seconds();
-    return says("answer", "no answer within");
-  })) << text("answer");
-  EXPECT_LT(longest, 1.0);
-  EXPECT_FALSE(says("answer", "refused")) << text("answer");
-  panel_->resize(360, 1100);
-  click("stop");
-  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
-  EXPECT_TRUE(says("answer", "no answer within")) << text("answer");
-  expectPaintedWhole("answer");
-  EXPECT_TRUE(painted("answer").startsWith(QString("Emergency stop: ") + ros_bridge::kStopByHand))
-      << text("answer");
-  pressure_->signal(SIGCONT);
 }
 
 // What a hand is trained to hit stays where it is, whatever the texts above and below say.

@@ -93,7 +93,7 @@ class OnALine {
     std::atomic<bool> ends{false};
     std::atomic<int> taken{0};
     std::thread caller([&] {
-      const std::string own = readText(device_.scene());
+      const std::string own = contentOf(device_.scene());
       for (int k = 1; !ends; ++k) {
         std::string text = own;
         text.insert(
@@ -173,12 +173,6 @@ class OnALine {
     };
     if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
     return {regulator::steadyNow() - begin, ""};
-  }
-
-  static std::string readText(const std::string& path) {
-    std::ostringstream text;
-    text << std::ifstream(path).rdbuf();
-    return text.str();
   }
 
  private:
@@ -294,7 +288,7 @@ class InTheDemo {
     if (!ros::service::call(service + names::kSave, first) || !first.response.success) {
       return broken("not saved: " + first.response.message);
     }
-    const std::string whole = OnALine::readText(first.request.path);
+    const std::string whole = contentOf(first.request.path);
     std::thread caller([&] {
       Save again = first;
       while (ros::service::call(service + names::kSave, again)) continue;
@@ -302,7 +296,7 @@ class InTheDemo {
     spin(random.uniform(0, 0.3));
     processes_.at("calibration")->signal(SIGKILL);
     caller.join();
-    const std::string left = OnALine::readText(first.request.path);
+    const std::string left = contentOf(first.request.path);
     start("calibration");
     // The first line has the time of the save.
     if (left.substr(left.find('\n')) == whole.substr(whole.find('\n'))) return {};

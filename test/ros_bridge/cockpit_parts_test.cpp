@@ -1,11 +1,22 @@
-// What the cockpit says of an arm, and what it offers.
-#include "ros_bridge/cockpit/cockpit_words.hpp"
+// The cockpit without its window: what it says and offers, holds, calls and remembers.
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <future>
+#include <mutex>
+#include <stdexcept>
+#include <vector>
 
 #include <gtest/gtest.h>
+
+#include "ros_bridge/cockpit/cockpit_link.hpp"
+#include "ros_bridge/cockpit/cockpit_view.hpp"
+#include "ros_bridge/cockpit/cockpit_words.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
+// What the cockpit says of an arm, and what it offers.
 CockpitView arm(const std::string& state, const std::string& problem = "",
                 const std::string& action = "", const std::string& remedy = "") {
   CockpitView out;
@@ -305,6 +316,315 @@ TEST(CockpitWords, TheArmIsNamedAndWhyThereIsNone) {
   view.ns = "/right";
   EXPECT_EQ(armName(view), "/right");
   EXPECT_NE(headline(view).cause.find("/right/pressure_command"), std::string::npos);
+}
+
+// When the cockpit stops repeating its target.
+class HeldGoalTest : public ::testing::Test {
+ protected:
+  void SetUp() override { goal_.holdPressures(10.0, {1e5, 0, 0}); }
+  HeldGoal goal_;
+};
+
+TEST_F(HeldGoalTest, IsRepeatedWhileSomebodyLooks) {
+  for (double now = 10.0; now < 60.0; now += 0.1) {
+    goal_.look(now);
+    ASSERT_TRUE(goal_.turn(now)) << now;
+    goal_.noteAnswer(now, false, "", "reached");
+  }
+  EXPECT_EQ(goal_.pressures(), (std::vector<double>{1e5, 0, 0}));
+}
+
+TEST_F(HeldGoalTest, EndsWhereTheWindowHangs) {
+  EXPECT_TRUE(goal_.turn(10.0 + HeldGoal::kBlind - 0.01));
+  EXPECT_FALSE(goal_.turn(10.0 + HeldGoal::kBlind + 0.01));
+  goal_.look(20.0);
+  EXPECT_FALSE(goal_.turn(20.0)) << "it begins again by itself";
+  EXPECT_NE(goal_.answer().find("window"), std::string::npos);
+}
+
+TEST_F(HeldGoalTest, EndsWithTheArmAndDoesNotEnableItAgain) {
+  goal_.noteState(true, "enabled: follows targets");
+  EXPECT_TRUE(goal_.turn(10.1));
+  goal_.noteState(false, "fault: a leak");
+  EXPECT_FALSE(goal_.turn(10.2));
+  EXPECT_NE(goal_.answer().find("a leak"), std::string::npos);
+  goal_.noteState(true, "enabled: follows targets");
+  EXPECT_FALSE(goal_.turn(10.3));
+}
+
+TEST_F(HeldGoalTest, EndsWhereATargetIsRefusedForGood) {
+  goal_.noteAnswer(10.1, true, "out_of_range", "stay within 0 to 400000 Pa");
+  EXPECT_FALSE(goal_.turn(10.2));
+  EXPECT_TRUE(goal_.refused());
+  EXPECT_EQ(goal_.answer(), "stay within 0 to 400000 Pa");
+}
+
+TEST_F(HeldGoalTest, ATargetOutOfReachIsHeldAndTold) {
+  goal_.noteAnswer(10.1, false, "", "the tip stays 4.1 mm away");
+  goal_.noteShort();
+  EXPECT_TRUE(goal_.turn(10.2));
+  EXPECT_TRUE(goal_.shortOf());
+  goal_.noteAnswer(10.3, false, "", "reached");
+  EXPECT_FALSE(goal_.shortOf());
+}
+
+TEST_F(HeldGoalTest, ATargetThatCameLateIsRepeated) {
+  goal_.noteAnswer(10.1, true, "stale", "the target is stamped 2 s ago");
+  EXPECT_TRUE(goal_.turn(10.2));
+}
+
+TEST_F(HeldGoalTest, WaitsForAnotherCommanderButNotForever) {
+  for (double now = 10.0; now < 10.0 + HeldGoal::kPatience; now += 0.1) {
+    goal_.look(now);
+    ASSERT_TRUE(goal_.turn(now)) << now;
+    goal_.noteAnswer(now, true, "other_commander", "/pressure_series commands the arm");
+  }
+  goal_.look(15.2);
+  EXPECT_FALSE(goal_.turn(15.2));
+  EXPECT_NE(goal_.answer().find("/pressure_series"), std::string::npos);
+}
+
+// As of a visual_servo that died between the cockpit and pressure_command.
+TEST_F(HeldGoalTest, EndsWhereNothingAnswers) {
+  goal_.noteAnswer(11.0, false, "", "reached");
+  const auto turnAt = [this](double now) {
+    goal_.look(now);
+    return goal_.turn(now);
+  };
+  EXPECT_TRUE(turnAt(11.0 + HeldGoal::kUnanswered - 0.01));
+  goal_.holdPressures(11.0 + HeldGoal::kUnanswered - 0.01, {2e5, 0, 0});
+  EXPECT_FALSE(turnAt(11.0 + HeldGoal::kUnanswered + 0.01)) << "another number is no answer";
+  EXPECT_NE(goal_.answer().find("nothing answers"), std::string::npos) << goal_.answer();
+  EXPECT_TRUE(goal_.refused());
+  goal_.holdTip(20.0, {0.3, 0, 0});
+  EXPECT_TRUE(turnAt(20.0 + HeldGoal::kUnanswered - 0.01)) << "it has its own time";
+}
+
+TEST_F(HeldGoalTest, OnceAcceptedItWaitsAnew) {
+  goal_.noteAnswer(10.0, true, "other_commander", "x");
+  goal_.noteAnswer(14.0, false, "", "reached");
+  goal_.noteAnswer(14.1, true, "other_commander", "x");
+  goal_.look(18.0);
+  EXPECT_TRUE(goal_.turn(18.0));
+}
+
+TEST_F(HeldGoalTest, AnAnswerThatComesAfterItsEndChangesNothing) {
+  goal_.end("let go");
+  goal_.noteAnswer(10.1, true, "not_enabled", "the arm is vented");
+  EXPECT_EQ(goal_.answer(), "let go");
+  EXPECT_FALSE(goal_.refused());
+}
+
+TEST_F(HeldGoalTest, ATipReplacesPressures) {
+  goal_.holdTip(11.0, {0.3, 0.1, 0.0});
+  EXPECT_EQ(goal_.goal(), CockpitGoal::kTip);
+  EXPECT_EQ(goal_.tip()[1], 0.1);
+  EXPECT_TRUE(goal_.turn(11.1));
+}
+
+// What a strip chart remembers.
+TEST(StripHistory, KeepsItsSpanAndNoMore) {
+  StripHistory history(30, 0.05);
+  for (int k = 0; k < 10000; ++k) history.add(0.1 * k, {1e5}, 1e-3);
+  EXPECT_NEAR(history.rows().front().time, history.newest() - 30, 0.11);
+  EXPECT_LE(history.rows().size(), 302U);
+}
+
+TEST(StripHistory, LeavesOutRowsThatComeTooSoon) {
+  StripHistory history(30, 0.05);
+  for (int k = 0; k < 1000; ++k) history.add(0.001 * k, {0}, 0);
+  EXPECT_LE(history.rows().size(), 21U);
+  EXPECT_GE(history.rows().size(), 19U);
+}
+
+TEST(StripHistory, BeginsAnewWhereTimeJumpsBackOrTheArmIsAnother) {
+  StripHistory history(30, 0);
+  history.add(5, {1, 2}, 0);
+  history.add(4, {1, 2}, 0);
+  EXPECT_EQ(history.rows().size(), 1U);
+  history.add(6, {1, 2, 3}, 0);
+  EXPECT_EQ(history.rows().size(), 1U);
+  history.add(std::nan(""), {1, 2, 3}, 0);
+  EXPECT_EQ(history.rows().size(), 1U);
+}
+
+TEST(StripHistory, AxesHoldAllValuesInSteps) {
+  StripHistory history(30, 0);
+  EXPECT_EQ(history.pressureTop(1e5), 1e5);
+  history.add(0, {1e5, std::nan("")}, std::nan(""));
+  EXPECT_EQ(history.pressureTop(1e5), 1e5);
+  EXPECT_EQ(history.errorTop(1e-3), 1e-3);
+  history.add(1, {1.1e5, 0}, 0.0011);
+  EXPECT_EQ(history.pressureTop(1e5), 2e5);
+  EXPECT_DOUBLE_EQ(history.errorTop(1e-3), 2e-3);
+  history.add(2, {2.1e5, 0}, 0.0051);
+  EXPECT_EQ(history.pressureTop(1e5), 5e5);
+  EXPECT_DOUBLE_EQ(history.errorTop(1e-3), 1e-2);
+}
+
+TEST(StripHistory, NamesTheValueThatBreaksItsRule) {
+  EXPECT_THROW(StripHistory(0, 0.1), std::invalid_argument);
+  EXPECT_THROW(StripHistory(1, -0.1), std::invalid_argument);
+}
+
+// Calls that hang hold up neither their caller nor other calls.
+constexpr double kLong = 60;    // no call of these tests lasts so long [s]
+constexpr double kShort = 0.1;  // [s]
+
+class CallDeskTest : public ::testing::Test {
+ protected:
+  ~CallDeskTest() override { open_.set_value(); }
+
+  CallDesk::Done note() {
+    return [this](const CallAnswer& answer) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      answers_.push_back(answer);
+      came_.notify_all();
+    };
+  }
+  // The answers once there are this many.
+  std::vector<CallAnswer> answers(std::size_t count) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    came_.wait_for(lock, std::chrono::seconds(30), [&] { return answers_.size() >= count; });
+    return answers_;
+  }
+  // A call that ends with the test.
+  CallDesk::Call hanging() {
+    return [gate = gate_] {
+      gate.wait();
+      return CallAnswer{"", true, "late"};
+    };
+  }
+
+  std::promise<void> open_;
+  const std::shared_future<void> gate_ = open_.get_future().share();
+  std::mutex mutex_;
+  std::condition_variable came_;
+  std::vector<CallAnswer> answers_;
+};
+
+TEST_F(CallDeskTest, TellsTheAnswer) {
+  CallDesk desk(note());
+  desk.ask("Enable", kLong, [] { return CallAnswer{"", true, "enabled: follows targets"}; });
+  const auto answers = this->answers(1);
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_EQ(answers[0].what, "Enable");
+  EXPECT_TRUE(answers[0].success);
+  EXPECT_EQ(answers[0].message, "enabled: follows targets");
+}
+
+TEST_F(CallDeskTest, WhatACallThrowsIsItsAnswer) {
+  CallDesk desk(note());
+  desk.ask("Vent", kLong, []() -> CallAnswer { throw std::runtime_error("no such service"); });
+  const auto answers = this->answers(1);
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_FALSE(answers[0].success);
+  EXPECT_EQ(answers[0].message, "no such service");
+}
+
+TEST_F(CallDeskTest, ACallThatHangsIsGivenUpOnAndHoldsUpNoStop) {
+  CallDesk desk(note());
+  desk.ask("Enable", kShort, hanging());
+  desk.ask("Emergency stop", kLong, [] { return CallAnswer{"", true, "fault"}; });
+  const auto answers = this->answers(2);
+  ASSERT_EQ(answers.size(), 2U);
+  EXPECT_EQ(answers[0].what + answers[1].what == "EnableEmergency stop" ||
+                answers[0].what + answers[1].what == "Emergency stopEnable",
+            true);
+  for (const CallAnswer& answer : answers) EXPECT_EQ(answer.success, answer.what != "Enable");
+}
+
+TEST_F(CallDeskTest, CallsThatHangAreLimitedByName) {
+  CallDesk desk(note());
+  for (int k = 0; k < CallDesk::kMostWaiting + 3; ++k) desk.ask("Enable", kLong, hanging());
+  const auto answers = this->answers(3);
+  ASSERT_EQ(answers.size(), 3U);
+  EXPECT_NE(answers[2].message.find("earlier calls"), std::string::npos);
+  desk.ask("Vent", kLong, [] { return CallAnswer{"", true, ""}; });
+  EXPECT_TRUE(this->answers(4).back().success);
+}
+
+TEST_F(CallDeskTest, KnowsWhichCallsWait) {
+  CallDesk desk(note());
+  EXPECT_FALSE(desk.waits("Enable"));
+  desk.ask("Enable", kLong, hanging());
+  desk.ask("Vent", kShort, hanging());
+  EXPECT_TRUE(desk.waits("Enable"));
+  EXPECT_FALSE(desk.waits("Release"));
+  ASSERT_EQ(this->answers(1).size(), 1U);
+  EXPECT_FALSE(desk.waits("Vent")) << "given up on";
+}
+
+// A node that hung and was started again must still hear a stop.
+TEST_F(CallDeskTest, CallsGivenUpOnLeaveRoomForAnother) {
+  CallDesk desk(note());
+  for (int k = 0; k < CallDesk::kMostWaiting; ++k) desk.ask("Emergency stop", kShort, hanging());
+  ASSERT_EQ(this->answers(CallDesk::kMostWaiting).size(), std::size_t{CallDesk::kMostWaiting});
+  desk.ask("Emergency stop", kLong, [] { return CallAnswer{"", true, "engaged"}; });
+  const auto answers = this->answers(CallDesk::kMostWaiting + 1);
+  ASSERT_EQ(answers.size(), std::size_t{CallDesk::kMostWaiting + 1});
+  EXPECT_TRUE(answers.back().success) << answers.back().message;
+}
+
+TEST_F(CallDeskTest, ThreadsOfCallsThatHangAreBounded) {
+  CallDesk desk(note());
+  std::size_t asked = 0;
+  const auto few = [&] {
+    for (int k = 0; k < CallDesk::kMostWaiting; ++k, ++asked) desk.ask("Vent", kShort, hanging());
+    return this->answers(asked);
+  };
+  for (int k = 0; k < CallDesk::kMostRunning / CallDesk::kMostWaiting; ++k) {
+    const auto answers = few();
+    ASSERT_EQ(answers.size(), asked);
+    EXPECT_NE(answers.back().message.find("no answer within"), std::string::npos);
+  }
+  EXPECT_NE(few().back().message.find("too many calls hang"), std::string::npos);
+}
+
+TEST_F(CallDeskTest, EveryFailureHasTheRemedyAndSuccessHasNone) {
+  CallDesk desk(note());
+  desk.ask("Stop", kShort, hanging(), "by hand");
+  auto late = answers(1);
+  EXPECT_FALSE(late.back().answered);
+  EXPECT_EQ(late.back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong,
+      [] {
+        return CallAnswer{"", false, "no"};
+      },
+      "by hand");
+  EXPECT_TRUE(answers(2).back().answered);
+  EXPECT_EQ(answers(2).back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong, []() -> CallAnswer { throw std::runtime_error("cut off"); }, "by hand");
+  EXPECT_EQ(answers(3).back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong,
+      [] {
+        return CallAnswer{"", true, "yes"};
+      },
+      "by hand");
+  EXPECT_EQ(answers(4).back().remedy, "");
+  for (int k = 0; k <= CallDesk::kMostWaiting; ++k) desk.ask("Many", kLong, hanging(), "by hand");
+  EXPECT_EQ(answers(5).back().remedy, "by hand") << "refused, since too many wait";
+}
+
+TEST_F(CallDeskTest, ItsEndNeitherWaitsForACallNorIsToldOfOne) {
+  const auto before = std::chrono::steady_clock::now();
+  std::promise<void> ended;
+  {
+    CallDesk desk(note());
+    desk.ask("Enable", kLong, [gate = gate_, &ended] {
+      gate.wait();
+      ended.set_value();
+      return CallAnswer{"", true, "late"};
+    });
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - before, std::chrono::seconds(20));
+  open_.set_value();
+  open_ = {};  // for the destructor
+  ended.get_future().wait();
+  EXPECT_TRUE(answers_.empty());
 }
 
 }  // namespace
