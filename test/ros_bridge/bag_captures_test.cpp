@@ -217,19 +217,11 @@ std::string damaged(std::string bytes, Random& random) {
   return bytes;
 }
 
-std::size_t openFiles() {
-  std::size_t count = 0;
-  for ([[maybe_unused]] const auto& file : std::filesystem::directory_iterator("/proc/self/fd")) {
-    ++count;
-  }
-  return count;
-}
-
 TEST(DamagedBags, NeverEndWhoLoadsThem) {
   const test::TemporaryFolder folder;
   const std::string sound = soundBag(folder), path = folder / "damaged.bag";
   Random random(19);
-  const std::size_t files = openFiles();
+  const auto files = test::openFiles();
   int loaded = 0, refused = 0, crashed = 0;
   for (int i = 0; i < kDamaged; ++i) {
     write(path, damaged(sound, random));
@@ -247,7 +239,7 @@ TEST(DamagedBags, NeverEndWhoLoadsThem) {
   EXPECT_GT(refused, 60);
   std::cout << loaded << " were read, " << refused << " refused, " << crashed
             << " of them having ended bag_reader\n";
-  EXPECT_EQ(openFiles(), files);
+  EXPECT_EQ(test::openFiles(), files);
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left behind";
 }
 

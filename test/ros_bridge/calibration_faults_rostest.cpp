@@ -5,36 +5,15 @@
 #include <fstream>
 
 #include <gtest/gtest.h>
-#include <ros/master.h>
-#include <ros/network.h>
 #include <ros/this_node.h>
 #include <std_srvs/Trigger.h>
-#include <sys/stat.h>
-#include <xmlrpcpp/XmlRpc.h>
 
-#include "helix_arm/RunCalibrationActionFeedback.h"
 #include "helix_arm/RunCalibrationActionResult.h"
 #include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {
 namespace {
-
-// Process of a node that the launch file started; 0 if it does not answer.
-pid_t processOf(const std::string& node) {
-  XmlRpc::XmlRpcValue question, answer, uri;
-  question[0] = ros::this_node::getName();
-  question[1] = node;
-  if (!ros::master::execute("lookupNode", question, answer, uri, false)) return 0;
-  std::string host;
-  std::uint32_t port = 0;
-  if (!ros::network::splitURI(static_cast<std::string&>(uri), host, port)) return 0;
-  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
-  XmlRpc::XmlRpcValue caller;
-  caller[0] = ros::this_node::getName();
-  if (!client.execute("getPid", caller, answer) || answer.size() != 3) return 0;
-  return static_cast<int&>(answer[2]);
-}
 
 class CalibrationFaults : public CalibrationRig {
  protected:
@@ -125,45 +104,34 @@ TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
 TEST_F(CalibrationFaults, FilesAreReadAndWrittenInTheirFoldersAlone) {
   const TemporaryFolder folder;  // below that of the node
   std::filesystem::create_symlink("/etc/passwd", folder / "link.csv");
-  std::filesystem::create_symlink(folder / "nothing.yaml", folder / "dangling.yaml");
-  ASSERT_EQ(mkfifo((folder / "fifo.csv").c_str(), 0600), 0);
-  const auto expectSays = [](const std::string& path, const std::string& message,
-                             const std::string& words) {
-    EXPECT_NE(message.find(words), std::string::npos) << path << ": " << message;
-    EXPECT_EQ(message.find("root:"), std::string::npos) << message;
-  };
-  for (const std::string& path :
-       {std::string("/etc/passwd"), folder / "link.csv", folder / "fifo.csv"}) {
-    Calibrate::Request request;
-    request.data = {path};
-    expectSays(path, call<Calibrate>("calibrate", request).message, "data is '");
-    FitContraction::Request contraction;
-    contraction.data = path;
-    expectSays(path, call<FitContraction>("fit_contraction", contraction).message, "data is '");
-  }
   const std::string foreign = folder / "scene.yaml";  // another's: it was never calibrated
   const std::string text = io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
   std::ofstream(foreign) << text;
-  for (const std::string& path :
-       {foreign, folder / "dangling.yaml", std::string("/no/such/new.yaml")}) {
-    Save::Request save;
-    save.path = path;
-    expectSays(path, call<Save>("save", save).message, "path is '");
-    Calibrate::Request request;
-    request.out = path;
-    expectSays(path, call<Calibrate>("calibrate", request).message, "out is '");
-    RunCalibrationGoal goal;
-    goal.out = path;
-    client_->sendGoal(goal);
-    EXPECT_TRUE(ends());
-    EXPECT_EQ(ending(), "ABORTED") << path;
+  Calibrate::Request read, write;
+  read.data = {folder / "link.csv"};
+  write.out = foreign;
+  FitContraction::Request contraction;
+  contraction.data = folder / "link.csv";
+  Save::Request save;
+  save.path = foreign;
+  RunCalibrationGoal goal;
+  goal.out = foreign;
+  client_->sendGoal(goal);
+  EXPECT_TRUE(ends());
+  EXPECT_EQ(ending(), "ABORTED");
+  for (const auto& [message, words] :
+       {std::pair(call<Calibrate>("calibrate", read).message, "data is '"),
+        {call<FitContraction>("fit_contraction", contraction).message, "data is '"},
+        {call<Calibrate>("calibrate", write).message, "out is '"},
+        {call<Save>("save", save).message, "path is '"},
+        {client_->getResult()->message, "out is '"}}) {
+    EXPECT_TRUE(has(message, words));
+    EXPECT_EQ(message.find("root:"), std::string::npos) << message;
   }
   EXPECT_EQ(contentOf(foreign), text);
-  EXPECT_FALSE(std::filesystem::exists(folder / "nothing.yaml"));
 
   // What the node itself wrote may be written again.
   ASSERT_TRUE(recordWhenSettled().success);
-  Save::Request save;
   save.path = folder / "samples.csv";
   for (int k = 0; k < 2; ++k) {
     const Save::Response response = call<Save>("save", save);
@@ -213,14 +181,37 @@ TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
   EXPECT_NE(client_->getResult()->message.find("none received for"), std::string::npos);
 }
 
-TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
+TEST_F(CalibrationFaults, WhateverEndsARunLeavesTheArmAtRestAndSaysWhy) {
+  struct End {
+    std::function<void()> act;
+    const char *ending, *words;
+    bool ramps;  // down, without a fault
+  };
+  for (const End& end :
+       {End{[this] { client_->cancelGoal(); }, "PREEMPTED", "cancelled", true},
+        // The stream of the run's targets does not undo it.
+        End{[] { EXPECT_TRUE(call<std_srvs::Trigger>("/pressure_command/rest").success); },
+            "ABORTED", "brought the arm to rest", true},
+        End{[this] { rig_process_->signal(SIGINT); }, "ABORTED", "was not read", false}}) {
+    SCOPED_TRACE(end.words);
+    startRun();
+    end.act();
+    ASSERT_TRUE(ends());
+    EXPECT_EQ(ending(), end.ending);
+    EXPECT_TRUE(has(client_->getResult()->message, end.words));
+    EXPECT_TRUE(atRest());
+    if (!end.ramps) continue;
+    EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+    expectRamps(first_target_);
+  }
+}
+
+TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
   startRun();
-  client_->cancelGoal();
-  ASSERT_TRUE(ends());
-  EXPECT_EQ(ending(), "PREEMPTED");
-  EXPECT_NE(client_->getResult()->message.find("cancelled"), std::string::npos);
+  calibration_->signal(SIGINT);
+  EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
   EXPECT_TRUE(atRest());
-  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->output();
   expectRamps(first_target_);
 }
 
@@ -235,46 +226,6 @@ TEST_F(CalibrationFaults, ASecondGoalReplacesTheFirstAfterRest) {
   EXPECT_TRUE(client_->getResult()) << calibration_->output();
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
-  expectRamps(first_target_);
-}
-
-TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
-  startRun();
-  rig_process_->signal(SIGINT);
-  ASSERT_TRUE(ends());
-  EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_TRUE(has(client_->getResult()->message, "was not read"));
-  EXPECT_TRUE(atRest());
-}
-
-TEST_F(CalibrationFaults, PicturesThatFailToComeForAWhileAreWaitedFor) {
-  Inbox<RunCalibrationActionFeedback> feedback(node_, "calibration/run_calibration/feedback");
-  const pid_t vision = processOf("/vision");
-  ASSERT_GT(vision, 0);
-  startRun();
-  ASSERT_EQ(kill(vision, SIGSTOP), 0);
-  const auto waits = feedback.next([](const RunCalibrationActionFeedback& one) {
-    return one.feedback.state.find("tag detections: none received for") != std::string::npos;
-  });
-  ASSERT_EQ(kill(vision, SIGCONT), 0);
-  EXPECT_TRUE(waits) << calibration_->outputNow();
-  ASSERT_TRUE(ends());
-  // The run was completed: it came to the fit, with a sample of each step. The fit of so few
-  // captures may be refused.
-  EXPECT_EQ(feedback.last().feedback.state, "fitting") << client_->getResult()->message;
-  EXPECT_EQ(feedback.last().feedback.samples, 4u);
-  EXPECT_TRUE(has(calibration_->outputNow(), "run_calibration waits for pictures"));
-  EXPECT_TRUE(atRest());
-  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
-  expectRamps(first_target_);
-}
-
-TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
-  startRun();
-  calibration_->signal(SIGINT);
-  EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
-  EXPECT_TRUE(atRest());
-  EXPECT_TRUE(restsWithoutAFault()) << calibration_->output();
   expectRamps(first_target_);
 }
 
@@ -311,17 +262,6 @@ TEST_F(CalibrationFaults, WithoutTheNodeThatAskedForItARunEnds) {
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
-}
-
-// The stream of the run's targets does not undo it.
-TEST_F(CalibrationFaults, ARestThatSomebodyElseAsksForEndsTheRun) {
-  startRun();
-  EXPECT_TRUE(call<std_srvs::Trigger>("/pressure_command/rest").success);
-  ASSERT_TRUE(ends());
-  EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_TRUE(has(client_->getResult()->message, "brought the arm to rest"));
-  EXPECT_TRUE(atRest());
-  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
 }
 
 TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {

@@ -1,10 +1,8 @@
 // Something touches the arm: what the loop says of it, and what becomes of goals.
-#include <algorithm>
 #include <string>
 
 #include <geometry_msgs/WrenchStamped.h>
 #include <gtest/gtest.h>
-#include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/ExternalLoad.h"
 #include "support/loop_rig.hpp"
@@ -118,48 +116,6 @@ TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
   ASSERT_TRUE(waitFor([this] { return load_.last().state == ExternalLoad::NONE; }, kDeadline));
   // What is held without end is ended by a vent.
   EXPECT_TRUE(call("pressure_command/vent"));
-  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
-}
-
-// Although the force stays.
-TEST_F(Contact, AVentEndsWhatIsToldAndShown) {
-  using visualization_msgs::Marker;
-  Inbox<visualization_msgs::MarkerArray> markers(node_, names::kLoopMarkers);
-  const auto isArrow = [&](int action) {
-    return markers.next([&](const visualization_msgs::MarkerArray& array) {
-      return std::any_of(array.markers.begin(), array.markers.end(), [&](const Marker& marker) {
-        return marker.ns == names::kTipForceNs && marker.action == action;
-      });
-    }) != nullptr;
-  };
-  push(0.8);
-  ASSERT_TRUE(isTold(ExternalLoad::CONTACT));
-  repeat(target_);
-  EXPECT_TRUE(isArrow(Marker::ADD));
-  EXPECT_TRUE(call("pressure_command/vent"));
-  EXPECT_TRUE(waitFor([this] { return load_.last().state != ExternalLoad::CONTACT; }));
-  EXPECT_TRUE(isArrow(Marker::DELETE));
-  const std::size_t before = loop_.all().size();
-  ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
-  EXPECT_NE(load_.last().state, ExternalLoad::CONTACT);
-}
-
-TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
-  ASSERT_TRUE(begins(slowGoal(FollowTipPathGoal::YIELD)));
-  push(0.8);
-  ASSERT_TRUE(comesTo(LoopStatus::YIELDING, {}, kDeadline));
-  EXPECT_NE(loop_.last().message.find("clear the arm"), std::string::npos);
-  const double stands = loop_.last().path_time;
-  const std::size_t before = loop_.all().size();
-  ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
-  EXPECT_EQ(loop_.last().path_time, stands);
-  EXPECT_FALSE(client_->getState().isDone());
-  push(0);
-  ASSERT_TRUE(comesTo(LoopStatus::CLOSED, {}, kDeadline));
-  EXPECT_TRUE(waitFor([&] { return loop_.last().path_time > stands; }));
-  client_->cancelGoal();
-  EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
-  EXPECT_TRUE(call("pressure_command/vent"));  // ends what is held without end
   EXPECT_TRUE(comesTo(LoopStatus::IDLE));
 }
 

@@ -8,7 +8,6 @@
 #include <set>
 
 #include <gtest/gtest.h>
-#include <opencv2/imgproc.hpp>
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/model/curve.hpp"
@@ -357,22 +356,14 @@ TEST_P(JpegEye, APictureThatComesAgainWhileTheModelMovesIsRefused) {
 }
 
 TEST_P(JpegEye, AModelThatCannotBeTheArmsIsCountedAndNamed) {
-  const struct {
-    const char *frame, *word;
-    model::Twists twists;
-  } kModels[] = {{"", "", model::Twists::Zero(6, 3)},
-                 {"", "shorter than 1 mm", model::Twists::Zero(6, 1)},
-                 {"elsewhere", "'elsewhere'", bent_}};
   std_msgs::Header header;
   header.stamp = eye_.stamp();
-  for (const auto& model : kModels) {
-    header.frame_id = model.frame;
-    const std::uint64_t before = lastStatus().bad_model;
-    eye_.publish(ros_bridge::toShapeMsg(header, "linear", model.twists));
-    EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-      return s.bad_model > before && s.last_fault.find(model.word) != std::string::npos;
-    })) << model.word;
-  }
+  header.frame_id = "elsewhere";
+  const std::uint64_t before = lastStatus().bad_model;
+  eye_.publish(ros_bridge::toShapeMsg(header, "linear", bent_));
+  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
+    return s.bad_model > before && has(s.last_fault, "'elsewhere'");
+  }));
 }
 
 TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
@@ -384,31 +375,19 @@ TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
   EXPECT_LE(eye_.measured.last().header.stamp, ros::Time::now());
 }
 
+// Which pictures are refused is a law of pictures_test; here one of each kind is counted and named.
 TEST_P(JpegEye, APictureThatIsNotAJpegOfTheCamerasSizeIsRefused) {
-  cv::Mat small;
-  cv::resize(eye_.picture(bent_), small, {640, 480});
-  expectRefused("of 640 x 480 pixels", &VisionStatus::wrong_size,
-                [&](const ros::Time& stamp) { eye_.show(small, stamp); });
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
-  expectRefused("cannot be decoded", &VisionStatus::bad_jpeg,
-                changed([](auto& m) { m.data.resize(m.data.size() / 2); }));
   expectRefused("png", &VisionStatus::wrong_encoding,
                 changed([](auto& m) { m.format = "mono8; png compressed mono8"; }));
 }
 
 TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
-  const auto changed = [&](const auto& change) { return publishing(sound, change); };
-  expectRefused("'yuv422'", &VisionStatus::wrong_encoding,
-                changed([](auto& m) { m.encoding = "yuv422"; }));
-  expectRefused("0 x 0", &VisionStatus::wrong_size, changed([](auto& m) {
-                  m.width = m.height = m.step = 0;
-                  m.data.clear();
-                }));
   expectRefused("bytes in rows of", &VisionStatus::wrong_size,
-                changed([](auto& m) { m.data.resize(100); }));
+                publishing(sound, [](auto& m) { m.data.resize(100); }));
 }
 
 TEST(File, ItsEndIsTheLastState) {

@@ -11,7 +11,7 @@
 #include "helix_arm/FollowTipPathActionResult.h"
 #include "helix_arm/Reload.h"
 #include "ros_bridge/common/client_watch.hpp"
-#include "support/hardware_loop.hpp"
+#include "support/hardware_rig.hpp"
 
 namespace helix_arm::test {
 namespace {

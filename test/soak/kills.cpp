@@ -18,7 +18,7 @@
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/Save.h"
 #include "ros_bridge/common/client_watch.hpp"
-#include "support/hardware_loop.hpp"
+#include "support/hardware_rig.hpp"
 #include "support/random.hpp"
 #include "support/vision_rig.hpp"
 
