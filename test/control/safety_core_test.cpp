@@ -1,10 +1,5 @@
 // The core as a whole: its rules, new ones while it runs, and the words of its states.
-#include <cmath>
-#include <limits>
 #include <set>
-#include <string>
-
-#include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
 #include "support/expect_refusal.hpp"

@@ -1,10 +1,6 @@
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <limits>
-#include <optional>
 #include <set>
-#include <string>
 #include <utility>
 
 #include <gtest/gtest.h>

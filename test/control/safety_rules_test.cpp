@@ -1,10 +1,5 @@
 // Each rule from both sides of its threshold: what is read, what comes of time, and the way to
 // rest.
-#include <cmath>
-#include <limits>
-
-#include <gtest/gtest.h>
-
 #include "support/allocation_counter.hpp"
 #include "support/refusal.hpp"
 #include "support/safety_bench.hpp"

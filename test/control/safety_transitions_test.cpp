@@ -1,8 +1,4 @@
-#include <limits>
 #include <set>
-#include <utility>
-
-#include <gtest/gtest.h>
 
 #include "support/safety_bench.hpp"
 

@@ -1,25 +1,10 @@
 #pragma once
 
-#include <algorithm>
-#include <atomic>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <optional>
-#include <regex>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <utility>
 #include <variant>
-#include <vector>
 
 #include <poll.h>
 #include <sys/eventfd.h>
-#include <unistd.h>
 
-#include "helix_arm/basics/mutex.hpp"
-#include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "regulator/ascii_serial_driver.hpp"

@@ -1,9 +1,5 @@
 // How pressures follow their set points, and what it takes to move them at all.
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
-
-#include <gtest/gtest.h>
 
 #include "simulated_board.hpp"
 

@@ -1,10 +1,5 @@
 // The board with the driver and the safety core of an arm: what each fault comes to on both sides.
-#include <cstdio>
-#include <map>
-#include <random>
 #include <set>
-
-#include <gtest/gtest.h>
 
 #include "board_rig.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"

@@ -1,9 +1,5 @@
 // What the board takes from its line, and what it answers: the profile `generic`.
-#include <random>
-#include <regex>
 #include <sstream>
-
-#include <gtest/gtest.h>
 
 #include "helix_arm/regulator/serial_profile.hpp"
 #include "simulated_board.hpp"

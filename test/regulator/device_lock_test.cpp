@@ -1,12 +1,10 @@
 // One program of a machine drives a device at a time.
 #include <csignal>
 
-#include <gtest/gtest.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/modbus_tcp_driver.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"

@@ -1,13 +1,9 @@
-#include <cmath>
-#include <functional>
-#include <limits>
 #include <locale>
 #include <sstream>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/regulator/driver.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

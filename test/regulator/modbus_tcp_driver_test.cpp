@@ -1,12 +1,9 @@
 #include "regulator/modbus_tcp_driver.hpp"
 
 #include <cmath>
-#include <functional>
-#include <vector>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"

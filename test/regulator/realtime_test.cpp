@@ -2,12 +2,8 @@
 // reason and the remedy are returned.
 #include "helix_arm/regulator/realtime.hpp"
 
-#include <thread>
-
 #include <gtest/gtest.h>
 #include <sched.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include "support/bounded_child.hpp"
 #include "support/eventually.hpp"

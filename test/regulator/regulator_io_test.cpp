@@ -1,7 +1,5 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 
-#include <thread>
-
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"

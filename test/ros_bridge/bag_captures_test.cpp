@@ -1,8 +1,6 @@
 // What is taken from a recording; and none, however damaged, ends the process that loads it.
 #include "bag/bag_captures.hpp"
 
-#include <filesystem>
-#include <fstream>
 #include <iostream>
 
 #include <gtest/gtest.h>
@@ -11,9 +9,7 @@
 #include <sys/wait.h>
 
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/TagDetections.h"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"

@@ -1,15 +1,10 @@
 // What a calibration refuses, and how it ends when something goes wrong: with a reason, with the
 // pressures ramped down, and with the arm at rest. Time runs at five times its pace.
 #include <csignal>
-#include <filesystem>
-#include <fstream>
 
-#include <gtest/gtest.h>
 #include <ros/this_node.h>
-#include <std_srvs/Trigger.h>
 
 #include "helix_arm/RunCalibrationActionResult.h"
-#include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {

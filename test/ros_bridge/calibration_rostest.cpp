@@ -1,13 +1,5 @@
 // A whole calibration: a rig that is not what its scene says, pressures, pictures, samples, the
 // fit, the file, and the nodes that go on with it. Time runs at five times its pace.
-#include <algorithm>
-#include <random>
-#include <sstream>
-
-#include <gtest/gtest.h>
-
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "ros_bridge/cockpit/cockpit_words.hpp"
 #include "support/calibration_rig.hpp"
 

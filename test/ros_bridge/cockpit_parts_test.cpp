@@ -2,13 +2,9 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
-#include <functional>
 #include <future>
 #include <mutex>
 #include <stdexcept>
-#include <vector>
-
-#include <gtest/gtest.h>
 
 #include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"

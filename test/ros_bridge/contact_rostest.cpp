@@ -1,9 +1,4 @@
 // Something touches the arm: what the loop says of it, and what becomes of goals.
-#include <string>
-
-#include <geometry_msgs/WrenchStamped.h>
-#include <gtest/gtest.h>
-
 #include "helix_arm/ExternalLoad.h"
 #include "support/loop_rig.hpp"
 

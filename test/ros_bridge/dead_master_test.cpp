@@ -1,12 +1,10 @@
 // The fault matrix of the ROS master and of simulated time, each with a master of its own.
 #include <csignal>
-#include <cstdio>
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include "helix_arm/PressureArray.h"
 #include "support/emulated_regulator.hpp"
@@ -66,9 +64,8 @@ class DeadMaster : public ::testing::Test {
 
 TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
   Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
   Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
+  ASSERT_TRUE(arm.prints("loop at") && inflates()) << arm.output();
   const double begin = regulator::steadyNow();
   master_.stop();
   EXPECT_EQ(arm.exitCode(10), 1) << arm.output();
@@ -82,9 +79,8 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
 // A hanging master accepts requests and answers none, including those to unregister at the end.
 TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
   Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
   Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
+  ASSERT_TRUE(arm.prints("loop at") && inflates()) << arm.output();
   const double begin = regulator::steadyNow();
   master_.signal(SIGSTOP);
   EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
@@ -99,9 +95,8 @@ TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
 
 TEST_F(DeadMaster, ANodeThatIsAskedToEndVentsFirstThoughTheMasterHangs) {
   Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
   Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
+  ASSERT_TRUE(arm.prints("loop at") && inflates()) << arm.output();
   master_.signal(SIGSTOP);
   const double begin = regulator::steadyNow();
   arm.signal(SIGINT);

@@ -1,15 +1,9 @@
 // The fault matrix of what is around the regulator: commander, node, rig and eyes die, and the arm
 // comes to the state that is said of it within the time that is said of it.
-#include <algorithm>
 #include <cmath>
 #include <csignal>
-#include <cstdio>
-#include <filesystem>
-
-#include <gtest/gtest.h>
 
 #include "helix_arm/regulator/guard_process.hpp"
-#include "support/eventually.hpp"
 #include "support/hardware_rig.hpp"
 
 namespace helix_arm::test {

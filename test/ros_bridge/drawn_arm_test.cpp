@@ -2,14 +2,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <tuple>
-#include <vector>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "ros_bridge/cockpit/arm_camera.hpp"
 #include "ros_bridge/follow/loop_publisher.hpp"
 #include "ros_bridge/names.hpp"

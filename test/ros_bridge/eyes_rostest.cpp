@@ -1,17 +1,11 @@
 // The vision node and nodelet on pictures that the test makes: sound ones are measured in, all
 // others are counted, named, and measured in never.
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <fstream>
-#include <map>
-#include <memory>
 #include <set>
 
-#include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/vision/frame_source.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"

@@ -1,12 +1,5 @@
 // From targets to commands, measurements and the model's shape; and targets that no one should
 // obey.
-#include <algorithm>
-#include <cmath>
-
-#include <gtest/gtest.h>
-
-#include "helix_arm/control/target_check.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "support/vision_rig.hpp"
 
 namespace helix_arm::test {

@@ -1,12 +1,6 @@
 // Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
 #include <csignal>
-#include <fstream>
 #include <future>
-#include <map>
-#include <sstream>
-#include <stdexcept>
-
-#include <gtest/gtest.h>
 
 #include "helix_arm/Reload.h"
 #include "support/loop_rig.hpp"

@@ -1,7 +1,6 @@
 // What no message does: throw into roscpp, or make room for what it does not hold.
 #include "ros_bridge/common/guarded_callbacks.hpp"
 
-#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <regex>

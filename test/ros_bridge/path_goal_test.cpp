@@ -1,15 +1,11 @@
 // Goals of the tip: how they are received and checked, watched, and what the loop is told of tags.
 #include "ros_bridge/follow/path_goal.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <stdexcept>
-#include <thread>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path.hpp"
 #include "ros_bridge/follow/loop_diagnostics.hpp"
 #include "support/eventually.hpp"
 #include "support/paper_arm.hpp"

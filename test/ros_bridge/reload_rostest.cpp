@@ -1,15 +1,9 @@
 // Scenes that take another's place while the nodes run; and parts of nodes, each on its own.
-#include <filesystem>
-#include <fstream>
 #include <future>
-#include <sstream>
-#include <stdexcept>
 
-#include <gtest/gtest.h>
 #include <ros/service.h>
 #include <sys/stat.h>
 
-#include "helix_arm/Reload.h"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/vision/vision_status_publisher.hpp"
 #include "support/temporary_file.hpp"

@@ -1,14 +1,8 @@
 // The whole loop: pressures -> true arm -> pictures -> tags -> measured shape beside the model.
 #include <csignal>
-#include <map>
-#include <memory>
 
-#include <geometry_msgs/WrenchStamped.h>
-#include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "support/process.hpp"
 #include "support/vision_rig.hpp"
 

@@ -1,9 +1,5 @@
 // The loop over vision as a node: its states, its commanders, and targets in other frames.
-#include <algorithm>
-#include <array>
 #include <csignal>
-
-#include <gtest/gtest.h>
 
 #include "support/loop_rig.hpp"
 

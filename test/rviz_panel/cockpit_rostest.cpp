@@ -1,5 +1,4 @@
 // The panel of rviz, loaded as rviz loads it, under real clicks.
-#include <QApplication>
 #include <QComboBox>
 #include <QDoubleSpinBox>
 #include <QLineEdit>
@@ -8,17 +7,9 @@
 #include <QScrollBar>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include <gtest/gtest.h>
 #include <ros/service.h>
 
 #include "helix_arm/Forward.h"
@@ -26,7 +17,6 @@
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/io/scene.hpp"
 #include "panel_window.hpp"
-#include "ros_bridge/cockpit/cockpit_words.hpp"
 #include "rviz_panel/panel_parts.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"

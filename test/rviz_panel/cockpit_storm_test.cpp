@@ -1,28 +1,18 @@
 // The panel under hundreds of clicks, with nodes that die and services that hang. The arm is a
 // stand-in in this process that counts what comes.
 #include <QAbstractButton>
-#include <QApplication>
 #include <QProgressBar>
-#include <QPushButton>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <algorithm>
 #include <condition_variable>
 #include <cstdlib>
-#include <functional>
-#include <map>
-#include <memory>
 #include <mutex>
 #include <random>
 #include <set>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <boost/function.hpp>
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <gtest/gtest.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <ros/spinner.h>

@@ -3,11 +3,7 @@
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
 // Prints a row per node; exits with 1 if a promise was broken. usage: kills [--moments 50] [--seed
 // 1] [--only WORDS_OF_A_ROW]
-#include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <fstream>
-#include <map>
 #include <set>
 
 #include <actionlib/client/simple_action_client.h>

@@ -5,28 +5,14 @@
 // grew.
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <chrono>
-#include <cmath>
-#include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <iostream>
-#include <memory>
-#include <string>
-#include <thread>
-#include <utility>
-#include <vector>
 
-#include <unistd.h>
-
-#include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "support/random.hpp"

@@ -1,13 +1,6 @@
 #pragma once
 
-#include <algorithm>
-#include <filesystem>
-#include <memory>
-#include <string>
-#include <vector>
-
 #include <actionlib/client/simple_action_client.h>
-#include <gtest/gtest.h>
 #include <ros/service.h>
 
 #include "helix_arm/Calibrate.h"

@@ -1,19 +1,6 @@
 #pragma once
 
-#include <atomic>
-#include <chrono>
-#include <filesystem>
-#include <fstream>
-#include <memory>
-#include <mutex>
-#include <optional>
-#include <sstream>
-#include <string>
-#include <thread>
-#include <vector>
-
 #include <std_srvs/SetBool.h>
-#include <std_srvs/Trigger.h>
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/regulator/realtime.hpp"

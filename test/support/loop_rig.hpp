@@ -1,18 +1,8 @@
 #pragma once
 
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include <actionlib/client/simple_action_client.h>
 #include <geometry_msgs/PoseStamped.h>
-#include <gtest/gtest.h>
 #include <std_srvs/SetBool.h>
-#include <std_srvs/Trigger.h>
 
 #include "helix_arm/FollowTipPathAction.h"
 #include "helix_arm/LoopStatus.h"

@@ -1,17 +1,13 @@
 #pragma once
 
-#include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
 #include <optional>
-#include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <gtest/gtest.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>

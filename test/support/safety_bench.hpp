@@ -1,11 +1,8 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <cmath>
 #include <functional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <gtest/gtest.h>
 
