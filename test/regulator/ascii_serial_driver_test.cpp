@@ -1,16 +1,13 @@
 #include "regulator/ascii_serial_driver.hpp"
 
 #include <cmath>
-#include <csignal>
 
-#include <fcntl.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
+#include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
@@ -421,44 +418,13 @@ TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
 }
 
 // What opening a line says in a process of its own, that of a user without privileges: "" where it
-// can be opened. With `stay` it then holds the line until it is killed.
-class Opener {
- public:
-  Opener(const std::string& device, bool stay) {
-    if (pipe2(said_, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    pid_ = fork();
-    if (pid_ == 0) {
-      prctl(PR_SET_PDEATHSIG, SIGKILL);
-      if (getuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) _exit(1);
-      SerialPort port;
-      const std::string text = failureOf([&] { port.open(device, 115200); }).text + "\n";
-      if (write(said_[1], text.data(), text.size()) < 0) _exit(1);
-      while (stay) pause();
-      _exit(0);
-    }
-    ::close(said_[1]);
-  }
-  ~Opener() {
-    kill(pid_, SIGKILL);
-    waitpid(pid_, nullptr, 0);
-    ::close(said_[0]);
-  }
-  Opener(const Opener&) = delete;
-  Opener& operator=(const Opener&) = delete;
-
-  std::string text() const {
-    std::string text;
-    char byte = 0;
-    while (read(said_[0], &byte, 1) == 1 && byte != '\n') text += byte;
-    return byte == '\n' ? text : "it could not try";
-  }
-
- private:
-  static constexpr int kNobody = 65534;
-
-  pid_t pid_ = -1;
-  int said_[2];
-};
+// can be opened. It then holds the line until it is killed.
+std::string openedByNobody(const std::string& device) {
+  constexpr int kNobody = 65534;
+  static SerialPort port;
+  if (getuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) return "still root";
+  return failureOf([&] { port.open(device, 115200); }).text;
+}
 
 TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   SerialDevice device(deviceOf(test::genericProfile()));
@@ -466,13 +432,14 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
   const std::string held =
       device.path() + " is used by another program; end that one (fuser shows which it is)";
+  const auto open = [&] { return openedByNobody(device.path()); };
   {
-    const Opener holder(device.path(), true);
+    const test::HoldingChild holder(open);
     ASSERT_EQ(holder.text(), "");
     EXPECT_EQ(failureOf([&] { driver.connect(); }).text, held);
-    EXPECT_EQ(Opener(device.path(), false).text(), held);
+    EXPECT_EQ(test::HoldingChild(open).text(), held);
   }
-  EXPECT_EQ(Opener(device.path(), false).text(), "");
+  EXPECT_EQ(test::HoldingChild(open).text(), "");
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
 }
 

@@ -1,5 +1,6 @@
 #include <locale>
 #include <sstream>
+#include <tuple>
 
 #include <gtest/gtest.h>
 
@@ -147,7 +148,7 @@ TEST(LineFormat, TheLocaleDoesNotMatter) {
   std::locale::global(before);
 }
 
-TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatter) {
+TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
   const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line : {"A +014.70 +020.00", "  A  +014.70\t+020.00  ", "\nA +014.70 +020.00\r",
                            "A +014.70 +020.00   HLD LCK", "A 14.7 20 HLD\r\n"}) {
@@ -156,32 +157,23 @@ TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatter) {
     EXPECT_EQ(fields->pressures, std::vector<double>{14.7});
     EXPECT_EQ(fields->set_point, 20.0);
   }
-}
-
-TEST(LineFormat, AnotherLineIsNoReading) {
-  const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line :
        {"", "?", "A", "A +014.70", "B +014.70 +020.00", "A +014.70 +020.00 1",
         "A +014.70 +020.00HLD", "A +014.70 +020.00 HL2", "A+014.70 +020.00", "A +014.70 nan",
-        "A nan +020.00", "AA +014.70 +020.00", "A +014.70 +020.00 HLD;", "A +014.70 +02"}) {
-    const bool half = std::string(line) == "A +014.70 +02";  // nothing shows that it is half a line
-    EXPECT_EQ(format.match(line, "A", 1).has_value(), half) << line;
+        "A nan +020.00", "AA +014.70 +020.00", "A +014.70 +020.00 HLD;"}) {
+    EXPECT_FALSE(format.match(line, "A", 1)) << line;
   }
+  EXPECT_TRUE(format.match("A +014.70 +02", "A", 1)) << "nothing shows that it is half a line";
 }
 
-TEST(LineFormat, BytesThatAreNoTextAreRefused) {
-  const LineFormat any("{*} {...}");
-  const std::string good = "one two";
-  ASSERT_TRUE(any.match(good, "", 0));
+TEST(LineFormat, BytesThatAreNoTextAndLinesThatAreTooLongAreRefused) {
   for (int byte = 0; byte < 256; ++byte) {
-    std::string line = good;
+    std::string line = "one two";
     line[5] = static_cast<char>(byte);
-    EXPECT_EQ(any.match(line, "", 0).has_value(), (byte >= ' ' && byte <= '~') || byte == '\t')
+    EXPECT_EQ(LineFormat("{*} {...}").match(line, "", 0).has_value(),
+              (byte >= ' ' && byte <= '~') || byte == '\t')
         << byte;
   }
-}
-
-TEST(LineFormat, ALineThatIsTooLongIsRefused) {
   const LineFormat any("{...}");
   EXPECT_TRUE(any.match(std::string(kLongestLine, 'x'), "", 0));
   EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
@@ -206,19 +198,16 @@ TEST(LineFormat, AnotherUnitIsRefused) {
 }
 
 TEST(LineFormat, ABadReplyNamesTheFirstMismatch) {
-  const LineFormat format("p{address}={pressure} {unit}", kStyle);
-  EXPECT_EQ(badReply(format, "pA=nan kPa"),
-            "\"pA=nan kPa\" does not match \"p{address}={pressure} {unit}\": expected a number at "
-            "\"nan kPa\"");
-  EXPECT_EQ(badReply(format, "pA=1.0 psi"),
-            "\"pA=1.0 psi\" does not match \"p{address}={pressure} {unit}\": expected the unit kPa "
-            "at \"psi\"");
-  EXPECT_EQ(
-      badReply(format, "pA=1.0"),
-      "\"pA=1.0\" does not match \"p{address}={pressure} {unit}\": expected a blank at its end");
-  EXPECT_EQ(badReply(format, std::string("pA=1\0.0 kPa", 11)),
-            "\"pA=1?.0 kPa\" does not match \"p{address}={pressure} {unit}\": expected printable "
-            "ASCII at \"?.0 kPa\"");
+  const std::string pattern = "p{address}={pressure} {unit}";
+  const LineFormat format(pattern, kStyle);
+  for (const auto& [line, shown, fault] :
+       {std::tuple(std::string("pA=nan kPa"), "pA=nan kPa", "a number at \"nan kPa\""),
+        {"pA=1.0 psi", "pA=1.0 psi", "the unit kPa at \"psi\""},
+        {"pA=1.0", "pA=1.0", "a blank at its end"},
+        {std::string("pA=1\0.0 kPa", 11), "pA=1?.0 kPa", "printable ASCII at \"?.0 kPa\""}}) {
+    EXPECT_EQ(badReply(format, line), "\"" + std::string(shown) + "\" does not match \"" + pattern +
+                                          "\": expected " + fault);
+  }
   EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
             "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 at its end");
 }

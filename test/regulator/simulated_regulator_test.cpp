@@ -184,16 +184,17 @@ TEST(SimulatedRegulator, ARefusedCommandLeavesTheOldOne) {
 }
 
 TEST(SimulatedRegulator, UnusableArgumentsAreRefused) {
-  const double infinity = std::numeric_limits<double>::infinity();
+  const double infinity = std::numeric_limits<double>::infinity(), nan = std::nan("");
   EXPECT_THROW(SimulatedRegulator(0, kQuiet), std::invalid_argument);
-  EXPECT_THROW(SimulatedRegulator(1, {0.0, kSupply, 0.0, 1}), std::invalid_argument);
-  EXPECT_THROW(SimulatedRegulator(1, {infinity, kSupply, 0.0, 1}), std::invalid_argument);
-  EXPECT_THROW(SimulatedRegulator(1, {kTau, -1.0, 0.0, 1}), std::invalid_argument);
-  EXPECT_THROW(SimulatedRegulator(1, {kTau, kSupply, -1.0, 1}), std::invalid_argument);
-  EXPECT_THROW(SimulatedRegulator(1, {kTau, kSupply, std::nan(""), 1}), std::invalid_argument);
+  for (const SimulatedRegulatorConfig& config : {SimulatedRegulatorConfig{0.0, kSupply, 0.0, 1},
+                                                 {infinity, kSupply, 0.0, 1},
+                                                 {kTau, -1.0, 0.0, 1},
+                                                 {kTau, kSupply, -1.0, 1},
+                                                 {kTau, kSupply, nan, 1}}) {
+    EXPECT_THROW(SimulatedRegulator(1, config), std::invalid_argument);
+  }
   SimulatedRegulator regulator(1, kQuiet);
-  EXPECT_THROW(regulator.step(-1e-9), std::invalid_argument);
-  EXPECT_THROW(regulator.step(std::nan("")), std::invalid_argument);
+  for (const double step : {-1e-9, nan}) EXPECT_THROW(regulator.step(step), std::invalid_argument);
 }
 
 }  // namespace

@@ -196,19 +196,11 @@ std::string damaged(std::string bytes, Random& random) {
                                     : part == 1 ? random.integer(std::max(0, size - 6000), size - 1)
                                                 : random.integer(0, size - 1));
   };
-  const auto change = [&] { bytes[place()] = static_cast<char>(random.integer(0, 255)); };
-  switch (random.integer(0, 3)) {
-    case 0:
-      change();
-      break;
-    case 1:
-      for (int i = random.integer(2, 20); i > 0; --i) change();
-      break;
-    case 2:
-      bytes.erase(place(), static_cast<std::size_t>(random.integer(1, 100)));
-      break;
-    default:
-      bytes.resize(place());
+  const int kind = random.integer(0, 3);
+  if (kind == 2) bytes.erase(place(), static_cast<std::size_t>(random.integer(1, 100)));
+  if (kind == 3) bytes.resize(place());
+  for (int i = kind == 0 ? 1 : kind == 1 ? random.integer(2, 20) : 0; i > 0; --i) {
+    bytes[place()] = static_cast<char>(random.integer(0, 255));
   }
   return bytes;
 }

@@ -7,15 +7,10 @@
 #include <QScrollBar>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <array>
 #include <cmath>
 
-#include <ros/service.h>
-
-#include "helix_arm/Forward.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/io/scene.hpp"
 #include "panel_window.hpp"
 #include "rviz_panel/panel_parts.hpp"
 #include "support/process.hpp"
@@ -401,19 +396,6 @@ class CockpitCalibration : public Cockpit {
     });
   }
 
-  // Tip of the model that pressure_command has, at pressures at which a calibration changes it.
-  Eigen::Vector3d modelTip() const {
-    Forward forward;
-    forward.request.pressure.assign(kBent.begin(), kBent.end());
-    const std::string name = std::string("/") + kArm + "/pressure_command/forward";
-    EXPECT_TRUE(ros::service::call(name, forward) && forward.response.success)
-        << forward.response.message;
-    if (forward.response.position.size() != 3) return Eigen::Vector3d::Constant(NAN);
-    return {forward.response.position[0], forward.response.position[1],
-            forward.response.position[2]};
-  }
-
-  static constexpr std::array<double, 3> kBent = {3.5e5, 0, 1e5};
   const TemporaryFolder folder_;
   std::unique_ptr<Process> loop_, vision_, calibration_;
   Inbox<PressureArray> readings_{node_, names::kPressureMeasured};
@@ -483,7 +465,6 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   ASSERT_TRUE(rests()) << safety_.last().reason;
   ASSERT_TRUE(until([this] { return !errors_.all().empty(); }));
   const double error_before = errors_.last().tip_error;
-  const Eigen::Vector3d tip_before = modelTip();
 
   ASSERT_TRUE(isOffered("calibration_use")) << tip("calibration_use");
   click("calibration_use");
@@ -495,11 +476,7 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   const std::string path = answer.substr(std::string("Use it: ").size(), cut - 8);
   EXPECT_EQ(path.find(folder_.path() + "/calibrated_"), 0U) << path;
 
-  // The model is that of the new scene, and nearer to what the camera sees.
-  const Eigen::Vector3d bent(kBent[0], kBent[1], kBent[2]), tip_after = modelTip();
-  const io::Scene calibrated = io::loadScene(path);
-  EXPECT_LT((tip_after - calibrated.arm.tip(bent).translation).norm(), 1e-9);
-  EXPECT_GT((tip_after - tip_before).norm(), 2e-3);
+  // The model is nearer to what the camera sees.
   EXPECT_GT(error_before, 2e-3);
   EXPECT_TRUE(until([&] { return errors_.last().tip_error < 0.5 * error_before; }))
       << errors_.last().tip_error << " m, before " << error_before << " m";

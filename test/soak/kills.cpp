@@ -1,11 +1,10 @@
 // Kills every node with SIGKILL at random moments and checks what docs/safety.md promises of its
 // end: by the record of the emulated device, where the arm is on a line, and by what the other
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
-// Prints a row per node; exits with 1 if a promise was broken. usage: kills [--moments 50] [--seed
-// 1] [--only WORDS_OF_A_ROW]
-#include <cstring>
+// Prints a row per node; exits with 1 if a promise was broken.
 #include <set>
 
+#include <CLI/CLI.hpp>
 #include <actionlib/client/simple_action_client.h>
 
 #include "helix_arm/LoopStatus.h"
@@ -447,22 +446,11 @@ int killsInTheDemo(const Options& options) {
 int main(int argc, char** argv) {
   using namespace helix_arm::test;
   Options options;
-  for (int i = 1; i < argc; i += 2) {
-    char* end = nullptr;
-    const char* const value = i + 1 < argc ? argv[i + 1] : "";
-    const long number = std::strtol(value, &end, 10);
-    const bool counts = end != value && *end == '\0' && number > 0;
-    if (std::strcmp(argv[i], "--moments") == 0 && counts) {
-      options.moments = static_cast<int>(number);
-    } else if (std::strcmp(argv[i], "--seed") == 0 && counts) {
-      options.seed = static_cast<unsigned>(number);
-    } else if (std::strcmp(argv[i], "--only") == 0 && *value != '\0') {
-      options.only = value;
-    } else {
-      std::fprintf(stderr, "usage: kills [--moments 50] [--seed 1] [--only WORDS_OF_A_ROW]\n");
-      return 2;
-    }
-  }
+  CLI::App app{"Kills every node at random moments and prints a row per node"};
+  app.add_option("--moments", options.moments)->check(CLI::PositiveNumber);
+  app.add_option("--seed", options.seed)->check(CLI::PositiveNumber);
+  app.add_option("--only", options.only, "words of a row");
+  CLI11_PARSE(app, argc, argv);
   const Master master;
   for (const auto& [name, value] : master.variables()) setenv(name.c_str(), value.c_str(), 1);
   int none = 0;

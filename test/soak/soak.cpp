@@ -7,10 +7,10 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
-#include <cstring>
 #include <fstream>
 #include <functional>
-#include <iostream>
+
+#include <CLI/CLI.hpp>
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
@@ -494,18 +494,9 @@ int soak(double minutes, unsigned seed) {
 int main(int argc, char** argv) {
   double minutes = 10;
   unsigned seed = 1;
-  for (int i = 1; i < argc; i += 2) {
-    char* end = nullptr;
-    const double value = i + 1 < argc ? std::strtod(argv[i + 1], &end) : 0;
-    const bool sound = end != nullptr && *end == '\0';
-    if (sound && std::strcmp(argv[i], "--minutes") == 0 && value > 0 && value <= 1e5) {
-      minutes = value;
-    } else if (sound && std::strcmp(argv[i], "--seed") == 0 && value >= 0 && value <= 1e9) {
-      seed = static_cast<unsigned>(value);
-    } else {
-      std::cerr << "usage: soak [--minutes N] [--seed N]\n";
-      return 2;
-    }
-  }
+  CLI::App app{"The pressure path of two arms with trouble at random"};
+  app.add_option("--minutes", minutes)->check(CLI::Range(1e-3, 1e5));
+  app.add_option("--seed", seed)->check(CLI::Range(0, 1000000000));
+  CLI11_PARSE(app, argc, argv);
   return helix_arm::test::soak(minutes, seed);
 }
