@@ -53,27 +53,34 @@ void expectHas(const std::string& text, const std::vector<std::string>& parts) {
   }
 }
 
+// A quiet device and a driver that is connected.
+struct Connected {
+  Connected(const ModbusProfile& profile, int channels, std::vector<int> places)
+      : device(quietDevice(profile, channels)),
+        driver(configOf(profile, device.port(), std::move(places))) {
+    driver.connect();
+  }
+  ModbusDevice device;
+  ModbusTcpDriver driver;
+};
+
 // Set points of 100, 25.7 and 699.95 kPa are 1000, 257 and 6999.5 mbar.
 TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
-  ModbusDevice device(quietDevice(vtemProfile(), 6));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 4}));
-  driver.connect();
-  const RawModbus raw(device.port());
+  Connected at(vtemProfile(), 6, {0, 1, 4});
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
-  driver.write(regulate({1e5, 25.7e3, 699.95e3}));
+  at.driver.write(regulate({1e5, 25.7e3, 699.95e3}));
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 1000, 257, 0, 0, 0, 195, 6999, 0}));
-  driver.vent();
+  at.driver.vent();
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
 }
 
 TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
-  ModbusDevice device(quietDevice(mpaProfile(), 4));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {3, 0}));
-  driver.connect();
-  driver.write(regulate({1e5, 25.7e3}));
-  const RawModbus raw(device.port());
+  Connected at(mpaProfile(), 4, {3, 0});
+  at.driver.write(regulate({1e5, 25.7e3}));
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 1000}));
-  driver.vent();
+  at.driver.vent();
   EXPECT_EQ(raw.read(40003, 4), (Words{0, 0, 0, 0}));
 }
 
@@ -120,24 +127,20 @@ TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
 }
 
 TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayInTheDevicesRange) {
-  ModbusDevice device(quietDevice(mpaProfile(), 6));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
-  driver.connect();
-  driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
-  const RawModbus raw(device.port());
+  Connected at(mpaProfile(), 6, {0, 1, 2, 3, 4, 5});
+  at.driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 6), (Words{0, 10000, 999, 1000, 3, 0}));
 }
 
 TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   ModbusProfile profile = mpaProfile();
   profile.atmosphere = 101.3e3;
-  ModbusDevice device(quietDevice(profile, 1));
-  ModbusTcpDriver driver(configOf(profile, device.port(), {0}));
-  driver.connect();
-  driver.write(regulate({1e5}));
-  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{2013}));
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 1e5) < 1e-3; }));
-  EXPECT_NEAR(readingOf(driver, 1)[0], 1e5, 1e-6);
+  Connected at(profile, 1, {0});
+  at.driver.write(regulate({1e5}));
+  EXPECT_EQ(RawModbus(at.device.port()).read(40003, 1), (Words{2013}));
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 1e5) < 1e-3; }));
+  EXPECT_NEAR(readingOf(at.driver, 1)[0], 1e5, 1e-6);
 }
 
 TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
@@ -157,41 +160,35 @@ TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
   ModbusProfile profile = mpaProfile();
   profile.input_registers = true;
   profile.input_base = 0;
-  ModbusDevice device(quietDevice(profile, 2));
-  ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
-  driver.connect();
-  driver.write(regulate({1e5, 2e5}));
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[1] - 2e5) < 1e-3; }));
-  EXPECT_EQ(readingOf(driver, 2), Eigen::Vector2d(1e5, 2e5));
+  Connected at(profile, 2, {0, 1});
+  at.driver.write(regulate({1e5, 2e5}));
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[1] - 2e5) < 1e-3; }));
+  EXPECT_EQ(readingOf(at.driver, 2), Eigen::Vector2d(1e5, 2e5));
 }
 
 // 125 registers a request to read, 123 a request to write: 300 set points are 3 requests.
 TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
   constexpr int kChannels = 300;
-  ModbusDevice device(quietDevice(mpaProfile(), kChannels));
   std::vector<int> places(kChannels);
   std::vector<double> set_points(kChannels);
   for (int i = 0; i < kChannels; ++i) {
     places[static_cast<std::size_t>(i)] = kChannels - 1 - i;
     set_points[static_cast<std::size_t>(i)] = 1e3 * i;
   }
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), places));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  driver.write(regulate(set_points));
-  EXPECT_EQ(device.writes(), before + 3);
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 299e3) < 1e-3; }));
-  const Eigen::VectorXd reading = readingOf(driver, kChannels);
+  Connected at(mpaProfile(), kChannels, places);
+  const std::uint64_t before = at.device.writes();
+  at.driver.write(regulate(set_points));
+  EXPECT_EQ(at.device.writes(), before + 3);
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 299e3) < 1e-3; }));
+  const Eigen::VectorXd reading = readingOf(at.driver, kChannels);
   for (int i = 0; i < kChannels; ++i) EXPECT_EQ(reading[i], 1e3 * i) << i;
 }
 
 TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
-  ModbusDevice device(quietDevice(vtemProfile(), 8));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3, 4, 5, 6, 7}));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  driver.write(regulate(std::vector<double>(8, 1e5)));
-  EXPECT_EQ(device.writes(), before + 1);
+  Connected at(vtemProfile(), 8, {0, 1, 2, 3, 4, 5, 6, 7});
+  const std::uint64_t before = at.device.writes();
+  at.driver.write(regulate(std::vector<double>(8, 1e5)));
+  EXPECT_EQ(at.device.writes(), before + 1);
 }
 
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
@@ -227,59 +224,51 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 2}));
-  driver.connect();
-  driver.write(regulate({1e5, 1e5}));
-  readingOf(driver, 2);
-  device.jam(1, true);
+  Connected at(vtemProfile(), 4, {0, 2});
+  at.driver.write(regulate({1e5, 1e5}));
+  readingOf(at.driver, 2);
+  at.device.jam(1, true);
   std::string error;
   ASSERT_TRUE(eventually([&] {
-    error = refusal<LinkError>([&] { readingOf(driver, 2); });
+    error = refusal<LinkError>([&] { readingOf(at.driver, 2); });
     return error != "accepted";
   }));
   expectHas(error, {"slot 1 of festo_vtem has stopped regulating", "expected 0x0083"});
-  expectHas(refusal<LinkError>([&] { driver.vent(); }), {"there is no link"});
+  expectHas(refusal<LinkError>([&] { at.driver.vent(); }), {"there is no link"});
 }
 
 TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3}));
-  driver.connect();
-  driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
-  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 0.99e5; }));
+  Connected at(vtemProfile(), 4, {0, 1, 2, 3});
+  at.driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
+  ASSERT_TRUE(eventually([&] { return at.device.pressure().minCoeff() > 0.99e5; }));
   ValveOrders orders = regulate({1e5, 1e5, 1e5, 1e5});
   orders.valve[0] = orders.valve[1] = orders.valve[2] = Valve::kClose;
-  driver.write(orders);
-  EXPECT_EQ(device.valves(),
+  at.driver.write(orders);
+  EXPECT_EQ(at.device.valves(),
             (std::vector<Valve>{Valve::kClose, Valve::kClose, Valve::kVent, Valve::kRegulate}));
-  ASSERT_TRUE(eventually([&] { return device.pressure()[2] < 1e3; }));
-  EXPECT_GT(device.pressure()[0], 0.98e5);
-  EXPECT_NO_THROW(readingOf(driver, 4));  // an app that was told to end is no fault
-  driver.vent();
-  EXPECT_TRUE(eventually([&] { return device.pressure().maxCoeff() < 1e3; }));
-  EXPECT_NO_THROW(readingOf(driver, 4));
+  ASSERT_TRUE(eventually([&] { return at.device.pressure()[2] < 1e3; }));
+  EXPECT_GT(at.device.pressure()[0], 0.98e5);
+  EXPECT_NO_THROW(readingOf(at.driver, 4));  // an app that was told to end is no fault
+  at.driver.vent();
+  EXPECT_TRUE(eventually([&] { return at.device.pressure().maxCoeff() < 1e3; }));
+  EXPECT_NO_THROW(readingOf(at.driver, 4));
 }
 
 TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
-  ModbusDevice device(quietDevice(mpaProfile(), 2));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
-  driver.connect();
+  Connected at(mpaProfile(), 2, {0, 1});
   ValveOrders orders = regulate({1e5, 1e5});
   orders.valve[0] = Valve::kClose;
-  driver.write(orders);
-  EXPECT_EQ(device.setPoint(), Eigen::Vector2d(0, 1e5));
+  at.driver.write(orders);
+  EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
 }
 
 TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
-  ModbusDevice device(quietDevice(mpaProfile(), 2));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  EXPECT_THROW(driver.write(regulate({1e5})), std::invalid_argument);
-  EXPECT_THROW(driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
-  EXPECT_THROW(readingOf(driver, 3), std::invalid_argument);
-  EXPECT_EQ(device.writes(), before);
+  Connected at(mpaProfile(), 2, {0, 1});
+  const std::uint64_t before = at.device.writes();
+  EXPECT_THROW(at.driver.write(regulate({1e5})), std::invalid_argument);
+  EXPECT_THROW(at.driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
+  EXPECT_THROW(readingOf(at.driver, 3), std::invalid_argument);
+  EXPECT_EQ(at.device.writes(), before);
 }
 
 TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {

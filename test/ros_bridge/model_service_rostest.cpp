@@ -1,7 +1,9 @@
 // ~forward and ~inverse of pressure_command: the model of its scene, within bounds, while targets
 // are served.
 #include <Eigen/Geometry>
+#include <atomic>
 #include <limits>
+#include <tuple>
 
 #include <ros/service.h>
 

@@ -8,6 +8,7 @@
 #include <QSlider>
 #include <QtTest/QTest>
 #include <cmath>
+#include <cstdio>
 
 #include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"

@@ -2,6 +2,7 @@
 // end: by the record of the emulated device, where the arm is on a line, and by what the other
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
 // Prints a row per node; exits with 1 if a promise was broken.
+#include <csignal>
 #include <set>
 
 #include <CLI/CLI.hpp>
