@@ -300,8 +300,10 @@ TEST(ArmCamera, IsTakenOnceAndKeepsWhatAUserHasMoved) {
     ASSERT_EQ(isToChange(start, row.base), row.changes);
     if (!row.changes) continue;
     const ArmCamera taken = changed(start, row.base, down, 0.3, 1.0);
-    EXPECT_FALSE(isToChange(taken, "left_arm_base"));
-    EXPECT_FALSE(isToChange(taken, "right_arm_base"));
+    EXPECT_FALSE(isToChange(taken, row.base));
+    for (const char* other : {"left_arm_base", "right_arm_base"}) {
+      EXPECT_EQ(isToChange(taken, other), taken.target == "arm_base") << other;
+    }
   }
   const ArmCamera mine{"arm_base", {0.1, 0, 0}, 1.0, 0.5, 2.0};
   EXPECT_FALSE(isToChange(mine, "arm_base"));
