@@ -115,7 +115,8 @@ def test_names(root):
                 loops.append((words[0], words[1:]))
             elif function == "endforeach" and loops:
                 loops.pop()
-            elif function in ("helix_arm_test", "helix_arm_rostest", "helix_arm_python_test", "helix_arm_fuzz", "add_test", "add_executable") and words:
+            elif function in ("helix_arm_test", "helix_arm_rostest", "helix_arm_python_test",
+                              "helix_arm_python_rostest", "helix_arm_process_test", "helix_arm_fuzz", "add_test", "add_executable") and words:
                 name = words[1] if words[0] == "NAME" and len(words) > 1 else words[0]
                 for values in itertools.product(*(items for _, items in loops)):
                     full = name

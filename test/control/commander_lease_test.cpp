@@ -3,6 +3,8 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -11,43 +13,34 @@ namespace {
 
 constexpr double kTimeout = 0.5;
 
-TEST(CommanderLease, TheFirstSenderHoldsIt) {
-  CommanderLease lease(kTimeout);
-  EXPECT_TRUE(lease.holder().empty());
-  EXPECT_TRUE(lease.claim("first", 10.0));
-  EXPECT_EQ(lease.holder(), "first");
-}
-
-TEST(CommanderLease, TheNewerIsRefusedUntilTheFirstWasSilentForTheTimeout) {
-  CommanderLease lease(kTimeout);
-  ASSERT_TRUE(lease.claim("first", 10.0));
-  EXPECT_FALSE(lease.claim("second", 10.0));
-  EXPECT_FALSE(lease.claim("second", std::nextafter(10.0 + kTimeout, 0.0)));
-  EXPECT_EQ(lease.holder(), "first");
-  EXPECT_TRUE(lease.claim("second", 10.0 + kTimeout));
-  EXPECT_EQ(lease.holder(), "second");
-}
-
-TEST(CommanderLease, EveryClaimOfTheHolderRenewsIt) {
-  CommanderLease lease(kTimeout);
-  for (int i = 0; i < 10; ++i) ASSERT_TRUE(lease.claim("first", 0.4 * i));
-  EXPECT_FALSE(lease.claim("second", 0.4 * 9 + 0.4));
-}
-
-TEST(CommanderLease, RefusedClaimsNeitherRenewNorShortenIt) {
-  CommanderLease lease(kTimeout);
-  ASSERT_TRUE(lease.claim("first", 0.0));
-  EXPECT_FALSE(lease.claim("second", 0.2));
-  EXPECT_FALSE(lease.claim("second", 0.4));
-  EXPECT_TRUE(lease.claim("second", 0.5));
-}
-
-TEST(CommanderLease, TheOldHolderWaitsLikeAnyOther) {
-  CommanderLease lease(kTimeout);
-  ASSERT_TRUE(lease.claim("first", 0.0));
-  ASSERT_TRUE(lease.claim("second", 1.0));
-  EXPECT_FALSE(lease.claim("first", 1.1));
-  EXPECT_TRUE(lease.claim("first", 1.6));
+// Claims in their order: whose, when [s], and whether it is granted.
+TEST(CommanderLease, IsOfTheFirstUntilItWasSilentForTheTimeout) {
+  struct Claim {
+    const char* sender;
+    double time;
+    bool granted;
+  };
+  const std::vector<Claim> kSequences[] = {
+      {{"first", 10.0, true},
+       {"second", 10.0, false},
+       {"second", std::nextafter(10.0 + kTimeout, 0.0), false},
+       {"second", 10.0 + kTimeout, true}},
+      // Every claim of the holder renews it.
+      {{"first", 0, true}, {"first", 0.4, true}, {"first", 0.8, true}, {"second", 1.2, false}},
+      // Refused claims neither renew nor shorten it.
+      {{"first", 0, true}, {"second", 0.2, false}, {"second", 0.4, false}, {"second", 0.5, true}},
+      // The old holder waits like any other.
+      {{"first", 0, true}, {"second", 1, true}, {"first", 1.1, false}, {"first", 1.6, true}}};
+  for (const std::vector<Claim>& sequence : kSequences) {
+    CommanderLease lease(kTimeout);
+    std::string holder;
+    for (const auto& [sender, time, granted] : sequence) {
+      EXPECT_EQ(lease.holder(), holder) << time;
+      EXPECT_EQ(lease.claim(sender, time), granted) << sender << ", " << time;
+      if (granted) holder = sender;
+    }
+    EXPECT_EQ(lease.holder(), holder);
+  }
 }
 
 TEST(CommanderLease, AnUnusableTimeoutIsRefused) {

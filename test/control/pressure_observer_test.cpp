@@ -1,8 +1,6 @@
 #include "helix_arm/control/pressure_observer.hpp"
 
-#include <cmath>
 #include <limits>
-#include <string>
 
 #include <gtest/gtest.h>
 

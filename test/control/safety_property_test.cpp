@@ -1,7 +1,5 @@
 #include <algorithm>
-#include <cmath>
-#include <limits>
-#include <optional>
+#include <array>
 #include <set>
 #include <utility>
 
@@ -9,19 +7,91 @@
 
 #include "helix_arm/control/safety.hpp"
 #include "support/random.hpp"
-#include "support/safety_plant.hpp"
 
 namespace helix_arm::control {
 namespace {
 
-using test::GivenRules;
-using Plant = test::SafetyPlant;
 using State = SafetyState;
 using Cause = SafetyCause;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr int kRuns = 400;
 constexpr int kTurns = 4000;
+
+// Rules of a core.
+struct GivenRules {
+  SafetyRules rules;
+  std::vector<ChannelRules> channels;
+};
+
+GivenRules randomRules(test::Random& random) {
+  GivenRules given;
+  SafetyRules& rules = given.rules;
+  rules.target_timeout = random.integer(0, 5) == 0 ? kInfinity : random.logUniform(0.05, 3);
+  rules.reading_timeout = random.logUniform(0.1, 2);
+  rules.trip_margin = random.uniform(1.5e4, 6e4);
+  rules.spike_time = random.integer(0, 5) == 0 ? 0 : random.logUniform(0.01, 0.5);
+  if (random.integer(0, 1) == 0) rules.min_supply = random.uniform(1e5, 4e5);
+  rules.follow_tolerance = random.logUniform(2e4, 2e5);
+  rules.follow_time = random.logUniform(0.1, 2);
+  rules.time_constant = random.logUniform(0.05, 0.5);
+  rules.leak_drop = random.logUniform(1e4, 1e5);
+  rules.hold_time = random.integer(0, 5) == 0 ? 0 : random.logUniform(0.1, 5);
+  rules.vented_below = random.uniform(5e3, 1.4e4);
+  rules.vent_time = random.logUniform(0.5, 5);
+  const int count = random.integer(1, 6);
+  for (int i = 0; i < count; ++i) {
+    const double lower = std::array<double, 3>{0, 5e4, -6e4}[random.integer(0, 2)];
+    given.channels.push_back({"muscle_" + std::to_string(i + 1),
+                              {lower, lower + random.uniform(0, 4e5)},
+                              random.integer(0, 3) == 0 ? kInfinity : random.logUniform(1e4, 3e6),
+                              static_cast<FaultAction>(random.integer(0, 2))});
+  }
+  return given;
+}
+
+// A regulator that does as told, until something happens to it.
+struct Plant {
+  enum class Ill { kNo, kBurst, kStuckSensor, kUnread, kStuckValve };
+
+  Plant(int channels, test::Random& source)
+      : random(source),
+        pressure(Eigen::VectorXd::Zero(channels)),
+        stuck_at(pressure),
+        ill(static_cast<std::size_t>(channels), Ill::kNo),
+        lag(random.uniform(0.05, 0.3)),
+        noise(random.integer(0, 1) == 0 ? 0 : 3e3) {}
+
+  void step(double dt, const ValveOrders& orders) {
+    for (int i = 0; i < pressure.size(); ++i) {
+      const Ill what = ill[i];
+      double towards = orders.set_point[i], time = lag;
+      if (what == Ill::kBurst) towards = 0, time = 0.02;
+      if (what == Ill::kStuckValve) towards = 5.5e5, time = 0.5;
+      if (orders.valve[i] == Valve::kClose && what != Ill::kBurst) continue;
+      pressure[i] += -std::expm1(-dt / time) * (towards - pressure[i]);
+    }
+  }
+  void mishap() {
+    const int i = random.integer(0, static_cast<int>(pressure.size()) - 1);
+    ill[i] = random.integer(0, 2) == 0 ? static_cast<Ill>(random.integer(1, 4)) : Ill::kNo;
+    stuck_at[i] = pressure[i];
+  }
+  Eigen::VectorXd read() {
+    Eigen::VectorXd reading = pressure;
+    for (int i = 0; i < reading.size(); ++i) {
+      if (ill[i] == Ill::kStuckSensor) reading[i] = stuck_at[i];
+      reading[i] += noise * random.normal();
+      if (ill[i] == Ill::kUnread || random.integer(0, 199) == 0) reading[i] = std::nan("");
+    }
+    return reading;
+  }
+
+  test::Random& random;
+  Eigen::VectorXd pressure, stuck_at;
+  std::vector<Ill> ill;
+  double lag, noise;
+};
 
 // How long something has been so on every look.
 struct Spell {
@@ -304,7 +374,7 @@ TEST(SafetyProperty, NoSequenceOfEventsBreaksWhatTheCorePromises) {
   for (unsigned seed = 1; seed <= kRuns; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     test::Random random(seed);
-    const GivenRules given = test::randomRules(random);
+    const GivenRules given = randomRules(random);
     SafetyCore core(given.channels, given.rules);
     Plant plant(static_cast<int>(given.channels.size()), random);
     Witness witness(core, given);

@@ -1,16 +1,14 @@
-// What is read, against each rule and from both sides of its threshold.
-
-#include <cmath>
-#include <limits>
-
-#include <gtest/gtest.h>
-
+// Each rule from both sides of its threshold: what is read, what comes of time, and the way to
+// rest.
+#include "support/refusal.hpp"
 #include "support/safety_bench.hpp"
 
 namespace helix_arm::control {
 namespace {
 
 using test::Bench;
+using test::benchChannels;
+using test::benchRules;
 using test::enabledBench;
 using test::kTurn;
 using State = SafetyState;
@@ -71,12 +69,10 @@ TEST(SafetyRules, APressureIsOverOnlyAboveLimitAndMarginForTheSpikeTime) {
 
 TEST(SafetyRules, AnEvacuatedChannelIsOverBelowItsLowerLimit) {
   std::vector<ChannelRules> channels = {{"vacuum", {-5e4, 0}, kInfinity, FaultAction::kHold}};
-  SafetyRules rules = test::benchRules();
+  SafetyRules rules = benchRules();
   Bench bench(rules, channels);
   bench.goal.setConstant(-5e4);
-  bench.turn();
-  ASSERT_EQ(bench.core.enable(bench.now), "");
-  bench.run(12);
+  bench.start().run(12);
   expectSpikeRule(Cause::kOverLimit, bench,
                   [](Bench& b, bool wrong) { b.readsAs(0, wrong ? below(-8e4) : -8e4); });
   // And a leak of it is a pressure that rises.
@@ -86,7 +82,7 @@ TEST(SafetyRules, AnEvacuatedChannelIsOverBelowItsLowerLimit) {
 
 TEST(SafetyRules, ALimitAboveTheAtmosphereIsNoFaultAndIsReachedByTheSlew) {
   std::vector<ChannelRules> channels = {{"kept_up", {5e4, 4e5}, 1e6, FaultAction::kVent}};
-  Bench bench(test::benchRules(), channels);
+  Bench bench(benchRules(), channels);
   bench.goal.setZero();
   bench.run(5);
   ASSERT_EQ(bench.state(), State::kDisabled);
@@ -95,7 +91,7 @@ TEST(SafetyRules, ALimitAboveTheAtmosphereIsNoFaultAndIsReachedByTheSlew) {
   EXPECT_EQ(bench.core.goal()[0], 5e4);
   for (int k = 1; k <= 3; ++k) {
     bench.turn();
-    EXPECT_EQ(bench.core.orders().set_point[0], k * 1e6 * test::kTurn);
+    EXPECT_EQ(bench.core.orders().set_point[0], k * 1e6 * kTurn);
   }
   bench.run(5);
   EXPECT_EQ(bench.state(), State::kEnabled);
@@ -108,14 +104,12 @@ TEST(SafetyRules, TheSupplyIsLowOnlyBelowItsLeastForTheSpikeTime) {
 }
 
 TEST(SafetyRules, AnUnwatchedSupplyMayBeLowOrUnread) {
-  SafetyRules rules = test::benchRules();
+  SafetyRules rules = benchRules();
   rules.min_supply.reset();
   for (const double supply : {0.0, std::nan("")}) {
     Bench bench(rules);
     bench.supply = supply;
-    bench.turn();
-    ASSERT_EQ(bench.core.enable(bench.now), "");
-    bench.run(3);
+    bench.start().run(3);
     EXPECT_EQ(bench.state(), State::kEnabled) << supply;
   }
 }
@@ -129,10 +123,7 @@ TEST(SafetyRules, APressureLeaksOnlyFurtherThanItsDropForTheSpikeTime) {
 TEST(SafetyRules, APressureThatHasNotArrivedYetDoesNotLeak) {
   for (const bool arrives : {false, true}) {
     Bench bench = enabledBench();
-    const auto reads = [&](double value, int turns) {
-      bench.readsAs(1, value);
-      bench.turns(turns);
-    };
+    const auto reads = [&](double value, int turns) { bench.readsAs(1, value).turns(turns); };
     bench.goal.setConstant(1.3e5);
     // The step of 30 kPa takes two turns; from then on the set point stands.
     reads(9.9e4, 4);
@@ -157,8 +148,7 @@ TEST(SafetyRules, ASetPointThatMovesIsNoLeak) {
   Bench bench = enabledBench();
   for (int k = 0; k < 20; ++k) {
     bench.goal.setConstant(1e5 + 6e3 * (k % 2));  // by more than a fifth of leak_drop
-    bench.readsAs(1, 7e4);
-    bench.turn();
+    bench.readsAs(1, 7e4).turn();
     ASSERT_EQ(bench.state(), State::kEnabled);
   }
 }
@@ -178,8 +168,7 @@ TEST(SafetyRules, PressureRemainsOnlyIfAboveVentedBelowForTheSpikeTime) {
 TEST(SafetyRules, TimeWithoutReadingsHardlyCountsAfterASpike) {
   Bench bench = enabledBench(4e5);
   const auto spike = [&bench] {
-    bench.readsAs(1, above(4.3e5));
-    bench.turn();
+    bench.readsAs(1, above(4.3e5)).turn();
     bench.readsAs(1, 4.3e5);
   };
   spike();
@@ -204,12 +193,10 @@ TEST(SafetyRules, AFaultEndsOnceReadingsShowNoPressure) {
 TEST(SafetyRules, AChannelMustComeAsFarAsALagOfItsSetPoint) {
   // r(t) = p (1 - exp(-t / tau)) after a step to p.
   for (const double off : {4e4 - 1, -(4e4 - 1), 4e4 + 1, -(4e4 + 1)}) {
-    SafetyRules rules = test::benchRules();
+    SafetyRules rules = benchRules();
     Bench bench(rules, {{"muscle", {0, 4e5}, kInfinity, FaultAction::kHold}});
     bench.goal.setConstant(3e5);
-    bench.turn();
-    ASSERT_EQ(bench.core.enable(bench.now), "");
-    bench.turn();
+    bench.start().turn();
     const double step_at = bench.now;
     bench.spoil = [&](Eigen::VectorXd& reading) {
       const double t = bench.now - step_at;
@@ -227,9 +214,8 @@ TEST(SafetyRules, AChannelMustComeAsFarAsALagOfItsSetPoint) {
 
 TEST(SafetyRules, ASlowTurnKnowsTheLagAsWellAsManyFastOnes) {
   for (const double dt : {kTurn, 0.25}) {
-    Bench bench(test::benchRules(), {{"muscle", {0, 4e5}, kInfinity, FaultAction::kVent}});
-    bench.turn();
-    ASSERT_EQ(bench.core.enable(bench.now), "");
+    Bench bench(benchRules(), {{"muscle", {0, 4e5}, kInfinity, FaultAction::kVent}});
+    bench.start();
     bench.goal.setConstant(3e5);
     bench.turn();
     while (bench.now < 1000 + 2 * kTurn + 2) {
@@ -237,6 +223,412 @@ TEST(SafetyRules, ASlowTurnKnowsTheLagAsWellAsManyFastOnes) {
       ASSERT_EQ(bench.state(), State::kEnabled);
     }
   }
+}
+
+// ---- Time: silence, holding, venting, the slew and odd clocks ----
+
+TEST(SafetyTimes, ASilentCommanderIsAFaultBeyondItsTimeoutOnly) {
+  Bench bench = enabledBench();
+  bench.silent().run(1);  // since the last target
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.turn();
+  EXPECT_EQ(bench.cause(), Cause::kStaleTarget);
+  EXPECT_EQ(bench.core.report().value, 1 + kTurn);
+}
+
+TEST(SafetyTimes, TheWatchdogOfTargetsBeginsAnewWithEveryEnabling) {
+  Bench bench = enabledBench(0);
+  bench.core.vent(bench.now);
+  ASSERT_TRUE(bench.reach(State::kVented));
+  bench.silent().run(3);
+  ASSERT_EQ(bench.core.enable(bench.now), "");
+  bench.run(20);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  EXPECT_TRUE(bench.core.target(bench.now, bench.goal));
+  bench.run(1 + kTurn);
+  EXPECT_EQ(bench.cause(), Cause::kStaleTarget);
+}
+
+TEST(SafetyTimes, AnInfiniteTimeoutNeverExpires) {
+  SafetyRules rules = benchRules();
+  rules.target_timeout = kInfinity;
+  Bench bench(rules);
+  bench.start().turn();
+  bench.silent().run(100);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+}
+
+TEST(SafetyTimes, ATargetThatSaysNothingIsNone) {
+  Bench bench = enabledBench();
+  bench.commands = false;
+  const Eigen::Vector3d nothing = Eigen::Vector3d::Constant(std::nan(""));
+  const Eigen::Vector2d wrong_size = Eigen::Vector2d::Constant(2e5);
+  for (int k = 0; k < 64; ++k) {
+    bench.turn();
+    EXPECT_FALSE(bench.core.target(bench.now, nothing));
+    EXPECT_FALSE(bench.core.target(bench.now, wrong_size));
+  }
+  bench.turn();
+  EXPECT_EQ(bench.cause(), Cause::kStaleTarget);
+  EXPECT_EQ(bench.core.goal()[0], 0);  // this one vents
+  EXPECT_EQ(bench.core.goal()[1], 1e5);
+}
+
+TEST(SafetyTimes, EachChannelMustBeReadWithinItsTimeout) {
+  Bench bench = enabledBench();
+  bench.readsAs(2, std::nan("")).run(0.5);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.turn();
+  EXPECT_EQ(bench.cause(), Cause::kStaleReading);
+  EXPECT_EQ(bench.core.report().channel, 2);
+  EXPECT_EQ(bench.core.report().value, 0.5 + kTurn);
+
+  Bench blind = enabledBench();
+  blind.reads = false;
+  const Eigen::VectorXd wrong_size = Eigen::VectorXd::Zero(2);
+  for (int k = 0; k < 33; ++k) {
+    blind.turn();
+    blind.core.measured(blind.now, wrong_size, 5e5);
+  }
+  EXPECT_EQ(blind.cause(), Cause::kStaleReading);
+}
+
+TEST(SafetyTimes, AChannelThatAnswersInTurnsIsRead) {
+  Bench bench = enabledBench();
+  int k = 0;
+  bench.spoil = [&](Eigen::VectorXd& reading) {
+    for (int i = 0; i < 3; ++i) {
+      if (i != k % 3) reading[i] = std::nan("");
+    }
+    ++k;
+  };
+  bench.run(10);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  EXPECT_EQ(bench.core.reading(), bench.pressure);  // the newest of each, and they stand
+}
+
+// A fault in which every channel does what its action says.
+void starve(Bench& bench) {
+  bench.supply = 1e5;
+  ASSERT_TRUE(bench.reach(State::kFault));
+}
+
+TEST(SafetyTimes, ChannelsAreHeldOnlyForTheHoldTime) {
+  Bench bench = enabledBench();
+  starve(bench);
+  const double begin = bench.now;
+  const double held = bench.core.orders().set_point[1];
+  while (bench.now < begin + 8 - kTurn) {
+    bench.turn();
+    ASSERT_EQ(bench.orders(), "vrc");
+    ASSERT_EQ(bench.core.orders().set_point[1], held);
+  }
+  bench.turn();
+  EXPECT_EQ(bench.now, begin + 8);
+  EXPECT_EQ(bench.orders(), "vvv");
+  EXPECT_TRUE(bench.core.orders().set_point.isZero());
+}
+
+TEST(SafetyTimes, AHeldChannelStaysAtItsSetPoint) {
+  Bench bench(benchRules(), benchChannels(6.4e4));  // 1 kPa a turn
+  bench.goal.setConstant(1e5);
+  bench.start().turns(42);
+  const double before = bench.now;
+  starve(bench);
+  const double way = 6.4e4 * (bench.now - before) + 42e3;
+  bench.run(2);
+  ASSERT_EQ(bench.orders(), "vrc");
+  EXPECT_NEAR(bench.core.orders().set_point[1], way, 2e3);
+  EXPECT_LT(way, 6e4);
+}
+
+TEST(SafetyTimes, AVentIsOverdueWhilePressureRemainsAfterItsTime) {
+  Bench bench = enabledBench();
+  bench.readsAs(1, 5e4);
+  bench.core.vent(bench.now);
+  bench.run(3);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  bench.turn();
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+  EXPECT_EQ(bench.core.reason(),
+            "fault: a vent was requested: all channels vent; holds still reads 50.0 kPa, 3.0 s "
+            "after it began to vent (safety.vent_time_s is 3): shut the supply and open the relief "
+            "valve by hand; call enable to continue");
+  bench.reads = false;  // and so it is where nobody knows
+  bench.run(1);
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+  bench.reads = true;
+  bench.spoil = nullptr;
+  bench.run(1);
+  EXPECT_EQ(bench.state(), State::kVented);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+}
+
+TEST(SafetyTimes, AHeldChannelIsOverdueOnlyAfterItsOwnVent) {
+  Bench bench = enabledBench();
+  starve(bench);
+  bench.run(8);  // then what held begins to vent
+  bench.readsAs(1, 5e4).run(3);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  bench.turn();
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+}
+
+TEST(SafetyTimes, ReturningPressureRestartsTheVentTime) {
+  Bench bench = enabledBench();
+  bench.core.vent(bench.now);
+  ASSERT_TRUE(bench.reach(State::kVented));
+  bench.run(10);
+  bench.readsAs(1, 5e4);
+  ASSERT_TRUE(bench.reach(State::kFault));
+  bench.run(3);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  bench.turn();
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+}
+
+TEST(SafetyTimes, ASetPointMovesByItsSlewAndAStalledLoopDoesNotJump) {
+  Bench bench(benchRules(), benchChannels(2e5));
+  bench.goal.setConstant(3e5);
+  bench.start();
+  EXPECT_TRUE(bench.core.orders().set_point.isZero());
+  bench.turn();
+  EXPECT_EQ(bench.core.orders().set_point[0], 2e5 * kTurn);
+  bench.turn(3 * kTurn);
+  EXPECT_EQ(bench.core.orders().set_point[0], 2e5 * 4 * kTurn);
+  const double before = bench.core.orders().set_point[0];
+  bench.turn(0.4);  // below every timeout
+  EXPECT_NEAR(bench.core.orders().set_point[0] - before, 2e5 * 0.1, 1e-6);
+  bench.run(3);
+  EXPECT_EQ(bench.core.orders().set_point[0], 3e5);
+  bench.goal.setConstant(0);
+  bench.turn();
+  EXPECT_EQ(bench.core.orders().set_point[0], 3e5 - 2e5 * kTurn);
+}
+
+TEST(SafetyTimes, WithoutASlewASetPointIsAtItsGoalAtOnce) {
+  Bench bench(benchRules(), benchChannels(kInfinity));
+  bench.goal << 1e5, 2e5, 3e5;
+  bench.start().turn(0);
+  EXPECT_EQ(bench.core.orders().set_point, bench.goal);
+}
+
+TEST(SafetyTimes, TargetsAreClampedAndGapsInThemStay) {
+  Bench bench = enabledBench();
+  bench.core.target(bench.now, Eigen::Vector3d(9e9, -1, std::nan("")));
+  EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(4e5, 0, 1e5));
+  bench.core.target(bench.now, Eigen::Vector3d(-kInfinity, 2e5, kInfinity));
+  EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(4e5, 2e5, 1e5));
+}
+
+TEST(SafetyTimes, AClockThatGoesBackOrIsNaNStandsStill) {
+  Bench bench = enabledBench();
+  bench.goal.setConstant(2e5);
+  bench.turn();
+  const Eigen::VectorXd before = bench.core.orders().set_point;
+  for (const double now : {bench.now - 100, std::nan(""), kInfinity, -kInfinity}) {
+    bench.core.target(now, bench.goal);
+    bench.core.measured(now, bench.pressure, 5e5);
+    EXPECT_EQ(bench.core.advance(now).set_point, before);
+    EXPECT_EQ(bench.state(), State::kEnabled);
+  }
+  bench.turn();
+  EXPECT_NEAR(bench.core.orders().set_point[0] - before[0], 1e6 * kTurn, 1e-6);
+}
+
+// ---- A commander that is done: the arm ramps down and rests, and nothing of that is a fault ----
+
+constexpr double kSlowSlew = 6.4e4;  // 1 kPa a turn [Pa/s]
+
+// Its commander is done.
+Bench restingBench(std::vector<ChannelRules> channels = benchChannels()) {
+  Bench bench = enabledBench(1e5, std::move(channels));
+  bench.commands = false;
+  EXPECT_TRUE(bench.core.rest(bench.now));
+  return bench;
+}
+
+TEST(SafetyRest, SetPointsRampDownAtTheirSlewAndTheArmThenRestsWithoutACause) {
+  Bench bench = restingBench(benchChannels(kSlowSlew));
+  for (int k = 1; k <= 100; ++k) {
+    bench.turn();
+    ASSERT_EQ(bench.orders(), "rrr");
+    for (const double set_point : bench.core.orders().set_point) {
+      ASSERT_NEAR(set_point, 1e5 - 1e3 * k, 1e-6);
+    }
+  }
+  ASSERT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
+  EXPECT_EQ(bench.cause(), Cause::kNone);
+  EXPECT_EQ(bench.orders(), "vvv");
+  EXPECT_LE(bench.pressure.maxCoeff(), benchRules().vented_below);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  EXPECT_TRUE(bench.core.mayEnableItself());
+}
+
+TEST(SafetyRest, AllChangesAreCounted) {
+  Bench bench = enabledBench();
+  bench.commands = false;
+  const std::uint64_t before = bench.core.report().changes;
+  EXPECT_TRUE(bench.core.rest(bench.now));
+  EXPECT_EQ(bench.core.report().changes, before + 1);
+  EXPECT_TRUE(bench.core.report().resting);
+  EXPECT_TRUE(bench.core.rest(bench.now));
+  EXPECT_EQ(bench.core.report().changes, before + 1);
+  bench.core.target(bench.now, bench.goal);
+  EXPECT_EQ(bench.core.report().changes, before + 2);
+  EXPECT_FALSE(bench.core.report().resting);
+  EXPECT_TRUE(bench.core.rest(bench.now));
+  ASSERT_TRUE(bench.reach(State::kDisabled));
+  EXPECT_EQ(bench.core.report().changes, before + 4);
+  EXPECT_FALSE(bench.core.report().resting);
+}
+
+// A ramp that takes longer than the silence that a commander may keep.
+TEST(SafetyRest, TheSilenceOfTheCommanderIsNoFaultHoweverLongTheRamp) {
+  Bench bench = restingBench(benchChannels(1e4));
+  bench.run(9.5);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  EXPECT_GT(bench.core.orders().set_point.minCoeff(), 0);
+  EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
+}
+
+TEST(SafetyRest, AnEmptyArmRestsAtOnce) {
+  Bench bench = enabledBench(0);
+  ASSERT_TRUE(bench.core.rest(bench.now));
+  bench.core.advance(bench.now);
+  EXPECT_EQ(bench.state(), State::kDisabled);
+}
+
+TEST(SafetyRest, WithoutASlewItVentsOnceTheReadingsAreDown) {
+  Bench bench = restingBench(benchChannels(kInfinity));
+  bench.turn();
+  EXPECT_TRUE(bench.core.orders().set_point.isZero());
+  EXPECT_EQ(bench.orders(), "rrr");
+  bench.readsAs(2, 1.01e4);  // just not empty
+  bench.run(1.5);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.readsAs(2, 0.99e4).turn();
+  EXPECT_EQ(bench.state(), State::kDisabled);
+}
+
+// Muscles that are never to be empty while they regulate, and those that are evacuated.
+TEST(SafetyRest, LimitsThatExcludeTheAtmosphereAreLeftForIt) {
+  for (const model::Range& limits : {model::Range{5e4, 4e5}, model::Range{-6e4, -2e4}}) {
+    Bench bench(benchRules(), {{"muscle", limits, kSlowSlew, FaultAction::kVent}});
+    bench.goal.setConstant(limits.lower + 1e4);
+    bench.start().run(4);
+    ASSERT_EQ(bench.core.orders().set_point, bench.goal);
+    bench.commands = false;
+    ASSERT_TRUE(bench.core.rest(bench.now));
+    double before = std::abs(bench.core.orders().set_point[0]);
+    while (before > 0) {
+      bench.turn();
+      const double now = std::abs(bench.core.orders().set_point[0]);
+      ASSERT_NEAR(now, std::max(before - 1e3, 0.0), 1e-6);
+      before = now;
+    }
+    EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
+  }
+}
+
+TEST(SafetyRest, ATargetContinuesFromTheRamp) {
+  Bench bench = restingBench(benchChannels(kSlowSlew));
+  bench.turns(30);
+  bench.core.target(bench.now, Eigen::Vector3d(2e5, std::nan(""), 0));
+  EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(2e5, 0, 0));
+  bench.turn();
+  EXPECT_NEAR(bench.core.orders().set_point[0], 7.1e4, 1e-6);
+  EXPECT_NEAR(bench.core.orders().set_point[2], 6.9e4, 1e-6);
+  // From then on its silence counts again.
+  bench.run(1 - kTurn);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.turn();
+  EXPECT_EQ(bench.cause(), Cause::kStaleTarget);
+}
+
+TEST(SafetyRest, WhatATargetLeavesOutReturnsInsideItsLimits) {
+  std::vector<ChannelRules> channels = benchChannels(kSlowSlew);
+  channels[1].limits.lower = 5e4;
+  Bench bench = restingBench(channels);
+  bench.run(1);
+  ASSERT_LT(bench.core.orders().set_point[1], 5e4);
+  ASSERT_EQ(bench.state(), State::kEnabled);
+  bench.core.target(bench.now, Eigen::Vector3d(1e5, std::nan(""), std::nan("")));
+  EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(1e5, 5e4, 0));
+}
+
+TEST(SafetyRest, ATargetThatSaysNothingCancelsNothing) {
+  Bench bench = restingBench();
+  EXPECT_FALSE(bench.core.target(bench.now, Eigen::Vector3d::Constant(std::nan(""))));
+  EXPECT_FALSE(bench.core.target(bench.now, Eigen::Vector2d(1e5, 1e5)));
+  EXPECT_TRUE(bench.core.report().resting);
+  EXPECT_TRUE(bench.reach(State::kDisabled));
+}
+
+TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {
+  Bench bench = restingBench(benchChannels(kSlowSlew));
+  bench.turns(100);  // the ramp
+  bench.readsAs(1, 2e4).run(3);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.turn();
+  EXPECT_EQ(bench.cause(), Cause::kNotVenting);
+  EXPECT_EQ(bench.core.report().channel, 1);
+  EXPECT_EQ(bench.orders(), "vvv");
+  bench.run(3);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  bench.turn();
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+  EXPECT_FALSE(bench.core.mayEnableItself());
+}
+
+// Noise shows a channel empty whose last pressure is leaving; what stands for longer is a fault.
+TEST(SafetyRest, PressureThatStillLeavesIsNoFaultAndOneThatComesBackIs) {
+  for (const bool leaves : {true, false}) {
+    Bench bench = restingBench();
+    double reads = 2e4;
+    bench.spoil = [&reads](Eigen::VectorXd& reading) {
+      reading.setZero();
+      reading[1] = reads;
+    };
+    bench.run(1);
+    ASSERT_EQ(bench.state(), State::kEnabled);
+    reads = 0;
+    bench.turn();
+    ASSERT_EQ(bench.state(), State::kDisabled);
+    if (leaves) {
+      reads = 1.2e4;
+      bench.run(0.5 * benchRules().vent_time);
+      EXPECT_EQ(bench.state(), State::kDisabled) << bench.core.reason();
+      bench.run(0.6 * benchRules().vent_time);
+    } else {
+      bench.run(2 * benchRules().spike_time);
+      reads = 1.2e4;
+      bench.run(2 * benchRules().spike_time);
+    }
+    EXPECT_EQ(bench.cause(), Cause::kNotVenting);
+  }
+}
+
+TEST(SafetyRest, ACancelledRampRestartsItsVentTime) {
+  Bench bench = restingBench();
+  bench.readsAs(1, 2e4).run(2.5);
+  ASSERT_EQ(bench.state(), State::kEnabled);
+  bench.core.target(bench.now, Eigen::Vector3d::Zero());
+  bench.turn();
+  ASSERT_TRUE(bench.core.rest(bench.now));
+  bench.run(2.5);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.run(1);
+  EXPECT_EQ(bench.cause(), Cause::kNotVenting);
+}
+
+TEST(SafetyRest, NewRulesAreTakenOnTheRamp) {
+  std::vector<ChannelRules> channels = benchChannels(kSlowSlew);
+  for (ChannelRules& channel : channels) channel.limits.lower = 5e4;
+  Bench bench = restingBench(channels);
+  channels[0].limits.upper = 1.5e5;
+  EXPECT_EQ(test::refusal([&] { bench.core.adopt(channels, benchRules()); }), "accepted");
+  EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
 }
 
 }  // namespace

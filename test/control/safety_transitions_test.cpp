@@ -1,17 +1,123 @@
 #include <set>
-#include <utility>
 
-#include <gtest/gtest.h>
-
-#include "support/safety_events.hpp"
+#include "support/safety_bench.hpp"
 
 namespace helix_arm::control {
 namespace {
 
 using test::Bench;
-using namespace test::safety_events;
+using test::kTurn;
 using State = SafetyState;
 using Cause = SafetyCause;
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+constexpr double kLong = 30;          // [s], longer than any rule's time
+constexpr double kSpike = 8 * kTurn;  // the bench's spike time
+constexpr double kTooHigh = 4.5e5;    // over limit and margin [Pa]
+
+// How the bench gets into each state.
+
+void disabled(Bench& b) { b.turn(); }
+void enabled(Bench& b) { b.start().run(5); }  // all stand at their goal
+void enabledUntouched(Bench& b) { b.silent().start().turn(); }
+// Has just begun to ramp down to rest.
+void resting(Bench& b) {
+  enabled(b);
+  ASSERT_TRUE(b.silent().core.rest(b.now));
+}
+void rested(Bench& b) {
+  resting(b);
+  ASSERT_TRUE(b.reach(State::kDisabled));
+  b.run(2);
+}
+// In a fault that each channel meets with its own action.
+void holding(Bench& b) {
+  enabled(b);
+  ASSERT_TRUE(b.silent().reach(State::kFault));
+}
+void holdingEmpty(Bench& b) {
+  b.goal.setZero();
+  holding(b);
+}
+// Has just begun to vent all.
+void venting(Bench& b) {
+  enabled(b);
+  b.core.vent(b.now);
+}
+void vented(Bench& b) {
+  venting(b);
+  ASSERT_TRUE(b.reach(State::kVented));
+  b.run(2);
+}
+void ventedAndStopped(Bench& b) {
+  enabled(b);
+  b.core.emergencyStop(b.now, true);
+  ASSERT_TRUE(b.reach(State::kVented));
+}
+
+// What can happen.
+
+void enable(Bench& b) { b.core.enable(b.now); }
+void vent(Bench& b) { b.core.vent(b.now); }
+void rest(Bench& b) { EXPECT_TRUE(b.core.rest(b.now)); }
+void restInVain(Bench& b) { EXPECT_FALSE(b.core.rest(b.now)); }
+void stop(Bench& b) { b.core.emergencyStop(b.now, true); }
+void release(Bench& b) { b.core.emergencyStop(b.now, false); }
+void linkLost(Bench& b) { b.core.linked(b.now, false); }
+void linkUp(Bench& b) { b.core.linked(b.now, true); }
+void nothing(Bench& b) { b.turn(); }
+void target(Bench& b) {
+  b.core.target(b.now, b.goal);
+  b.turn();
+}
+void noTarget(Bench& b) { b.silent().run(kLong); }
+void noReading(Bench& b) { b.unread().run(kLong); }
+void noReadingForAWhile(Bench& b) { b.unread().run(0.5); }
+// Only until the fault is there: what it does with each channel is to be seen.
+void noReadingOfOne(Bench& b) { b.readsAs(1, kNone).run(0.5 + kTurn); }
+void noSupplyReading(Bench& b) { b.supplied(kNone).run(0.5 + kTurn); }
+void lowSupply(Bench& b) { b.supplied(3e5).run(kSpike + kTurn); }
+void dipOfSupply(Bench& b) { b.supplied(3e5).run(kSpike).supplied(5e5).run(1); }
+void overLimit(Bench& b) { b.readsAs(1, kTooHigh).run(kSpike + kTurn); }
+void spike(Bench& b) { b.readsAs(1, kTooHigh).run(kSpike).readsTrue().run(1); }
+template <int channel>
+void stuckHigh(Bench& b) {
+  b.readsOff(channel, 5e4).run(1 + kTurn);
+}
+void stuckHighForAWhile(Bench& b) { b.readsOff(1, 5e4).run(1).readsTrue().run(1); }
+template <int channel>
+void leak(Bench& b) {
+  b.readsOff(channel, -3e4).run(kSpike + kTurn);
+}
+void dip(Bench& b) { b.readsOff(1, -3e4).run(kSpike).readsTrue().run(1); }
+void standing(Bench& b) { b.readsAs(1, 2e4).run(kSpike + kTurn); }
+void standingForAWhile(Bench& b) { b.readsAs(1, 2e4).run(kSpike).readsTrue().run(1); }
+template <Guard guard>
+void guarded(Bench& b) {
+  b.core.guarded(b.now, guard);
+}
+void timePasses(Bench& b) { b.run(7.5); }
+void holdTimePasses(Bench& b) { b.turn(8); }
+void holdTimePassesUnread(Bench& b) { b.unread().run(10); }
+void belowAtmosphere(Bench& b) { b.readsAs(1, -3e4).run(1); }
+void emptied(Bench& b) { b.run(2); }
+void halfASecond(Bench& b) { b.run(0.5); }
+void timeout(Bench& b) { b.run(1 + kTurn); }
+// For longer than the ramp and the bench's vent time.
+void stayingFull(Bench& b) { b.readsAs(1, 2e4).run(3.5); }
+void emptiedButForOne(Bench& b) { b.readsAs(1, 2e4).run(2); }
+void emptiedButOneUnread(Bench& b) { b.readsAs(1, kNone).run(2); }
+template <void (*first)(Bench&), void (*second)(Bench&)>
+void both(Bench& b) {
+  first(b);
+  second(b);
+}
+// Enable, where something stands against it.
+template <void (*what)(Bench&)>
+void enableWith(Bench& b) {
+  what(b);
+  EXPECT_NE(b.core.enable(b.now), "");
+}
 
 struct Row {
   const char* what;
@@ -73,7 +179,7 @@ const Row kTable[] = {
     {"another guard starts", State::kEnabled, enabled, guarded<Guard::kStarting>, State::kFault, Cause::kGuardLost, "vvv"},
     {"guard stands", State::kEnabled, enabled, guarded<Guard::kStands>, State::kEnabled, Cause::kNone, "rrr"},
     {"stop", State::kEnabled, enabled, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
-    {"no target any more", State::kEnabled, enabled, [](Bench& b) { b.commands = false; b.run(1.5); }, State::kFault, Cause::kStaleTarget, "vrc"},
+    {"no target any more", State::kEnabled, enabled, [](Bench& b) { b.silent().run(1.5); }, State::kFault, Cause::kStaleTarget, "vrc"},
     {"no target yet", State::kEnabled, enabledUntouched, noTarget, State::kEnabled, Cause::kNone, "rrr"},
     {"no reading of one", State::kEnabled, enabled, noReadingOfOne, State::kFault, Cause::kStaleReading, "vvc"},
     {"no reading for a while", State::kEnabled, enabled, noReadingForAWhile, State::kEnabled, Cause::kNone, "rrr"},
@@ -205,9 +311,7 @@ TEST(SafetyTransitions, ATargetAloneEnablesOnlyAfterWhatPassesByItself) {
     linkUp(bench);
     bench.core.guarded(bench.now, Guard::kNotNeeded);
     bench.reads = true;
-    bench.spoil = nullptr;
-    bench.commands = false;
-    bench.run(kLong);
+    bench.silent().readsTrue().run(kLong);
     return bench.core.refusal(bench.now).empty();
   };
   for (const Event first : passing) {
@@ -228,7 +332,6 @@ TEST(SafetyTransitions, ATargetAloneEnablesOnlyAfterWhatPassesByItself) {
         ASSERT_TRUE(rests(bench)) << bench.core.reason();
         EXPECT_FALSE(bench.core.mayEnableItself()) << bench.core.reason();
         EXPECT_EQ(bench.core.enable(bench.now), "");
-        bench.commands = false;
         noTarget(bench);
         EXPECT_FALSE(bench.core.mayEnableItself()) << "it is enabled";
       }
@@ -241,8 +344,7 @@ TEST(SafetyTransitions, AStopOrAVentOfAVentedArmBarsItAsWell) {
     for (const auto prepare : {disabled, holdingEmpty}) {
       Bench bench;
       prepare(bench);
-      bench.commands = false;
-      bench.run(kLong);
+      bench.silent().run(kLong);
       ASSERT_TRUE(bench.core.mayEnableItself()) << bench.core.reason();
       event(bench);
       release(bench);

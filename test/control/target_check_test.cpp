@@ -1,9 +1,7 @@
 #include "helix_arm/control/target_check.hpp"
 
-#include <cmath>
 #include <limits>
 #include <set>
-#include <string>
 
 #include <gtest/gtest.h>
 
@@ -49,30 +47,28 @@ TEST_F(PressureCheck, ThoseNotNamedKeepTheirCommand) {
   EXPECT_EQ(std::get<Eigen::VectorXd>(checked), Eigen::Vector3d(6e4, 2e5, 5e4));
 }
 
-TEST_F(PressureCheck, AWrongNumberIsRefused) {
-  expectRefused({}, {}, Fault::kWrongSize, {"0 pressures", "s1_m1, s1_m2, s1_m3"});
-  expectRefused({}, {1.0, 2.0}, Fault::kWrongSize, {"2 pressures for 3 actuators"});
-  expectRefused({"s1_m1"}, {1.0, 2.0}, Fault::kWrongSize, {"2 pressures for 1 names"});
-  expectRefused({"s1_m1", "s1_m2"}, {1.0}, Fault::kWrongSize, {"1 pressures for 2 names"});
-}
-
-TEST_F(PressureCheck, NamesMustBeKnownAndSingle) {
-  expectRefused({"s9_m1"}, {1.0}, Fault::kUnknownName, {"'s9_m1'", "s1_m1, s1_m2, s1_m3"});
-  expectRefused({""}, {1.0}, Fault::kUnknownName, {"''"});
-  expectRefused({"s1_m2", "s1_m2"}, {1.0, 1.0}, Fault::kDuplicateName, {"'s1_m2'", "once"});
-}
-
-TEST_F(PressureCheck, OnlyFiniteNumbersPass) {
-  expectRefused({}, {0.0, kNan, 0.0}, Fault::kNotFinite, {"s1_m2", "nan"});
-  expectRefused({}, {0.0, 0.0, kInfinity}, Fault::kNotFinite, {"s1_m3", "inf"});
-  expectRefused({"s1_m1"}, {-kInfinity}, Fault::kNotFinite, {"s1_m1", "-inf"});
-}
-
-TEST_F(PressureCheck, LimitsHoldFromBothSides) {
+TEST_F(PressureCheck, WhatBreaksARuleIsRefused) {
   const double upper = test::kSampleMaxPressure;
-  expectRefused({"s1_m1"}, {std::nextafter(upper, 1e9)}, Fault::kOutOfRange,
-                {"s1_m1", "0 to 400000"});
-  expectRefused({"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"});
+  const struct {
+    Names name;
+    std::vector<double> pressure;
+    Fault fault;
+    std::vector<std::string> words;
+  } kRows[] = {
+      {{}, {}, Fault::kWrongSize, {"0 pressures", "s1_m1, s1_m2, s1_m3"}},
+      {{}, {1, 2}, Fault::kWrongSize, {"2 pressures for 3 actuators"}},
+      {{"s1_m1"}, {1, 2}, Fault::kWrongSize, {"2 pressures for 1 names"}},
+      {{"s1_m1", "s1_m2"}, {1}, Fault::kWrongSize, {"1 pressures for 2 names"}},
+      {{"s9_m1"}, {1}, Fault::kUnknownName, {"'s9_m1'", "s1_m1, s1_m2, s1_m3"}},
+      {{""}, {1}, Fault::kUnknownName, {"''"}},
+      {{"s1_m2", "s1_m2"}, {1, 1}, Fault::kDuplicateName, {"'s1_m2'", "once"}},
+      {{}, {0, kNan, 0}, Fault::kNotFinite, {"s1_m2", "nan"}},
+      {{}, {0, 0, kInfinity}, Fault::kNotFinite, {"s1_m3", "inf"}},
+      {{"s1_m1"}, {-kInfinity}, Fault::kNotFinite, {"s1_m1", "-inf"}},
+      {{"s1_m1"}, {std::nextafter(upper, 1e9)}, Fault::kOutOfRange, {"s1_m1", "0 to 400000"}},
+      {{"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"}},
+  };
+  for (const auto& row : kRows) expectRefused(row.name, row.pressure, row.fault, row.words);
 }
 
 TEST_F(PressureCheck, ACommandMayLieBetweenTheAtmosphereAndTheLimits) {
@@ -185,26 +181,22 @@ TEST(PoseCheck, OthersAreRefused) {
   EXPECT_EQ(faultOfPose({0, 0, -kInfinity}, unit), Fault::kNotFinite);
 }
 
-TEST(TargetCheck, ATargetThatHasWaitedLongerThanItsTimeoutIsStale) {
-  EXPECT_FALSE(checkAge(0.99, 1));
-  EXPECT_FALSE(checkAge(1, 1));
-  EXPECT_FALSE(checkAge(1e9, std::numeric_limits<double>::infinity()));
-  const auto refusal = checkAge(1.01, 1);
-  ASSERT_TRUE(refusal);
-  EXPECT_EQ(refusal->fault, Fault::kStale);
-  EXPECT_NE(refusal->message.find("1.01 s ago"), std::string::npos) << refusal->message;
-}
-
-TEST(TargetCheck, ATargetOfAFutureBeyondItsTimeoutIsStale) {
-  EXPECT_FALSE(checkAge(-0.99, 1));
-  EXPECT_FALSE(checkAge(-1, 1));
-  EXPECT_FALSE(checkAge(-1e9, std::numeric_limits<double>::infinity()));
-  const auto refusal = checkAge(-3, 1);
-  ASSERT_TRUE(refusal);
-  EXPECT_EQ(refusal->fault, Fault::kStale);
-  EXPECT_EQ(refusal->message,
-            "the target is stamped 3 s ahead of this machine's clock, more than 1 s "
-            "(safety.target_timeout_s); synchronise the clocks");
+TEST(TargetCheck, ATargetOffByMoreThanItsTimeoutIsStale) {
+  for (const double sign : {1.0, -1.0}) {  // of the past, and of the future
+    EXPECT_FALSE(checkAge(0.99 * sign, 1));
+    EXPECT_FALSE(checkAge(sign, 1));
+    EXPECT_FALSE(checkAge(1e9 * sign, kInfinity));
+  }
+  for (const auto& [age, words] :
+       {std::pair(1.01, "1.01 s ago"),
+        {-3.0,
+         "the target is stamped 3 s ahead of this machine's clock, more than 1 s "
+         "(safety.target_timeout_s); synchronise the clocks"}}) {
+    const auto refusal = checkAge(age, 1);
+    ASSERT_TRUE(refusal) << words;
+    EXPECT_EQ(refusal->fault, Fault::kStale);
+    EXPECT_NE(refusal->message.find(words), std::string::npos) << refusal->message;
+  }
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 #include <Eigen/Geometry>
-#include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>

@@ -2,10 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <functional>
 #include <limits>
-#include <string>
 #include <utility>
 
 #include <gtest/gtest.h>
@@ -117,7 +114,6 @@ TEST(TipPath, VelocityIsTheDerivativeOfPosition) {
   }
 }
 
-// Acceleration on each side of a point, linear there: from two differences of the velocity.
 TEST(TipPath, NoPlaceOfASegmentIsFasterThanItsTopSpeed) {
   test::Random random(8);
   double closest = kInfinity;
@@ -145,6 +141,7 @@ TEST(TipPath, NoPlaceOfASegmentIsFasterThanItsTopSpeed) {
   EXPECT_LT(closest, 0.01) << "the bound is attained";
 }
 
+// Acceleration on each side of a point, linear there: from two differences of the velocity.
 TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
   test::Random random(5);
   const std::vector<TipWayPoint> points = randomPoints(random, 30);
@@ -168,21 +165,16 @@ TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
 
 TEST(TipPath, RestsAtItsEndsBeforeAndAfter) {
   const Vector3d v(1, 2, 3);
-  const Matrix3d R = turned({0, 0, 1}, 0.5);
-  const TipPath path({{1.0, {1, 0, 0}, Matrix3d::Identity(), v}, {2.0, {0, 1, 0}, R, v}});
+  const Matrix3d I = Matrix3d::Identity(), R = turned({0, 0, 1}, 0.5);
+  const TipPath path({{1.0, {1, 0, 0}, I, v}, {2.0, {0, 1, 0}, R, v}});
   EXPECT_EQ(path.at(1.0).velocity, v);
   EXPECT_LT((path.at(2.0).velocity - v).norm(), 1e-14);
-  for (const double t : {-kInfinity, -1.0, 0.0, std::nextafter(1.0, 0.0), kNan}) {
+  for (const double t : {-kInfinity, -1.0, 0.0, std::nextafter(1.0, 0.0), kNan,
+                         std::nextafter(2.0, 3.0), 3.0, kInfinity}) {
+    const bool after = t > 1.5;
     const TipReference reference = path.at(t);
-    EXPECT_EQ(reference.position, Vector3d(1, 0, 0)) << t;
-    EXPECT_EQ(*reference.rotation, Matrix3d::Identity()) << t;
-    EXPECT_EQ(reference.velocity, Vector3d(0, 0, 0)) << t;
-    EXPECT_EQ(reference.angular_velocity, Vector3d(0, 0, 0)) << t;
-  }
-  for (const double t : {std::nextafter(2.0, 3.0), 3.0, kInfinity}) {
-    const TipReference reference = path.at(t);
-    EXPECT_EQ(reference.position, Vector3d(0, 1, 0)) << t;
-    EXPECT_LT((*reference.rotation - R).norm(), 1e-15) << t;
+    EXPECT_EQ(reference.position, after ? Vector3d(0, 1, 0) : Vector3d(1, 0, 0)) << t;
+    EXPECT_LT((*reference.rotation - (after ? R : I)).norm(), 1e-15) << t;
     EXPECT_EQ(reference.velocity, Vector3d(0, 0, 0)) << t;
     EXPECT_EQ(reference.angular_velocity, Vector3d(0, 0, 0)) << t;
   }
@@ -285,60 +277,46 @@ std::string spoilt(const std::function<void(std::vector<TipWayPoint>& points)>& 
 
 TEST(TipPath, FaultsNameThePointItsValueTheRuleAndTheRemedy) {
   using Points = std::vector<TipWayPoint>;
+  const std::string time = " s; expected 0 to 1e+06 s: count from the start of the path";
+  const std::string sorted =
+      "; expected at least 1e-06 s: sort the points by time and leave out repeated ones";
+  const std::string place = "; expected a finite value of magnitude at most 1e+06: give it in ";
+  const std::string base = ", seen from the arm's base";
+  const std::string identity = "; expected at most 1e-06: normalise its quaternion";
   const struct {
     std::function<void(Points& points)> spoil;
-    std::string message;
+    std::string message;  // after "tip path: point "
   } kFaults[] = {
-      {[](Points&) {}, "accepted"},
-      {[](Points& p) { p[0].time = -0.1; },
-       "tip path: point 1 has the time -0.1 s; expected 0 to 1e+06 s: count from the start of the "
-       "path"},
-      {[](Points& p) { p[2].time = 1.1e6; },
-       "tip path: point 3 has the time 1.1e+06 s; expected 0 to 1e+06 s: count from the start of "
-       "the path"},
-      {[](Points& p) { p[1].time = kNan; },
-       "tip path: point 2 has the time nan s; expected 0 to 1e+06 s: count from the start of the "
-       "path"},
-      {[](Points& p) { p[2].time = 0.75; },
-       "tip path: point 3 comes -0.25 s after point 2; expected at least 1e-06 s: sort the points "
-       "by time and leave out repeated ones"},
-      {[](Points& p) { p[1].time = p[0].time; },
-       "tip path: point 2 comes 0 s after point 1; expected at least 1e-06 s: sort the points by "
-       "time and leave out repeated ones"},
+      {[](Points& p) { p[0].time = -0.1; }, "1 has the time -0.1" + time},
+      {[](Points& p) { p[2].time = 1.1e6; }, "3 has the time 1.1e+06" + time},
+      {[](Points& p) { p[1].time = kNan; }, "2 has the time nan" + time},
+      {[](Points& p) { p[2].time = 0.75; }, "3 comes -0.25 s after point 2" + sorted},
+      {[](Points& p) { p[1].time = p[0].time; }, "2 comes 0 s after point 1" + sorted},
       {[](Points& p) { p[1].position.y() = kNan; },
-       "tip path: point 2 has y = nan m in its position; expected a finite value of magnitude at "
-       "most 1e+06: give it in m, seen from the arm's base"},
+       "2 has y = nan m in its position" + place + "m" + base},
       {[](Points& p) { p[2].position.z() = -2e6; },
-       "tip path: point 3 has z = -2e+06 m in its position; expected a finite value of magnitude "
-       "at most 1e+06: give it in m, seen from the arm's base"},
+       "3 has z = -2e+06 m in its position" + place + "m" + base},
       {[](Points& p) { p[0].velocity->x() = kInfinity; },
-       "tip path: point 1 has x = inf m/s in its velocity; expected a finite value of magnitude at "
-       "most 1e+06: give it in m/s, seen from the arm's base"},
+       "1 has x = inf m/s in its velocity" + place + "m/s" + base},
       {[](Points& p) { p[2].velocity.reset(); },
-       "tip path: point 3 has no velocity, unlike point 1; expected a velocity for all points or "
-       "for none"},
-      {[](Points& p) {
-         p[0].rotation.reset();
-         p[1].rotation.reset();
-       },
-       "tip path: point 3 has a rotation, unlike point 1; expected a rotation for all points or "
-       "for none"},
+       "3 has no velocity, unlike point 1; expected a velocity for all points or for none"},
+      {[](Points& p) { p[0].rotation.reset(), p[1].rotation.reset(); },
+       "3 has a rotation, unlike point 1; expected a rotation for all points or for none"},
       {[](Points& p) { *p[1].rotation *= 1.1; },
-       "tip path: point 2 has a rotation R with R R' off the identity by 0.21; expected at most "
-       "1e-06: normalise its quaternion"},
+       "2 has a rotation R with R R' off the identity by 0.21" + identity},
       {[](Points& p) { (*p[1].rotation)(0, 1) = kNan; },
-       "tip path: point 2 has a rotation R with R R' off the identity by nan; expected at most "
-       "1e-06: normalise its quaternion"},
+       "2 has a rotation R with R R' off the identity by nan" + identity},
       {[](Points& p) { *p[2].rotation *= -1; },
-       "tip path: point 3 has a rotation with determinant -1, a mirror image; expected +1: check "
-       "the order and signs of its axes"},
-      {[](Points& p) {
-         p[1].rotation = turned({0, 0, 1}, 3.1);
-       },
-       "tip path: point 2 is turned by 3.1 rad from point 1; expected at most 3 rad, less than a "
-       "half turn: add a point between them"},
+       "3 has a rotation with determinant -1, a mirror image; expected +1: check the order and "
+       "signs of its axes"},
+      {[](Points& p) { p[1].rotation = turned(Vector3d::UnitZ(), 3.1); },
+       "2 is turned by 3.1 rad from point 1; expected at most 3 rad, less than a half turn: add a "
+       "point between them"},
   };
-  for (const auto& fault : kFaults) EXPECT_EQ(spoilt(fault.spoil), fault.message);
+  EXPECT_EQ(spoilt([](Points&) {}), "accepted");
+  for (const auto& fault : kFaults) {
+    EXPECT_EQ(spoilt(fault.spoil), "tip path: point " + fault.message);
+  }
 }
 
 TEST(TipPath, EveryLimitIsKeptFromBothSides) {

@@ -1,10 +1,4 @@
 // What the board does by itself when its parts fail, without a host's help.
-#include <cstdio>
-#include <functional>
-#include <regex>
-
-#include <gtest/gtest.h>
-
 #include "simulated_board.hpp"
 #include "support/temporary_file.hpp"
 

@@ -1,22 +1,15 @@
 #include "regulator/ascii_serial_driver.hpp"
 
 #include <cmath>
-#include <csignal>
-#include <filesystem>
-#include <functional>
-#include <stdexcept>
 
-#include <fcntl.h>
-#include <gtest/gtest.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
+#include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"
 #include "support/temporary_file.hpp"
@@ -31,15 +24,13 @@ using simulation::DeviceFault;
 using simulation::SerialDevice;
 using simulation::SerialDeviceConfig;
 using test::eventually;
+using test::has;
+using test::openFiles;
 using test::refusal;
 
 constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
 constexpr double kSoon = 5.0;  // on a machine that is busy [s]
-
-bool has(const std::string& line, const char* field) {
-  return line.find(field) != std::string::npos;
-}
 
 std::vector<std::string> addressesOf(const SerialProfile& profile) {
   if (has(profile.write, "{address}")) return {"A", "B", "C"};
@@ -94,13 +85,33 @@ Failure failureOf(const std::function<void()>& call) {
   }
 }
 
+// A device and the driver at the other end of its line.
+struct SerialLine {
+  explicit SerialLine(const SerialProfile& profile = test::genericProfile())
+      : device(deviceOf(profile)), driver(driverOf(profile, device.path())) {}
+
+  bool fills() {
+    driver.write(regulate(kFull));
+    return eventually([this] { return device.pressure().minCoeff() > 1.99e5; });
+  }
+  bool empties() const {
+    return eventually([this] { return device.pressure().maxCoeff() < 1e3; });
+  }
+  // All valves, once they are told so.
+  bool comesTo(Valve valve) const {
+    return eventually([&] { return device.valves() == std::vector<Valve>(kChannels, valve); });
+  }
+
+  static inline const Eigen::Vector3d kFull = Eigen::Vector3d::Constant(2e5);
+  SerialDevice device;
+  AsciiSerialDriver driver;
+};
+
 class AsciiSerialProfiles : public testing::TestWithParam<SerialProfile> {
  protected:
-  AsciiSerialProfiles()
-      : device_(deviceOf(GetParam())), driver_(driverOf(GetParam(), device_.path())) {}
-
-  SerialDevice device_;
-  AsciiSerialDriver driver_;
+  SerialLine line_{GetParam()};
+  SerialDevice& device_ = line_.device;
+  AsciiSerialDriver& driver_ = line_.driver;
 };
 
 std::string nameOfProfile(const testing::TestParamInfo<SerialProfile>& info) {
@@ -118,8 +129,7 @@ TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
     EXPECT_LE(device_.setPoint()[i], goal[i] + 1e-6 * digit);
     EXPECT_GT(device_.setPoint()[i], goal[i] - 1.01 * digit);
   }
-  const std::vector<Valve> regulating(kChannels, Valve::kRegulate);
-  EXPECT_TRUE(eventually([&] { return device_.valves() == regulating; })) << "orders of their own";
+  EXPECT_TRUE(line_.comesTo(Valve::kRegulate)) << "orders of their own";
   ASSERT_TRUE(eventually(
       [&] { return (device_.pressure() - device_.setPoint()).cwiseAbs().maxCoeff() < 1.0; }));
   // Lines that were under way hold earlier pressures.
@@ -136,20 +146,18 @@ TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
 
 TEST_P(AsciiSerialProfiles, ConnectingVentsWhatStood) {
   driver_.connect();
-  driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.5e5; }));
+  ASSERT_TRUE(line_.fills());
   driver_.close();
   driver_.connect();
-  EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
+  EXPECT_TRUE(line_.empties());
 }
 
 TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
   driver_.connect();
   for (int round = 0; round < 2; ++round) {
-    driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-    ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; })) << round;
+    ASSERT_TRUE(line_.fills()) << round;
     driver_.vent();
-    ASSERT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; })) << round;
+    ASSERT_TRUE(line_.empties()) << round;
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
     driver_.write(ValveOrders(kChannels));  // stays so
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
@@ -158,9 +166,8 @@ TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
 
 TEST_P(AsciiSerialProfiles, OneChannelVentsWhileOthersRegulate) {
   driver_.connect();
-  driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; }));
-  ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
+  ASSERT_TRUE(line_.fills());
+  ValveOrders orders = regulate(SerialLine::kFull);
   orders.valve[1] = Valve::kVent;
   orders.set_point[1] = 0;
   driver_.write(orders);
@@ -170,26 +177,23 @@ TEST_P(AsciiSerialProfiles, OneChannelVentsWhileOthersRegulate) {
 }
 
 TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVent) {
-  const bool closes = !GetParam().close.empty();
   driver_.connect();
-  driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; }));
-  ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
+  ASSERT_TRUE(line_.fills());
+  ValveOrders orders = regulate(SerialLine::kFull);
   orders.valve.assign(kChannels, Valve::kClose);
   driver_.write(orders);
-  if (!closes) {
-    EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
+  if (GetParam().close.empty()) {
+    EXPECT_TRUE(line_.empties());
     return;
   }
-  const std::vector<Valve> close(kChannels, Valve::kClose);
-  ASSERT_TRUE(eventually([&] { return device_.valves() == close; }));
+  ASSERT_TRUE(line_.comesTo(Valve::kClose));
   const Eigen::VectorXd closed = device_.pressure();
   EXPECT_FALSE(eventually([&] { return device_.pressure() != closed; }, 5 * kTau));
   driver_.write(regulate(Eigen::Vector3d::Constant(1e5)));
   ASSERT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1.1e5; }));
   driver_.write(orders);
   driver_.vent();
-  EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
+  EXPECT_TRUE(line_.empties());
 }
 
 // Reads until it fails, for at most so long.
@@ -226,9 +230,7 @@ TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   orders.valve[0] = Valve::kVent;  // the first line after the silence lets air out
   const Failure late = failureOf([&] { driver.write(orders); });
   EXPECT_EQ(late.kind, "link");
-  EXPECT_NE(late.text.find("may have vented by itself (watchdog_s of its profile generic)"),
-            std::string::npos)
-      << late.text;
+  EXPECT_TRUE(has(late.text, "may have vented by itself (watchdog_s of its profile generic)"));
   EXPECT_EQ(device.lastSetTime(), before);
   EXPECT_EQ(device.valves()[0], Valve::kVent);
   Pressures pressures(kChannels);
@@ -261,12 +263,11 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
 
 TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   const auto& [profile, fault] = GetParam();
-  SerialDevice device(deviceOf(profile));
-  AsciiSerialDriver driver = driverOf(profile, device.path());
+  SerialLine line(profile);
+  SerialDevice& device = line.device;
+  AsciiSerialDriver& driver = line.driver;
   driver.connect();
-  const ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
-  driver.write(orders);
-  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
+  ASSERT_TRUE(line.fills());
   readAll(driver);
 
   device.setFault(fault);
@@ -283,7 +284,7 @@ TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
     driver.close();
     AsciiSerialDriver again = driverOf(profile, device.path());
     ASSERT_TRUE(eventually([&] { return failureOf([&] { again.connect(); }).kind == "none"; }));
-    again.write(orders);
+    again.write(regulate(SerialLine::kFull));
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   } else {
     Failure next;
@@ -295,7 +296,7 @@ TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
         },
         profile.read.empty() ? kSoon : 0.0))
         << next.text;
-    driver.write(orders);
+    driver.write(regulate(SerialLine::kFull));
     EXPECT_TRUE(
         eventually([&] { return std::abs(readAll(driver).pressure.minCoeff() - 2e5) < 1e3; }));
   }
@@ -329,10 +330,8 @@ TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
   SerialDevice old(deviceOf(without)), checked(deviceOf(with));
   AsciiSerialDriver to_old = driverOf(with, old.path()),
                     to_checked = driverOf(without, checked.path());
-  EXPECT_NE(failureOf([&] { to_old.connect(); }).text.find("whose checksum is missing or wrong"),
-            std::string::npos);
-  EXPECT_NE(failureOf([&] { to_checked.connect(); }).text.find("does not match"),
-            std::string::npos);
+  EXPECT_TRUE(has(failureOf([&] { to_old.connect(); }).text, "whose checksum is missing or wrong"));
+  EXPECT_TRUE(has(failureOf([&] { to_checked.connect(); }).text, "does not match"));
 }
 
 TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
@@ -353,24 +352,20 @@ TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
 }
 
 TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
-  SerialDevice device(deviceOf(test::togetherProfile()));
-  AsciiSerialDriver driver = driverOf(test::togetherProfile(), device.path());
-  driver.connect();
-  EXPECT_NEAR(readAll(driver).supply, 6e5, 100.0);
-  SerialDevice without(deviceOf(test::genericProfile()));
-  AsciiSerialDriver other = driverOf(test::genericProfile(), without.path());
-  other.connect();
-  EXPECT_TRUE(std::isnan(readAll(other).supply));
+  SerialLine with(test::togetherProfile()), without;
+  with.driver.connect();
+  EXPECT_NEAR(readAll(with.driver).supply, 6e5, 100.0);
+  without.driver.connect();
+  EXPECT_TRUE(std::isnan(readAll(without.driver).supply));
 }
 
 // One unit of a bus is dead (the device knows another address): the others still vent.
 TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
-  SerialDevice device(deviceOf(test::genericProfile()));
-  AsciiSerialDriver first = driverOf(test::genericProfile(), device.path());
-  first.connect();
-  first.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.9e5; }));
-  first.close();
+  SerialLine line;
+  const SerialDevice& device = line.device;
+  line.driver.connect();
+  ASSERT_TRUE(line.fills());
+  line.driver.close();
   AsciiSerialDriver driver({test::genericProfile(), device.path(), {"X", "B", "C"}}, kChannels);
   EXPECT_NE(failureOf([&] { driver.connect(); }).kind, "none");
   EXPECT_TRUE(eventually([&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
@@ -423,44 +418,13 @@ TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
 }
 
 // What opening a line says in a process of its own, that of a user without privileges: "" where it
-// can be opened. With `stay` it then holds the line until it is killed.
-class Opener {
- public:
-  Opener(const std::string& device, bool stay) {
-    if (pipe2(said_, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    pid_ = fork();
-    if (pid_ == 0) {
-      prctl(PR_SET_PDEATHSIG, SIGKILL);
-      if (getuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) _exit(1);
-      SerialPort port;
-      const std::string text = failureOf([&] { port.open(device, 115200); }).text + "\n";
-      if (write(said_[1], text.data(), text.size()) < 0) _exit(1);
-      while (stay) pause();
-      _exit(0);
-    }
-    ::close(said_[1]);
-  }
-  ~Opener() {
-    kill(pid_, SIGKILL);
-    waitpid(pid_, nullptr, 0);
-    ::close(said_[0]);
-  }
-  Opener(const Opener&) = delete;
-  Opener& operator=(const Opener&) = delete;
-
-  std::string text() const {
-    std::string text;
-    char byte = 0;
-    while (read(said_[0], &byte, 1) == 1 && byte != '\n') text += byte;
-    return byte == '\n' ? text : "it could not try";
-  }
-
- private:
-  static constexpr int kNobody = 65534;
-
-  pid_t pid_ = -1;
-  int said_[2];
-};
+// can be opened. It then holds the line until it is killed.
+std::string openedByNobody(const std::string& device) {
+  constexpr int kNobody = 65534;
+  static SerialPort port;
+  if (getuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) return "still root";
+  return failureOf([&] { port.open(device, 115200); }).text;
+}
 
 TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   SerialDevice device(deviceOf(test::genericProfile()));
@@ -468,13 +432,14 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
   const std::string held =
       device.path() + " is used by another program; end that one (fuser shows which it is)";
+  const auto open = [&] { return openedByNobody(device.path()); };
   {
-    const Opener holder(device.path(), true);
+    const test::HoldingChild holder(open);
     ASSERT_EQ(holder.text(), "");
     EXPECT_EQ(failureOf([&] { driver.connect(); }).text, held);
-    EXPECT_EQ(Opener(device.path(), false).text(), held);
+    EXPECT_EQ(test::HoldingChild(open).text(), held);
   }
-  EXPECT_EQ(Opener(device.path(), false).text(), "");
+  EXPECT_EQ(test::HoldingChild(open).text(), "");
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
 }
 
@@ -498,9 +463,6 @@ TEST(AsciiSerialDriver, ClosedItSaysSo) {
 }
 
 TEST(AsciiSerialDriver, FilesDoNotLeakOverReconnects) {
-  const auto openFiles = [] {
-    return std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
-  };
   SerialProfile profile = test::genericProfile();
   profile.timeout = 0.02;  // connecting waits for quiet for so long
   SerialDevice device(deviceOf(profile));

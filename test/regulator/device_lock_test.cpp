@@ -1,13 +1,9 @@
 // One program of a machine drives a device at a time.
-#include <csignal>
 
-#include <gtest/gtest.h>
-#include <sys/prctl.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/modbus_tcp_driver.hpp"
+#include "support/bounded_child.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/refusal.hpp"
@@ -20,41 +16,9 @@ using regulator::LinkError;
 using regulator::ModbusTcpDriver;
 
 // A name that is unique to this test process.
-std::string deviceName() { return "test of process " + std::to_string(getpid()); }
-
-// A child that holds the device, once it has said so.
-class Holder {
- public:
-  explicit Holder(const std::string& device) {
-    int ready[2];
-    if (pipe(ready) != 0) throw std::runtime_error("pipe");
-    pid_ = fork();
-    if (pid_ == 0) {
-      prctl(PR_SET_PDEATHSIG, SIGKILL);
-      DeviceLock lock;
-      const char said = lock.take(device) ? 'n' : 'y';
-      if (write(ready[1], &said, 1) != 1) _exit(1);
-      for (;;) pause();
-    }
-    char said = 'n';
-    holds_ = read(ready[0], &said, 1) == 1 && said == 'y';
-    ::close(ready[0]);
-    ::close(ready[1]);
-  }
-  ~Holder() { kill(); }
-  void kill() {
-    if (pid_ <= 0) return;
-    ::kill(pid_, SIGKILL);
-    waitpid(pid_, nullptr, 0);
-    pid_ = -1;
-  }
-  bool holds() const { return holds_; }
-  pid_t id() const { return pid_; }
-
- private:
-  pid_t pid_ = -1;
-  bool holds_ = false;
-};
+std::string deviceName(pid_t process = getpid()) {
+  return "test of process " + std::to_string(process);
+}
 
 TEST(DeviceLock, IsHeldByOneAtATime) {
   DeviceLock one, other;
@@ -70,8 +34,11 @@ TEST(DeviceLock, IsHeldByOneAtATime) {
 }
 
 TEST(DeviceLock, IsFreeOnceItsHolderIsKilled) {
-  Holder holder(deviceName());
-  ASSERT_TRUE(holder.holds());
+  HoldingChild holder([] {
+    static DeviceLock held;
+    return held.take(deviceName(getppid())).value_or("");
+  });
+  ASSERT_EQ(holder.text(), "");
   DeviceLock lock;
   // Asked more often than the holder's queue of callers is long.
   for (int k = 0; k < 10000; ++k) {

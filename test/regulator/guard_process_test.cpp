@@ -1,14 +1,9 @@
 #include "helix_arm/regulator/guard_process.hpp"
 
-#include <algorithm>
 #include <csignal>
-#include <filesystem>
-#include <fstream>
 
-#include <gtest/gtest.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include "support/eventually.hpp"
 #include "support/has.hpp"

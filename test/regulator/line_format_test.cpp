@@ -1,13 +1,13 @@
-#include <cmath>
-#include <limits>
 #include <locale>
+#include <sstream>
+#include <tuple>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/regulator/driver.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
+#include "support/serial_profiles.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -125,38 +125,12 @@ TEST(LineFormat, DecimalNumbersAreReadExactly) {
 }
 
 TEST(LineFormat, NonDecimalNumbersAreRefused) {
-  for (const char* text : {"",
-                           "nan",
-                           "NaN",
-                           "-nan",
-                           "inf",
-                           "-inf",
-                           "infinity",
-                           "0x10",
-                           "1e",
-                           "1e+",
-                           "1e400",
-                           "1e999999999",
-                           "1e-400",
-                           "1e2147483648",
-                           ".",
-                           "+",
-                           "-",
-                           "+-1",
-                           "--1",
-                           "1,5",
-                           "1 5",
-                           "1.2.3",
-                           "1'000",
-                           "1234567890123456",
-                           "1.2345678901234567",
-                           "0000000000000000000000000000001",
-                           "1f",
-                           "1d",
-                           "one",
-                           "\xd9\xa1"}) {
-    EXPECT_FALSE(numberOf(text)) << text;
-  }
+  std::istringstream words(
+      "nan NaN -nan inf -inf infinity 0x10 1e 1e+ 1e400 1e999999999 1e-400 1e2147483648 . + - +-1 "
+      "--1 1,5 1.2.3 1'000 1234567890123456 1.2345678901234567 0000000000000000000000000000001 1f "
+      "1d one \xd9\xa1");
+  for (std::string text; words >> text;) EXPECT_FALSE(numberOf(text)) << text;
+  for (const char* text : {"", "1 5"}) EXPECT_FALSE(numberOf(text)) << text;
 }
 
 class DecimalComma : public std::numpunct<char> {
@@ -174,7 +148,7 @@ TEST(LineFormat, TheLocaleDoesNotMatter) {
   std::locale::global(before);
 }
 
-TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatter) {
+TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
   const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line : {"A +014.70 +020.00", "  A  +014.70\t+020.00  ", "\nA +014.70 +020.00\r",
                            "A +014.70 +020.00   HLD LCK", "A 14.7 20 HLD\r\n"}) {
@@ -183,32 +157,23 @@ TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatter) {
     EXPECT_EQ(fields->pressures, std::vector<double>{14.7});
     EXPECT_EQ(fields->set_point, 20.0);
   }
-}
-
-TEST(LineFormat, AnotherLineIsNoReading) {
-  const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line :
        {"", "?", "A", "A +014.70", "B +014.70 +020.00", "A +014.70 +020.00 1",
         "A +014.70 +020.00HLD", "A +014.70 +020.00 HL2", "A+014.70 +020.00", "A +014.70 nan",
-        "A nan +020.00", "AA +014.70 +020.00", "A +014.70 +020.00 HLD;", "A +014.70 +02"}) {
-    const bool half = std::string(line) == "A +014.70 +02";  // nothing shows that it is half a line
-    EXPECT_EQ(format.match(line, "A", 1).has_value(), half) << line;
+        "A nan +020.00", "AA +014.70 +020.00", "A +014.70 +020.00 HLD;"}) {
+    EXPECT_FALSE(format.match(line, "A", 1)) << line;
   }
+  EXPECT_TRUE(format.match("A +014.70 +02", "A", 1)) << "nothing shows that it is half a line";
 }
 
-TEST(LineFormat, BytesThatAreNoTextAreRefused) {
-  const LineFormat any("{*} {...}");
-  const std::string good = "one two";
-  ASSERT_TRUE(any.match(good, "", 0));
+TEST(LineFormat, BytesThatAreNoTextAndLinesThatAreTooLongAreRefused) {
   for (int byte = 0; byte < 256; ++byte) {
-    std::string line = good;
+    std::string line = "one two";
     line[5] = static_cast<char>(byte);
-    EXPECT_EQ(any.match(line, "", 0).has_value(), (byte >= ' ' && byte <= '~') || byte == '\t')
+    EXPECT_EQ(LineFormat("{*} {...}").match(line, "", 0).has_value(),
+              (byte >= ' ' && byte <= '~') || byte == '\t')
         << byte;
   }
-}
-
-TEST(LineFormat, ALineThatIsTooLongIsRefused) {
   const LineFormat any("{...}");
   EXPECT_TRUE(any.match(std::string(kLongestLine, 'x'), "", 0));
   EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
@@ -233,19 +198,16 @@ TEST(LineFormat, AnotherUnitIsRefused) {
 }
 
 TEST(LineFormat, ABadReplyNamesTheFirstMismatch) {
-  const LineFormat format("p{address}={pressure} {unit}", kStyle);
-  EXPECT_EQ(badReply(format, "pA=nan kPa"),
-            "\"pA=nan kPa\" does not match \"p{address}={pressure} {unit}\": expected a number at "
-            "\"nan kPa\"");
-  EXPECT_EQ(badReply(format, "pA=1.0 psi"),
-            "\"pA=1.0 psi\" does not match \"p{address}={pressure} {unit}\": expected the unit kPa "
-            "at \"psi\"");
-  EXPECT_EQ(
-      badReply(format, "pA=1.0"),
-      "\"pA=1.0\" does not match \"p{address}={pressure} {unit}\": expected a blank at its end");
-  EXPECT_EQ(badReply(format, std::string("pA=1\0.0 kPa", 11)),
-            "\"pA=1?.0 kPa\" does not match \"p{address}={pressure} {unit}\": expected printable "
-            "ASCII at \"?.0 kPa\"");
+  const std::string pattern = "p{address}={pressure} {unit}";
+  const LineFormat format(pattern, kStyle);
+  for (const auto& [line, shown, fault] :
+       {std::tuple(std::string("pA=nan kPa"), "pA=nan kPa", "a number at \"nan kPa\""),
+        {"pA=1.0 psi", "pA=1.0 psi", "the unit kPa at \"psi\""},
+        {"pA=1.0", "pA=1.0", "a blank at its end"},
+        {std::string("pA=1\0.0 kPa", 11), "pA=1?.0 kPa", "printable ASCII at \"?.0 kPa\""}}) {
+    EXPECT_EQ(badReply(format, line), "\"" + std::string(shown) + "\" does not match \"" + pattern +
+                                          "\": expected " + fault);
+  }
   EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
             "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 at its end");
 }
@@ -286,6 +248,94 @@ TEST(LineFormat, ValuesThatCannotBeWrittenAreRefused) {
             }),
             "\"{pressure}\" needs {pressure}, which is not given");
   EXPECT_EQ(format.line("", {{std::numeric_limits<double>::quiet_NaN()}, {}, {}}), "nan");
+}
+
+// ---- Profiles: the lines of a device, its unit and its times ----
+
+std::string faultOf(SerialProfile profile, const std::function<void(SerialProfile&)>& change) {
+  change(profile);
+  return refusal([&] { profile.validate(); });
+}
+
+TEST(SerialProfile, GoodOnesAreAccepted) {
+  for (const SerialProfile& profile : {test::alicatProfile(), test::ctrlPProfile(),
+                                       test::genericProfile(), test::togetherProfile()}) {
+    EXPECT_EQ(refusal([&] { profile.validate(); }), "accepted") << profile.name;
+  }
+}
+
+TEST(SerialProfile, UnitsAreConvertedBothWays) {
+  SerialProfile profile;
+  profile.pascals = 6894.757293168;
+  EXPECT_NEAR(profile.toPascals(60), 413685.4, 0.1);  // 60 psi
+  EXPECT_NEAR(profile.fromPascals(413685.43759), 60, 1e-9);
+  profile.pascals = 100;
+  profile.atmosphere = 101325;  // millibar from vacuum
+  EXPECT_NEAR(profile.toPascals(1013.25), 0, 1e-9);
+  EXPECT_NEAR(profile.fromPascals(1e5), 2013.25, 1e-9);
+}
+
+TEST(SerialProfile, EachRuleIsNamed) {
+  const struct {
+    std::function<void(SerialProfile&)> change;
+    const char* fault;
+  } kCases[] = {
+      {[](SerialProfile& p) { p.baud = 19201; },
+       "baud is 19201; expected a standard rate from 1200 to 2000000"},
+      {[](SerialProfile& p) { p.terminator = ";"; },
+       "terminator is \";\"; expected a carriage return, a line feed or both"},
+      {[](SerialProfile& p) { p.pascals = 0; },
+       "the size of the unit [Pa] is 0; expected 1e-3 to 1e8"},
+      {[](SerialProfile& p) { p.atmosphere = -1; }, "the atmosphere [Pa] is -1; expected 0 to 2e5"},
+      {[](SerialProfile& p) { p.decimals = 7; }, "decimals is 7; expected 0 to 6"},
+      {[](SerialProfile& p) { p.separator = "-"; },
+       "a separator is \"-\"; expected 1 to 4 characters that no number contains"},
+      {[](SerialProfile& p) { p.reply_separator = ""; },
+       "a separator is \"\"; expected 1 to 4 characters that no number contains"},
+      {[](SerialProfile& p) { p.unit_word = "k Pa"; },
+       "unit_word is \"k Pa\"; expected a word without spaces and braces"},
+      {[](SerialProfile& p) { p.timeout = 0; }, "timeout [s] is 0; expected 0.001 to 10"},
+      {[](SerialProfile& p) { p.watchdog = 0; },
+       "watchdog [s] is 0; expected 0.1 or more, and at least twice the timeout"},
+      {[](SerialProfile& p) { p.watchdog = 1.9 * p.timeout; },
+       "watchdog [s] is 0.38; expected 0.1 or more, and at least twice the timeout"},
+      {[](SerialProfile& p) { p.write = ""; }, "write is missing"},
+      {[](SerialProfile& p) { p.reply = ""; }, "reply is missing"},
+      {[](SerialProfile& p) { p.vent.clear(); },
+       "vent is missing; a fault must be able to release the pressure"},
+      {[](SerialProfile& p) { p.write = "p{address}"; }, "write has no {pressure}"},
+      {[](SerialProfile& p) { p.reply = "p{address} {unit}"; }, "reply has no {pressure}"},
+      {[](SerialProfile& p) { p.write = "p{address}={pressure} {supply}"; },
+       "write has {supply}, which a line to the device cannot have"},
+      {[](SerialProfile& p) { p.vent = {"p{address}={pressure}"}; },
+       "vent has {pressure}, which a line to the device cannot have"},
+      {[](SerialProfile& p) { p.vent = {"vent"}; }, "vent has no {address}, but write has"},
+      {[](SerialProfile& p) { p.start = {"hello {address}"}; },
+       "start has {address}, which a line to the device cannot have"},
+      {[](SerialProfile& p) { p.write = "p{addres}={pressure}"; },
+       "write \"p{addres}={pressure}\" has {addres}; expected {address}, {pressure}, {pressures}, "
+       "{set_point}, {supply}, {unit}, {*}, {words} or {...}"},
+      {[](SerialProfile& p) { p.read = ""; },
+       "read is missing, so one_by_one must be false: unsolicited readings come in one line for "
+       "all channels"},
+      {[](SerialProfile& p) { p.skip = {"#{...}"}; },
+       "supply_line and skip apply to unsolicited lines, but read is given"},
+  };
+  for (const auto& entry : kCases) {
+    EXPECT_EQ(faultOf(test::genericProfile(), entry.change),
+              std::string("serial profile: ") + entry.fault);
+  }
+  EXPECT_EQ(faultOf(test::ctrlPProfile(), [](SerialProfile& p) { p.close = {"valve;0"}; }),
+            "serial profile: close is given, but one_by_one is false: one channel alone cannot be "
+            "closed");
+  EXPECT_EQ(faultOf(test::ctrlPProfile(), [](SerialProfile& p) { p.write_reply = "ok"; }),
+            "serial profile: read is missing, so write_reply and vent_reply must be missing: "
+            "unsolicited lines answer nothing");
+  EXPECT_EQ(faultOf(test::ctrlPProfile(), [](SerialProfile& p) { p.supply_line = "2 {*}"; }),
+            "serial profile: supply_line has no {supply}");
+  EXPECT_EQ(faultOf(test::togetherProfile(),
+                    [](SerialProfile& p) { p.write = "SET {address} {pressures}"; }),
+            "serial profile: vent has no {address}, but write has");
 }
 
 }  // namespace

@@ -1,12 +1,9 @@
 #include "regulator/modbus_tcp_driver.hpp"
 
 #include <cmath>
-#include <functional>
-#include <vector>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"
@@ -56,27 +53,34 @@ void expectHas(const std::string& text, const std::vector<std::string>& parts) {
   }
 }
 
+// A quiet device and a driver that is connected.
+struct Connected {
+  Connected(const ModbusProfile& profile, int channels, std::vector<int> places)
+      : device(quietDevice(profile, channels)),
+        driver(configOf(profile, device.port(), std::move(places))) {
+    driver.connect();
+  }
+  ModbusDevice device;
+  ModbusTcpDriver driver;
+};
+
 // Set points of 100, 25.7 and 699.95 kPa are 1000, 257 and 6999.5 mbar.
 TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
-  ModbusDevice device(quietDevice(vtemProfile(), 6));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 4}));
-  driver.connect();
-  const RawModbus raw(device.port());
+  Connected at(vtemProfile(), 6, {0, 1, 4});
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
-  driver.write(regulate({1e5, 25.7e3, 699.95e3}));
+  at.driver.write(regulate({1e5, 25.7e3, 699.95e3}));
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 1000, 257, 0, 0, 0, 195, 6999, 0}));
-  driver.vent();
+  at.driver.vent();
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
 }
 
 TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
-  ModbusDevice device(quietDevice(mpaProfile(), 4));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {3, 0}));
-  driver.connect();
-  driver.write(regulate({1e5, 25.7e3}));
-  const RawModbus raw(device.port());
+  Connected at(mpaProfile(), 4, {3, 0});
+  at.driver.write(regulate({1e5, 25.7e3}));
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 1000}));
-  driver.vent();
+  at.driver.vent();
   EXPECT_EQ(raw.read(40003, 4), (Words{0, 0, 0, 0}));
 }
 
@@ -123,24 +127,20 @@ TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
 }
 
 TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayInTheDevicesRange) {
-  ModbusDevice device(quietDevice(mpaProfile(), 6));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
-  driver.connect();
-  driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
-  const RawModbus raw(device.port());
+  Connected at(mpaProfile(), 6, {0, 1, 2, 3, 4, 5});
+  at.driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
+  const RawModbus raw(at.device.port());
   EXPECT_EQ(raw.read(40003, 6), (Words{0, 10000, 999, 1000, 3, 0}));
 }
 
 TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   ModbusProfile profile = mpaProfile();
   profile.atmosphere = 101.3e3;
-  ModbusDevice device(quietDevice(profile, 1));
-  ModbusTcpDriver driver(configOf(profile, device.port(), {0}));
-  driver.connect();
-  driver.write(regulate({1e5}));
-  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{2013}));
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 1e5) < 1e-3; }));
-  EXPECT_NEAR(readingOf(driver, 1)[0], 1e5, 1e-6);
+  Connected at(profile, 1, {0});
+  at.driver.write(regulate({1e5}));
+  EXPECT_EQ(RawModbus(at.device.port()).read(40003, 1), (Words{2013}));
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 1e5) < 1e-3; }));
+  EXPECT_NEAR(readingOf(at.driver, 1)[0], 1e5, 1e-6);
 }
 
 TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
@@ -160,41 +160,35 @@ TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
   ModbusProfile profile = mpaProfile();
   profile.input_registers = true;
   profile.input_base = 0;
-  ModbusDevice device(quietDevice(profile, 2));
-  ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
-  driver.connect();
-  driver.write(regulate({1e5, 2e5}));
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[1] - 2e5) < 1e-3; }));
-  EXPECT_EQ(readingOf(driver, 2), Eigen::Vector2d(1e5, 2e5));
+  Connected at(profile, 2, {0, 1});
+  at.driver.write(regulate({1e5, 2e5}));
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[1] - 2e5) < 1e-3; }));
+  EXPECT_EQ(readingOf(at.driver, 2), Eigen::Vector2d(1e5, 2e5));
 }
 
 // 125 registers a request to read, 123 a request to write: 300 set points are 3 requests.
 TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
   constexpr int kChannels = 300;
-  ModbusDevice device(quietDevice(mpaProfile(), kChannels));
   std::vector<int> places(kChannels);
   std::vector<double> set_points(kChannels);
   for (int i = 0; i < kChannels; ++i) {
     places[static_cast<std::size_t>(i)] = kChannels - 1 - i;
     set_points[static_cast<std::size_t>(i)] = 1e3 * i;
   }
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), places));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  driver.write(regulate(set_points));
-  EXPECT_EQ(device.writes(), before + 3);
-  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 299e3) < 1e-3; }));
-  const Eigen::VectorXd reading = readingOf(driver, kChannels);
+  Connected at(mpaProfile(), kChannels, places);
+  const std::uint64_t before = at.device.writes();
+  at.driver.write(regulate(set_points));
+  EXPECT_EQ(at.device.writes(), before + 3);
+  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 299e3) < 1e-3; }));
+  const Eigen::VectorXd reading = readingOf(at.driver, kChannels);
   for (int i = 0; i < kChannels; ++i) EXPECT_EQ(reading[i], 1e3 * i) << i;
 }
 
 TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
-  ModbusDevice device(quietDevice(vtemProfile(), 8));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3, 4, 5, 6, 7}));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  driver.write(regulate(std::vector<double>(8, 1e5)));
-  EXPECT_EQ(device.writes(), before + 1);
+  Connected at(vtemProfile(), 8, {0, 1, 2, 3, 4, 5, 6, 7});
+  const std::uint64_t before = at.device.writes();
+  at.driver.write(regulate(std::vector<double>(8, 1e5)));
+  EXPECT_EQ(at.device.writes(), before + 1);
 }
 
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
@@ -230,59 +224,51 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 2}));
-  driver.connect();
-  driver.write(regulate({1e5, 1e5}));
-  readingOf(driver, 2);
-  device.jam(1, true);
+  Connected at(vtemProfile(), 4, {0, 2});
+  at.driver.write(regulate({1e5, 1e5}));
+  readingOf(at.driver, 2);
+  at.device.jam(1, true);
   std::string error;
   ASSERT_TRUE(eventually([&] {
-    error = refusal<LinkError>([&] { readingOf(driver, 2); });
+    error = refusal<LinkError>([&] { readingOf(at.driver, 2); });
     return error != "accepted";
   }));
   expectHas(error, {"slot 1 of festo_vtem has stopped regulating", "expected 0x0083"});
-  expectHas(refusal<LinkError>([&] { driver.vent(); }), {"there is no link"});
+  expectHas(refusal<LinkError>([&] { at.driver.vent(); }), {"there is no link"});
 }
 
 TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
-  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3}));
-  driver.connect();
-  driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
-  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 0.99e5; }));
+  Connected at(vtemProfile(), 4, {0, 1, 2, 3});
+  at.driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
+  ASSERT_TRUE(eventually([&] { return at.device.pressure().minCoeff() > 0.99e5; }));
   ValveOrders orders = regulate({1e5, 1e5, 1e5, 1e5});
   orders.valve[0] = orders.valve[1] = orders.valve[2] = Valve::kClose;
-  driver.write(orders);
-  EXPECT_EQ(device.valves(),
+  at.driver.write(orders);
+  EXPECT_EQ(at.device.valves(),
             (std::vector<Valve>{Valve::kClose, Valve::kClose, Valve::kVent, Valve::kRegulate}));
-  ASSERT_TRUE(eventually([&] { return device.pressure()[2] < 1e3; }));
-  EXPECT_GT(device.pressure()[0], 0.98e5);
-  EXPECT_NO_THROW(readingOf(driver, 4));  // an app that was told to end is no fault
-  driver.vent();
-  EXPECT_TRUE(eventually([&] { return device.pressure().maxCoeff() < 1e3; }));
-  EXPECT_NO_THROW(readingOf(driver, 4));
+  ASSERT_TRUE(eventually([&] { return at.device.pressure()[2] < 1e3; }));
+  EXPECT_GT(at.device.pressure()[0], 0.98e5);
+  EXPECT_NO_THROW(readingOf(at.driver, 4));  // an app that was told to end is no fault
+  at.driver.vent();
+  EXPECT_TRUE(eventually([&] { return at.device.pressure().maxCoeff() < 1e3; }));
+  EXPECT_NO_THROW(readingOf(at.driver, 4));
 }
 
 TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
-  ModbusDevice device(quietDevice(mpaProfile(), 2));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
-  driver.connect();
+  Connected at(mpaProfile(), 2, {0, 1});
   ValveOrders orders = regulate({1e5, 1e5});
   orders.valve[0] = Valve::kClose;
-  driver.write(orders);
-  EXPECT_EQ(device.setPoint(), Eigen::Vector2d(0, 1e5));
+  at.driver.write(orders);
+  EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
 }
 
 TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
-  ModbusDevice device(quietDevice(mpaProfile(), 2));
-  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
-  driver.connect();
-  const std::uint64_t before = device.writes();
-  EXPECT_THROW(driver.write(regulate({1e5})), std::invalid_argument);
-  EXPECT_THROW(driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
-  EXPECT_THROW(readingOf(driver, 3), std::invalid_argument);
-  EXPECT_EQ(device.writes(), before);
+  Connected at(mpaProfile(), 2, {0, 1});
+  const std::uint64_t before = at.device.writes();
+  EXPECT_THROW(at.driver.write(regulate({1e5})), std::invalid_argument);
+  EXPECT_THROW(at.driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
+  EXPECT_THROW(readingOf(at.driver, 3), std::invalid_argument);
+  EXPECT_EQ(at.device.writes(), before);
 }
 
 TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
@@ -297,6 +283,80 @@ TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
   ModbusProfile broken = mpaProfile();
   broken.pascals = 0;
   expectHas(said(broken, {0}), {"profile festo_mpa: count_pa is 0"});
+}
+
+TEST(ModbusProfile, TheShippedOnesAreValid) {
+  EXPECT_NO_THROW(vtemProfile().validate());
+  EXPECT_NO_THROW(mpaProfile().validate());
+  EXPECT_NO_THROW(ModbusProfile().validate());
+}
+
+// The sixteenth outlet is the second one of the eighth slot.
+TEST(ModbusProfile, PlacesCountTheOutletsOfAllSlots) {
+  const ModbusProfile vtem = vtemProfile();
+  EXPECT_EQ(vtem.slot(15), 7);
+  EXPECT_EQ(vtem.command(7), 40024);
+  EXPECT_EQ(vtem.setPoint(14), 40025);
+  EXPECT_EQ(vtem.setPoint(15), 40026);
+  EXPECT_EQ(vtem.status(7), 45416);
+  EXPECT_EQ(vtem.reading(15), 45418);
+  const ModbusProfile mpa = mpaProfile();
+  EXPECT_EQ(mpa.setPoint(3), 40006);
+  EXPECT_EQ(mpa.reading(3), 45404);
+}
+
+TEST(ModbusProfile, EachBrokenRuleIsNamedWithItsValue) {
+  const struct {
+    std::function<void(ModbusProfile&)> breaks;
+    const char* said;
+  } kRules[] = {
+      {[](auto& p) { p.unit_id = 256; }, "unit_id is 256; expected 0 to 255"},
+      {[](auto& p) { p.unit_id = -1; }, "unit_id is -1; expected 0 to 255"},
+      {[](auto& p) { p.pascals = 0; }, "count_pa is 0; expected 0.001 to 1e+06"},
+      {[](auto& p) { p.pascals = std::stod("nan"); }, "count_pa is nan"},
+      {[](auto& p) { p.atmosphere = -1e3; }, "atmosphere_kpa is -1; expected 0 to 200"},
+      {[](auto& p) { p.highest_count = 0; }, "highest_count is 0; expected 1 to 32767"},
+      {[](auto& p) { p.highest_count = 32768; }, "highest_count is 32768"},
+      {[](auto& p) { p.outlets = 0; }, "outlets is 0; expected 1 to 64"},
+      {[](auto& p) { p.outlets = 3; }, "outlets is 3; expected as many as set points fit"},
+      {[](auto& p) {
+         p.outlets = 1;
+         p.output_pressure = 3;
+       },
+       "outputs.pressure is 3; expected 0 to 2"},
+      {[](auto& p) { p.output_base = 65536; }, "outputs.first is 65536; expected 0 to 65535"},
+      {[](auto& p) { p.output_stride = 0; }, "outputs.stride is 0; expected 1 to 1024"},
+      {[](auto& p) { p.input_base = -1; }, "inputs.first is -1; expected 0 to 65535"},
+      {[](auto& p) { p.input_stride = 1025; }, "inputs.stride is 1025; expected 1 to 1024"},
+      {[](auto& p) { p.input_pressure = -1; }, "inputs.pressure is -1; expected 0 to 2"},
+      {[](auto& p) { p.input_pressure = 2; }, "outlets is 2; expected as many as readings fit"},
+      {[](auto& p) { p.supply = 70000; }, "supply is 70000; expected 0 to 65535"},
+      {[](auto& p) { p.timeout = 0; }, "timeout_s is 0; expected 0.001 to 10"},
+      {[](auto& p) { p.app->command = 3; }, "app.command is 3; expected 0 to 2"},
+      {[](auto& p) { p.app->command = 2; },
+       "app.command is 2; expected a register other than the set point's"},
+      {[](auto& p) { p.app->status = 1; },
+       "app.status is 1; expected a register other than the reading's"},
+      {[](auto& p) { p.app->regulate = 65536; }, "app.regulate is 65536; expected 0 to 65535"},
+      {[](auto& p) { p.app->off = -1; }, "app.off is -1; expected 0 to 65535"},
+      {[](auto& p) { p.app->off = 195; }, "app.off is 195; expected another word than regulate"},
+      {[](auto& p) { p.app->acknowledge = 1 << 16; }, "app.acknowledge is 65536"},
+      {[](auto& p) { p.app->status_mask = 0; }, "app.status_mask is 0; expected 1 to 65535"},
+      {[](auto& p) { p.app->ready = 256; },
+       "app.ready is 256; expected only bits of app.status_mask"},
+      {[](auto& p) { p.app->running = 256; }, "app.running is 256; expected only bits of"},
+      {[](auto& p) { p.app->running = 125; },
+       "app.running is 125; expected another word than ready"},
+      {[](auto& p) { p.app->activation_time = 0; },
+       "app.activation_time_s is 0; expected 0.01 to 60"},
+  };
+  for (const auto& rule : kRules) {
+    ModbusProfile profile = vtemProfile();
+    rule.breaks(profile);
+    const std::string said = test::refusal([&profile] { profile.validate(); });
+    EXPECT_EQ(said.find(std::string("profile festo_vtem: ") + rule.said), 0u)
+        << said << "\nexpected " << rule.said;
+  }
 }
 
 }  // namespace

@@ -6,11 +6,8 @@
 
 #include <gtest/gtest.h>
 #include <sched.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include "support/bounded_child.hpp"
-#include "support/eventually.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -56,28 +53,6 @@ TEST(Realtime, ItIsTheCallingThreadsAlone) {
   EXPECT_EQ(mine, SCHED_FIFO);
   EXPECT_EQ(childs, SCHED_OTHER);
   EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
-}
-
-// What a failure of a test on a busy machine says.
-TEST(Starvation, IsAThreadThatComesLateOftenOrVeryLate) {
-  test::Turns turns;
-  for (int i = 0; i < 90; ++i) turns.add(0.02);
-  for (int i = 0; i < 10; ++i) turns.add(0.8);
-  EXPECT_EQ(turns.verdict(), "");
-  test::Turns once = turns;
-  once.add(1.01);
-  EXPECT_NE(once.verdict().find("came 1.01 s late at most"), std::string::npos) << once.verdict();
-  turns.add(0.05);
-  EXPECT_EQ(
-      turns.verdict(),
-      "the machine starved: a thread of the test came 0.80 s late at most, and more than 0.045 "
-      "s late in 10 % of its 101 turns; repeat the test alone before you search for a defect");
-}
-
-TEST(Starvation, IsMeasuredByAThread) {
-  const test::Turns turns = test::StarvationWatch().turns();
-  EXPECT_GE(turns.count, 1);
-  EXPECT_GE(turns.latest, 0);
 }
 
 }  // namespace

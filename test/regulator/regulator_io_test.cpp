@@ -1,12 +1,10 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 
-#include <thread>
-
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
 #include "support/eventually.hpp"
-#include "support/refusal.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/scripted_driver.hpp"
 
 namespace helix_arm::regulator {
@@ -198,17 +196,11 @@ TEST(RegulatorIo, OrderingAndTakingDoNotAllocate) {
 }
 
 TEST(RegulatorIo, RefusesRulesThatCannotBe) {
-  const auto refused = [](const std::function<void(IoRules&)>& spoil) {
-    IoRules rules = briskRules();
-    spoil(rules);
-    return test::refusal([&] { rules.validate(); });
-  };
-  EXPECT_NE(refused([](IoRules& r) { r.period = 0; }).find("period"), std::string::npos);
-  EXPECT_NE(refused([](IoRules& r) { r.order_timeout = -1; }).find("orders"), std::string::npos);
-  EXPECT_NE(refused([](IoRules& r) { r.longest_back_off = 0.001; }).find("longest"),
-            std::string::npos);
-  EXPECT_NE(refused([](IoRules& r) { r.most_bad_replies = 0; }).find("bad replies"),
-            std::string::npos);
+  test::expectRefusals<IoRules>(briskRules(), [](const IoRules& rules) { rules.validate(); },
+                                {{[](IoRules& r) { r.period = 0; }, "period"},
+                                 {[](IoRules& r) { r.order_timeout = -1; }, "orders"},
+                                 {[](IoRules& r) { r.longest_back_off = 0.001; }, "longest"},
+                                 {[](IoRules& r) { r.most_bad_replies = 0; }, "bad replies"}});
   EXPECT_THROW(RegulatorIo(nullptr, kChannels, briskRules()), std::invalid_argument);
 }
 

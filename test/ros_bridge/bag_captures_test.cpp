@@ -1,18 +1,17 @@
 // What is taken from a recording; and none, however damaged, ends the process that loads it.
 #include "bag/bag_captures.hpp"
 
-#include <filesystem>
-#include <fstream>
 #include <iostream>
 
 #include <gtest/gtest.h>
+#include <rosbag/bag.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 
+#include "helix_arm/PressureArray.h"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "support/random.hpp"
-#include "support/recording.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -20,8 +19,63 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using test::demo;
-using test::Recording;
+io::Scene demo() { return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml"); }
+
+// A recording of an arm that is at once where it is commanded to: pressures at 50 Hz, pictures at
+// 10 Hz, written a picture's time after they were taken.
+class Recording {
+ public:
+  explicit Recording(const std::string& path) : path_(path), bag_(path, rosbag::bagmode::Write) {}
+
+  void play(const Eigen::Vector3d& pressure, double seconds, bool commanded = true,
+            const std::string& ns = "") {
+    for (int k = 0; k < static_cast<int>(50 * seconds); ++k) {
+      time_ += ros::Duration(0.02);
+      std_msgs::Header header;
+      header.stamp = time_;
+      PressureArray message;
+      message.header = header;
+      for (int i = 0; i < pressure.size(); ++i) {
+        message.name.push_back(scene_.arm.actuator(i).name);
+        message.pressure.push_back(pressure[i]);
+      }
+      write(ns + "/pressure_measured", message, 0);
+      if (commanded) write(ns + "/pressure_command", message, 0);
+      if (++tick_ % 5 == 0) write(ns + "/tag_detections", detections(header, pressure), 0.1);
+    }
+  }
+
+  // The corners of two tags of the scene, one that is not, and one that is seen twice.
+  static TagDetections detections(const std_msgs::Header& header, const Eigen::Vector3d& pressure) {
+    TagDetections out;
+    out.header = header;
+    for (const int id : {3, 8, 12, 400}) {
+      TagDetection tag;
+      tag.id = id;
+      tag.known = id != 400;
+      tag.repeated = id == 12;
+      for (int c = 0; c < 8; ++c) tag.corners[c] = 100 + c + id + 1e-3 * pressure[0];
+      out.tags.push_back(tag);
+    }
+    return out;
+  }
+
+  template <class Message>
+  void write(const std::string& topic, const Message& message, double late) {
+    bag_.write(topic, time_ + ros::Duration(late), message);
+  }
+  const std::string& close() {
+    bag_.close();
+    return path_;
+  }
+
+ private:
+  const io::Scene scene_ = demo();
+  std::string path_;
+  rosbag::Bag bag_;
+  ros::Time time_{1000, 0};
+  int tick_ = 0;
+};
 
 std::string faultOf(const std::string& path) {
   static const io::Scene scene = demo();
@@ -142,36 +196,20 @@ std::string damaged(std::string bytes, Random& random) {
                                     : part == 1 ? random.integer(std::max(0, size - 6000), size - 1)
                                                 : random.integer(0, size - 1));
   };
-  const auto change = [&] { bytes[place()] = static_cast<char>(random.integer(0, 255)); };
-  switch (random.integer(0, 3)) {
-    case 0:
-      change();
-      break;
-    case 1:
-      for (int i = random.integer(2, 20); i > 0; --i) change();
-      break;
-    case 2:
-      bytes.erase(place(), static_cast<std::size_t>(random.integer(1, 100)));
-      break;
-    default:
-      bytes.resize(place());
+  const int kind = random.integer(0, 3);
+  if (kind == 2) bytes.erase(place(), static_cast<std::size_t>(random.integer(1, 100)));
+  if (kind == 3) bytes.resize(place());
+  for (int i = kind == 0 ? 1 : kind == 1 ? random.integer(2, 20) : 0; i > 0; --i) {
+    bytes[place()] = static_cast<char>(random.integer(0, 255));
   }
   return bytes;
-}
-
-std::size_t openFiles() {
-  std::size_t count = 0;
-  for ([[maybe_unused]] const auto& file : std::filesystem::directory_iterator("/proc/self/fd")) {
-    ++count;
-  }
-  return count;
 }
 
 TEST(DamagedBags, NeverEndWhoLoadsThem) {
   const test::TemporaryFolder folder;
   const std::string sound = soundBag(folder), path = folder / "damaged.bag";
   Random random(19);
-  const std::size_t files = openFiles();
+  const auto files = test::openFiles();
   int loaded = 0, refused = 0, crashed = 0;
   for (int i = 0; i < kDamaged; ++i) {
     write(path, damaged(sound, random));
@@ -189,7 +227,7 @@ TEST(DamagedBags, NeverEndWhoLoadsThem) {
   EXPECT_GT(refused, 60);
   std::cout << loaded << " were read, " << refused << " refused, " << crashed
             << " of them having ended bag_reader\n";
-  EXPECT_EQ(openFiles(), files);
+  EXPECT_EQ(test::openFiles(), files);
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left behind";
 }
 

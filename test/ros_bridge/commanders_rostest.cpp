@@ -1,5 +1,4 @@
 // Two commanders of one arm: the test's own node and the interactive marker.
-#include <gtest/gtest.h>
 #include <visualization_msgs/InteractiveMarkerFeedback.h>
 #include <visualization_msgs/InteractiveMarkerInit.h>
 

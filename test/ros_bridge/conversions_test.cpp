@@ -1,10 +1,5 @@
 #include "ros_bridge/common/conversions.hpp"
 
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <string>
-
 #include <gtest/gtest.h>
 
 #include "helix_arm/SafetyState.h"
@@ -57,14 +52,6 @@ model::Shape unevenShape() {
     for (int i = 0; i < 6; ++i) pieces(i, j) = i == 0 ? 0.14 + 0.01 * j : 0.03 * i - 0.02 * j;
   }
   return {pieces, 3};
-}
-
-void expectRefusal(const ArmShape& msg, control::Fault fault, const std::string& part) {
-  const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
-  const auto* refusal = std::get_if<control::Refusal>(&checked);
-  ASSERT_NE(refusal, nullptr) << part;
-  EXPECT_EQ(refusal->fault, fault) << refusal->message;
-  EXPECT_NE(refusal->message.find(part), std::string::npos) << refusal->message;
 }
 
 TEST(Conversions, ALoadedShapeSurvivesTheRoundTrip) {
@@ -126,34 +113,32 @@ TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
 
 TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
   using control::Fault;
-  const ArmShape sound = toShapeMsg({}, "loaded", unevenShape());
-  ArmShape msg = sound;
-  msg.pieces = 65;
-  expectRefusal(msg, Fault::kOutOfRange, "send at most 64");
-  msg.pieces = 4000000000U;
-  expectRefusal(msg, Fault::kOutOfRange, "4000000000 pieces");
-  msg = sound;
-  msg.piece_twist.pop_back();
-  expectRefusal(msg, Fault::kWrongSize, "35 numbers in piece_twist");
-  for (const std::uint32_t pieces : {0U, 1U, 2U}) {
-    msg = sound;
-    msg.pieces = pieces;
-    expectRefusal(msg, Fault::kWrongSize, "36 numbers in piece_twist");
+  const struct {
+    void (*spoil)(ArmShape& msg);
+    Fault fault;
+    const char* part;
+  } kRows[] = {
+      {[](ArmShape& m) { m.pieces = 65; }, Fault::kOutOfRange, "send at most 64"},
+      {[](ArmShape& m) { m.pieces = 4000000000U; }, Fault::kOutOfRange, "4000000000 pieces"},
+      {[](ArmShape& m) { m.piece_twist.pop_back(); }, Fault::kWrongSize, "35 numbers in piece_t"},
+      {[](ArmShape& m) { m.pieces = 0; }, Fault::kWrongSize, "36 numbers in piece_twist"},
+      {[](ArmShape& m) { m.pieces = 1; }, Fault::kWrongSize, "36 numbers in piece_twist"},
+      {[](ArmShape& m) { m.pieces = 2; }, Fault::kWrongSize, "36 numbers in piece_twist"},
+      {[](ArmShape& m) { m.piece_twist.clear(); }, Fault::kWrongSize, "0 numbers in piece_twist"},
+      {[](ArmShape& m) { m.piece_twist[7] = NAN; }, Fault::kNotFinite, "piece_twist[7] is nan"},
+      {[](ArmShape& m) { m.piece_twist[7] = 1e9; }, Fault::kOutOfRange, "piece_twist[7]"},
+      {[](ArmShape& m) { m.twist[3] += 0.01; }, Fault::kOutOfRange, "do not sum to the twists of"},
+      {[](ArmShape& m) { m.twist[3] = NAN; }, Fault::kNotFinite, "twist[3]"},
+  };
+  for (const auto& row : kRows) {
+    ArmShape msg = toShapeMsg({}, "loaded", unevenShape());
+    row.spoil(msg);
+    const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
+    const auto* refusal = std::get_if<control::Refusal>(&checked);
+    ASSERT_NE(refusal, nullptr) << row.part;
+    EXPECT_EQ(refusal->fault, row.fault) << refusal->message;
+    EXPECT_NE(refusal->message.find(row.part), std::string::npos) << refusal->message;
   }
-  msg = sound;
-  msg.piece_twist.clear();
-  expectRefusal(msg, Fault::kWrongSize, "0 numbers in piece_twist");
-  msg = sound;
-  msg.piece_twist[7] = std::nan("");
-  expectRefusal(msg, Fault::kNotFinite, "piece_twist[7] is nan");
-  msg.piece_twist[7] = 1e9;
-  expectRefusal(msg, Fault::kOutOfRange, "piece_twist[7]");
-  msg = sound;
-  msg.twist[3] += 0.01;
-  expectRefusal(msg, Fault::kOutOfRange, "do not sum to the twists of its sections");
-  msg = sound;
-  msg.twist[3] = std::nan("");
-  expectRefusal(msg, Fault::kNotFinite, "twist[3]");
 }
 
 TEST(Conversions, PressuresAreNamed) {
@@ -186,7 +171,11 @@ TEST(Conversions, TheOrientationOfAPositionTargetIsNotLookedAt) {
   target.pose.orientation.x = std::nan("");
   EXPECT_TRUE(std::holds_alternative<TipGoal>(fromMsg(target, "arm_base")));
   target.mode = TipTarget::POSE;
-  EXPECT_TRUE(std::holds_alternative<control::Refusal>(fromMsg(target, "arm_base")));
+  EXPECT_EQ(std::get<control::Refusal>(fromMsg(target, "arm_base")).fault,
+            control::Fault::kNotFinite);
+  target.pose.orientation.x = 0;
+  EXPECT_EQ(std::get<control::Refusal>(fromMsg(target, "arm_base")).fault,
+            control::Fault::kNotUnitQuaternion);
 }
 
 geometry_msgs::WrenchStamped wrenchOf(const Eigen::Vector3d& force) {
@@ -195,15 +184,6 @@ geometry_msgs::WrenchStamped wrenchOf(const Eigen::Vector3d& force) {
   out.wrench.force.y = force.y();
   out.wrench.force.z = force.z();
   return out;
-}
-
-void expectRefusal(const geometry_msgs::WrenchStamped& wrench, control::Fault fault,
-                   const std::string& message) {
-  const auto checked = fromMsg(wrench, "arm_base");
-  const auto* refusal = std::get_if<control::Refusal>(&checked);
-  ASSERT_NE(refusal, nullptr) << message;
-  EXPECT_EQ(refusal->fault, fault);
-  EXPECT_EQ(refusal->message, message);
 }
 
 TEST(Conversions, AForceAtTheTipIsTakenUpToItsLimit) {
@@ -222,24 +202,43 @@ TEST(Conversions, AForceAtTheTipIsTakenUpToItsLimit) {
 TEST(Conversions, AWrenchThatIsNoForceAtTheTipIsRefused) {
   using control::Fault;
   constexpr double kHuge = std::numeric_limits<double>::max();
-  expectRefusal(wrenchOf({60, 0, 80.1}), Fault::kOutOfRange,
-                "the force is (60, 0, 80.1) N; send at most 100 N");
-  expectRefusal(wrenchOf({kHuge, kHuge, 0}), Fault::kOutOfRange,
-                "the force is (1.79769e+308, 1.79769e+308, 0) N; send at most 100 N");
-  expectRefusal(wrenchOf({0, std::nan(""), 0}), Fault::kNotFinite,
-                "the force is (0, nan, 0) N; send finite numbers");
-  geometry_msgs::WrenchStamped wrench = wrenchOf({0.1, 0, 0});
-  wrench.wrench.torque.y = 0.01;
-  expectRefusal(wrench, Fault::kOutOfRange,
-                "the torque is (0, 0.01, 0) N m; send 0, since only a force acts on the tip");
-  wrench.wrench.torque.y = std::nan("");
-  expectRefusal(wrench, Fault::kOutOfRange,
-                "the torque is (0, nan, 0) N m; send 0, since only a force acts on the tip");
-  wrench = wrenchOf({0.1, 0, 0});
-  wrench.header.frame_id = "world";
-  expectRefusal(
-      wrench, Fault::kWrongFrame,
-      "the frame of the force is 'world'; transform it to 'arm_base', or leave frame_id empty");
+  const std::string only = " N m; send 0, since only a force acts on the tip";
+  const struct {
+    Eigen::Vector3d force;
+    double torque;
+    const char* frame;
+    Fault fault;
+    std::string message;
+  } kRows[] = {
+      {{60, 0, 80.1},
+       0,
+       "",
+       Fault::kOutOfRange,
+       "the force is (60, 0, 80.1) N; send at most 100 N"},
+      {{kHuge, kHuge, 0},
+       0,
+       "",
+       Fault::kOutOfRange,
+       "the force is (1.79769e+308, 1.79769e+308, 0) N; send at most 100 N"},
+      {{0, NAN, 0}, 0, "", Fault::kNotFinite, "the force is (0, nan, 0) N; send finite numbers"},
+      {{0.1, 0, 0}, 0.01, "", Fault::kOutOfRange, "the torque is (0, 0.01, 0)" + only},
+      {{0.1, 0, 0}, NAN, "", Fault::kOutOfRange, "the torque is (0, nan, 0)" + only},
+      {{0.1, 0, 0},
+       0,
+       "world",
+       Fault::kWrongFrame,
+       "the frame of the force is 'world'; transform it to 'arm_base', or leave frame_id empty"},
+  };
+  for (const auto& row : kRows) {
+    geometry_msgs::WrenchStamped wrench = wrenchOf(row.force);
+    wrench.wrench.torque.y = row.torque;
+    wrench.header.frame_id = row.frame;
+    const auto checked = fromMsg(wrench, "arm_base");
+    const auto* refusal = std::get_if<control::Refusal>(&checked);
+    ASSERT_NE(refusal, nullptr) << row.message;
+    EXPECT_EQ(refusal->fault, row.fault);
+    EXPECT_EQ(refusal->message, row.message);
+  }
 }
 
 TEST(Conversions, TheConstantsOfSafetyStateAreTheNamesOfTheStates) {

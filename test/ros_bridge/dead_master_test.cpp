@@ -1,12 +1,10 @@
 // The fault matrix of the ROS master and of simulated time, each with a master of its own.
 #include <csignal>
-#include <cstdio>
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include "helix_arm/PressureArray.h"
 #include "support/emulated_regulator.hpp"
@@ -64,54 +62,35 @@ class DeadMaster : public ::testing::Test {
   Master master_;
 };
 
-TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
-  Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
-  Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
-  const double begin = regulator::steadyNow();
-  master_.stop();
-  EXPECT_EQ(arm.exitCode(10), 1) << arm.output();
-  // Its valves have closed with the link.
-  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
-  std::printf(
-      "[  FIGURE  ] master lost: the node has ended, the regulator is empty after %.0f ms\n",
-      1e3 * (regulator::steadyNow() - begin));
-}
-
 // A hanging master accepts requests and answers none, including those to unregister at the end.
-TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
-  Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
-  Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
-  const double begin = regulator::steadyNow();
-  master_.signal(SIGSTOP);
-  EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
-  std::printf("[  FIGURE  ] master hung: the node has ended after %.1f s\n",
-              regulator::steadyNow() - begin);
-  EXPECT_NE(arm.output().find("does not answer"), std::string::npos) << arm.output();
-  EXPECT_EQ(arm.output().find("guard:"), std::string::npos) << "the node has not vented";
-  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
-  EXPECT_EQ(hand.exitCode(60), 1) << hand.output();
-  master_.signal(SIGCONT);
-}
-
-TEST_F(DeadMaster, ANodeThatIsAskedToEndVentsFirstThoughTheMasterHangs) {
-  Process arm(node(), master_.variables());
-  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
-  Process hand = commander();
-  ASSERT_TRUE(inflates()) << arm.output();
-  master_.signal(SIGSTOP);
-  const double begin = regulator::steadyNow();
-  arm.signal(SIGINT);
-  EXPECT_TRUE(vents(5));
-  EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
-  std::printf("[  FIGURE  ] interrupted while the master hangs: the node has ended after %.1f s\n",
-              regulator::steadyNow() - begin);
-  EXPECT_EQ(arm.output().find("guard:"), std::string::npos) << "the node has not vented";
-  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
-  master_.signal(SIGCONT);
+TEST_F(DeadMaster, ItsEndOrItsSilenceEndsTheNodeVented) {
+  struct End {
+    const char *what, *words;
+    bool hangs, asked;
+  };
+  for (const End& end :
+       {End{"master lost", "", false, false}, End{"master hung", "does not answer", true, false},
+        End{"interrupted while the master hangs", "", true, true}}) {
+    SCOPED_TRACE(end.what);
+    Process arm(node(), master_.variables());
+    Process hand = commander();
+    ASSERT_TRUE(arm.prints("loop at") && inflates()) << arm.output();
+    const double begin = regulator::steadyNow();
+    end.hangs ? master_.signal(SIGSTOP) : master_.stop();
+    if (end.asked) {
+      arm.signal(SIGINT);
+      EXPECT_TRUE(vents(5));
+    }
+    EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
+    std::printf("[  FIGURE  ] %s: the node has ended, the regulator is empty after %.1f s\n",
+                end.what, regulator::steadyNow() - begin);
+    EXPECT_NE(arm.output().find(end.words), std::string::npos) << arm.output();
+    EXPECT_EQ(arm.output().find("guard:"), std::string::npos) << "the node has not vented";
+    // Its valves have closed with the link.
+    EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
+    EXPECT_EQ(hand.exitCode(60), 1) << hand.output();
+    end.hangs ? master_.signal(SIGCONT) : master_.start();
+  }
 }
 
 TEST_F(DeadMaster, ABlockedLogDelaysNeitherTargetsNorStopNorVent) {

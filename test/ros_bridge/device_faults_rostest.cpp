@@ -1,12 +1,7 @@
 // The fault matrix of the regulators and of the air behind them: what goes wrong, which state the
 // arm comes to and within which time.
 #include <cmath>
-#include <cstdio>
-#include <map>
-#include <memory>
 #include <set>
-
-#include <gtest/gtest.h>
 
 #include "support/hardware_rig.hpp"
 

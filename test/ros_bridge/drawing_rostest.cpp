@@ -1,9 +1,7 @@
 // What rviz gets: frames and markers.
 #include <cmath>
-#include <map>
 #include <set>
 
-#include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 #include <visualization_msgs/MarkerArray.h>
 

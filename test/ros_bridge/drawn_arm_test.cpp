@@ -2,13 +2,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <string>
-#include <vector>
+#include <tuple>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
@@ -135,12 +132,15 @@ TEST(ArmMarkers, AnArmInANamespaceHasItsNameAboveIt) {
   EXPECT_EQ(state("left_arm_base"), "left: DISABLED");
 }
 
+constexpr double kField = 0.785;  // of rviz, from bottom to top [rad]
+// Along the arm: hanging, standing, horizontal, to the side, slanting.
+const Eigen::Vector3d kMountings[] = {{0, 0, -1}, {0, 0, 1},  {1, 0, 0},
+                                      {0, -1, 0}, {1, 1, -1}, {-1, 0, 1}};
+
 // Corners of the arm in the picture of the orbiting camera, in shares of half its size.
 TEST(SideView, ShowsTheWholeArmFromItsSideWhateverItsMountingIs) {
-  constexpr double kField = 0.785, kAspect = 0.87;
-  for (const Eigen::Vector3d& axis :
-       {Eigen::Vector3d(0, 0, -1), Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(1, 0, 0),
-        Eigen::Vector3d(0, -1, 0), Eigen::Vector3d(1, 1, -1), Eigen::Vector3d(-1, 0, 1)}) {
+  constexpr double kAspect = 0.87;
+  for (const Eigen::Vector3d& axis : kMountings) {
     for (const double length : {0.1, 0.3, 1.2}) {
       const SideView view = sideView(axis, length, 0.1 * length);
       const Eigen::Vector3d to_camera(std::cos(view.yaw) * std::cos(view.pitch),
@@ -184,12 +184,7 @@ Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
   LoopMarkers::Tips everything = sample();
   everything.force = Eigen::Vector3d(0, 0, 1);
   markers.draw(ros::Time(4), view, everything);
-  const auto array = markers.draw(ros::Time(5), view, tips);
-  for (const Marker& marker : array.markers) {
-    if (marker.ns == ns) return marker;
-  }
-  ADD_FAILURE() << "no marker " << ns;
-  return {};
+  return inNamespace(markers.draw(ros::Time(5), view, tips), ns.c_str()).at(0);
 }
 
 TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
@@ -213,13 +208,9 @@ TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
   rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y
   for (const Eigen::Matrix3d& R_WB : {hangs, rolled, hangs}) {
     const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
-    const auto array = markers.draw(ros::Time(5), view, sample());
-    const auto state =
-        std::find_if(array.markers.begin(), array.markers.end(),
-                     [](const Marker& marker) { return marker.ns == names::kLoopStateNs; });
-    ASSERT_NE(state, array.markers.end());
-    const auto& at = state->pose.position;
-    const Eigen::Vector3d beyond = R_WB * (Eigen::Vector3d(at.x, at.y, at.z) - *sample().predicted);
+    const auto state = inNamespace(markers.draw(ros::Time(5), view, sample()), names::kLoopStateNs);
+    ASSERT_EQ(state.size(), 1U);
+    const Eigen::Vector3d beyond = R_WB * (fromMsg(state[0].pose.position) - *sample().predicted);
     EXPECT_LT(beyond.z(), -0.01);
     EXPECT_LT(beyond.head<2>().norm(), 1e-12);
   }
@@ -247,8 +238,6 @@ TEST(LoopMarkers, WhatIsAbsentIsRemoved) {
   EXPECT_EQ(drawn(tips, names::kWantedTipNs).action, Marker::ADD);
 }
 
-constexpr double kField = 0.785;  // of rviz, from bottom to top [rad]
-
 // A point in the picture of rviz/Orbit, in shares of half its width and height. Its eye is at
 // focus + distance (cos yaw cos pitch, sin yaw cos pitch, sin pitch); up is z.
 Eigen::Vector2d inPicture(const Eigen::Vector3d& point, const ArmCamera& camera, double aspect) {
@@ -265,16 +254,7 @@ Eigen::Vector2d inPicture(const Eigen::Vector3d& point, const ArmCamera& camera,
 // The arm fills the view: all of it is in sight, and it takes more than a quarter of the picture's
 // shorter side. The rest is for the texts beside it.
 TEST(ArmCamera, TheArmFillsTheViewWhateverItsMountingIs) {
-  struct Mounting {
-    const char* name;
-    Eigen::Vector3d axis;
-  };
-  const std::vector<Mounting> mountings = {{"hanging", {0, 0, -1}},
-                                           {"standing", {0, 0, 1}},
-                                           {"horizontal", {1, 0, 0}},
-                                           {"horizontal, to the side", {0, -1, 0}},
-                                           {"slanting", {1, 1, -1}}};
-  for (const auto& [name, axis] : mountings) {
+  for (const Eigen::Vector3d& axis : kMountings) {
     for (const double length : {0.1, 0.3, 1.2}) {
       for (const double aspect : {0.6, 0.87, 1.8}) {
         const ArmCamera camera =
@@ -287,49 +267,53 @@ TEST(ArmCamera, TheArmFillsTheViewWhateverItsMountingIs) {
           for (const Eigen::Vector3d& point :
                {Eigen::Vector3d(base + side), Eigen::Vector3d(base - side)}) {
             const Eigen::Vector2d seen = inPicture(point, camera, aspect);
-            EXPECT_LT(seen.cwiseAbs().maxCoeff(), 1.0) << name << ", " << length << ", " << aspect;
+            EXPECT_LT(seen.cwiseAbs().maxCoeff(), 1.0)
+                << axis.transpose() << ", " << length << ", " << aspect;
           }
         }
         const Eigen::Vector2d span =
             inPicture(tip, camera, aspect) - inPicture(Eigen::Vector3d::Zero(), camera, aspect);
         const double in_shorter_sides =
             0.5 * Eigen::Vector2d(aspect * span.x(), span.y()).norm() / std::min(aspect, 1.0);
-        EXPECT_GT(in_shorter_sides, 0.25) << name << ", " << length << ", " << aspect;
+        EXPECT_GT(in_shorter_sides, 0.25) << axis.transpose() << ", " << length << ", " << aspect;
       }
     }
   }
 }
 
-TEST(ArmCamera, AViewThatAUserMovedKeepsFocusAnglesAndDistance) {
+// The first cockpit that knows its arm takes the view; the other leaves it alone from then on, and
+// a view that a user moved keeps focus, angles and distance.
+TEST(ArmCamera, IsTakenOnceAndKeepsWhatAUserHasMoved) {
+  const struct {
+    const char *target, *base;
+    bool changes;
+  } kRows[] = {{"arm_base", "arm_base", true},
+               {"arm_base", "left_arm_base", true},
+               {"arm_base", "right_arm_base", true},
+               {"right_arm_base", "right_arm_base", true},
+               {"right_arm_base", "left_arm_base", false},
+               {"world", "arm_base", false},
+               {"<Fixed Frame>", "left_arm_base", false}};
+  const Eigen::Vector3d down = -Eigen::Vector3d::UnitZ();
+  for (const auto& row : kRows) {
+    SCOPED_TRACE(std::string(row.target) + ", " + row.base);
+    const ArmCamera start{row.target, {0, 0, 0}, 1, 0.5, 2};
+    ASSERT_EQ(isToChange(start, row.base), row.changes);
+    if (!row.changes) continue;
+    const ArmCamera taken = changed(start, row.base, down, 0.3, 1.0);
+    EXPECT_FALSE(isToChange(taken, row.base));
+    for (const char* other : {"left_arm_base", "right_arm_base"}) {
+      EXPECT_EQ(isToChange(taken, other), taken.target == "arm_base") << other;
+    }
+  }
   const ArmCamera mine{"arm_base", {0.1, 0, 0}, 1.0, 0.5, 2.0};
   EXPECT_FALSE(isToChange(mine, "arm_base"));
   ASSERT_TRUE(isToChange(mine, "left_arm_base")) << "no arm has this frame";
-  const ArmCamera next = changed(mine, "left_arm_base", -Eigen::Vector3d::UnitZ(), 0.3, 1.0);
+  const ArmCamera next = changed(mine, "left_arm_base", down, 0.3, 1.0);
   EXPECT_EQ(next.target, "left_arm_base");
   EXPECT_EQ(next.focus, mine.focus);
-  EXPECT_EQ(next.yaw, mine.yaw);
-  EXPECT_EQ(next.pitch, mine.pitch);
-  EXPECT_EQ(next.distance, mine.distance);
-  EXPECT_FALSE(isToChange(next, "left_arm_base"));
-}
-
-TEST(ArmCamera, AViewOfWhateverIsNoArmStays) {
-  EXPECT_FALSE(isToChange({"world", {0, 0, 0}, 1, 0.5, 2}, "arm_base"));
-  EXPECT_FALSE(isToChange({"<Fixed Frame>", {0, 0, 0}, 1, 0.5, 2}, "left_arm_base"));
-}
-
-// The first cockpit that knows its arm takes the view; the other leaves it alone from then on.
-TEST(ArmCamera, OfTwoArmsOneHasTheView) {
-  const ArmCamera start{"arm_base", {0, 0, 0}, 1, 0.5, 2};
-  ASSERT_TRUE(isToChange(start, "left_arm_base"));
-  ASSERT_TRUE(isToChange(start, "right_arm_base"));
-  const ArmCamera taken = changed(start, "right_arm_base", -Eigen::Vector3d::UnitZ(), 0.3, 1.0);
-  EXPECT_FALSE(isToChange(taken, "left_arm_base"));
-  EXPECT_FALSE(isToChange(taken, "right_arm_base"));
-  // A configuration that looks exactly at the base of one of them.
-  const ArmCamera right{"right_arm_base", {0, 0, 0}, 1, 0.5, 2};
-  EXPECT_FALSE(isToChange(right, "left_arm_base"));
-  EXPECT_TRUE(isToChange(right, "right_arm_base"));
+  EXPECT_EQ(std::tie(next.yaw, next.pitch, next.distance),
+            std::tie(mine.yaw, mine.pitch, mine.distance));
 }
 
 }  // namespace

@@ -1,19 +1,13 @@
 // The vision node and nodelet on pictures that the test makes: sound ones are measured in, all
 // others are counted, named, and measured in never.
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <fstream>
-#include <map>
-#include <memory>
 #include <set>
 
-#include <gtest/gtest.h>
-#include <opencv2/imgproc.hpp>
 #include <tf2_msgs/TFMessage.h>
 
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/frame_source.hpp"
-#include "helix_arm/vision/tag_detector.hpp"
+
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"
@@ -161,35 +155,33 @@ TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
 }
 
 TEST_P(AllEyes, ABlankPictureRemovesTheDrawing) {
-  const auto isDrawn = [this] {
-    return !eye_.markers.all().empty() && eye_.markers.last().markers.at(0).action == Marker::ADD;
+  using Names = std::set<std::pair<std::string, int>>;
+  // Those that are drawn, or taken away, with the last message; where a drawing has no model, it
+  // takes the model's curve away.
+  const auto last = [this](int action) {
+    Names out;
+    if (eye_.markers.all().empty()) return out;
+    for (const Marker& marker : eye_.markers.last().markers) {
+      EXPECT_EQ(marker.header.frame_id, GetParam() + "_arm_base");
+      if (marker.action == action) out.emplace(marker.ns, marker.id);
+    }
+    return out;
   };
-  ASSERT_TRUE(waitFor([&] { return isDrawn() || (showAndMeasure(bent_) && isDrawn()); }));
-  std::set<std::pair<std::string, int>> drawn, removed;
-  const std::size_t marked = eye_.markers.all().size();
+  Names drawn;
+  ASSERT_TRUE(waitFor([&] {
+    drawn = last(Marker::ADD);
+    return !drawn.empty() || (showAndMeasure(bent_) && false);
+  }));
+  EXPECT_GT(eye_.markers.last().markers.at(0).lifetime.toSec(), 0.1);
   eye_.show(cv::Mat(eye_.scene.camera->model.height, eye_.scene.camera->model.width, CV_8UC1,
                     cv::Scalar(128)),
             eye_.stamp());
   EXPECT_TRUE(eye_.tells([](const VisionStatus& s) {
     return s.state == VisionStatus::NO_TAGS && s.tags == 0 && !s.message.empty();
   }));
-  ASSERT_TRUE(waitFor([&] {
-    for (std::size_t k = 0; k < eye_.markers.all().size(); ++k) {
-      // Where a drawing has no model, it takes the model's curve away only.
-      const bool drawing = eye_.markers.all()[k]->markers.at(0).action == Marker::ADD;
-      for (const Marker& marker : eye_.markers.all()[k]->markers) {
-        EXPECT_EQ(marker.header.frame_id, GetParam() + "_arm_base");
-        if (marker.action == Marker::ADD) {
-          EXPECT_GT(marker.lifetime.toSec(), 0.1);
-          drawn.emplace(marker.ns, marker.id);
-        } else if (!drawing && k >= marked) {
-          removed.emplace(marker.ns, marker.id);
-        }
-      }
-    }
-    return !removed.empty();
-  }));
-  for (const auto& marker : drawn) EXPECT_EQ(removed.count(marker), 1U) << marker.first;
+  ASSERT_TRUE(waitFor([&] { return last(Marker::ADD).empty(); }));
+  for (const auto& marker : drawn)
+    EXPECT_EQ(last(Marker::DELETE).count(marker), 1U) << marker.first;
 }
 
 TEST_P(AllEyes, ACameraThatFallsSilentIsStale) {
@@ -259,20 +251,6 @@ TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
     return s.unknown_tags > before.unknown_tags && s.repeated_tags > before.repeated_tags;
   }));
-}
-
-TEST_P(JpegEye, ATimeThatJumpsBackStartsAnew) {
-  const model::Twists other = eye_.twists({1e5, 3e5, 1e5});
-  eye_.show(eye_.picture(bent_), ros::TIME_MAX);
-  ASSERT_TRUE(VisionListener::of(eye_.measured, ros::TIME_MAX));
-  eye_.setTime(ros::Time::now() - ros::Duration(100.0));
-  for (int k = 0; k < 3; ++k) {
-    const ros::Time stamp = eye_.nextStamp();
-    eye_.show(eye_.picture(other), stamp);
-    const auto measured = VisionListener::of(eye_.measured, stamp);
-    ASSERT_TRUE(measured);
-    EXPECT_LT(tipDistance(*measured, other), 0.003);
-  }
 }
 
 TEST_P(JpegEye, AnUncalibratedCameraIsRefused) {
@@ -372,22 +350,14 @@ TEST_P(JpegEye, APictureThatComesAgainWhileTheModelMovesIsRefused) {
 }
 
 TEST_P(JpegEye, AModelThatCannotBeTheArmsIsCountedAndNamed) {
-  const struct {
-    const char *frame, *word;
-    model::Twists twists;
-  } kModels[] = {{"", "", model::Twists::Zero(6, 3)},
-                 {"", "shorter than 1 mm", model::Twists::Zero(6, 1)},
-                 {"elsewhere", "'elsewhere'", bent_}};
   std_msgs::Header header;
   header.stamp = eye_.stamp();
-  for (const auto& model : kModels) {
-    header.frame_id = model.frame;
-    const std::uint64_t before = lastStatus().bad_model;
-    eye_.publish(ros_bridge::toShapeMsg(header, "linear", model.twists));
-    EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-      return s.bad_model > before && s.last_fault.find(model.word) != std::string::npos;
-    })) << model.word;
-  }
+  header.frame_id = "elsewhere";
+  const std::uint64_t before = lastStatus().bad_model;
+  eye_.publish(ros_bridge::toShapeMsg(header, "linear", bent_));
+  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
+    return s.bad_model > before && has(s.last_fault, "'elsewhere'");
+  }));
 }
 
 TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
@@ -399,31 +369,19 @@ TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
   EXPECT_LE(eye_.measured.last().header.stamp, ros::Time::now());
 }
 
+// Which pictures are refused is a law of pictures_test; here one of each kind is counted and named.
 TEST_P(JpegEye, APictureThatIsNotAJpegOfTheCamerasSizeIsRefused) {
-  cv::Mat small;
-  cv::resize(eye_.picture(bent_), small, {640, 480});
-  expectRefused("of 640 x 480 pixels", &VisionStatus::wrong_size,
-                [&](const ros::Time& stamp) { eye_.show(small, stamp); });
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
-  expectRefused("cannot be decoded", &VisionStatus::bad_jpeg,
-                changed([](auto& m) { m.data.resize(m.data.size() / 2); }));
   expectRefused("png", &VisionStatus::wrong_encoding,
                 changed([](auto& m) { m.format = "mono8; png compressed mono8"; }));
 }
 
 TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
-  const auto changed = [&](const auto& change) { return publishing(sound, change); };
-  expectRefused("'yuv422'", &VisionStatus::wrong_encoding,
-                changed([](auto& m) { m.encoding = "yuv422"; }));
-  expectRefused("0 x 0", &VisionStatus::wrong_size, changed([](auto& m) {
-                  m.width = m.height = m.step = 0;
-                  m.data.clear();
-                }));
   expectRefused("bytes in rows of", &VisionStatus::wrong_size,
-                changed([](auto& m) { m.data.resize(100); }));
+                publishing(sound, [](auto& m) { m.data.resize(100); }));
 }
 
 TEST(File, ItsEndIsTheLastState) {

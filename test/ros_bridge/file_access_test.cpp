@@ -1,14 +1,13 @@
 // Which files services read and write.
 #include "ros_bridge/common/file_access.hpp"
 
-#include <filesystem>
 #include <fstream>
-#include <stdexcept>
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -85,14 +84,11 @@ TEST_F(FileAccessTest, NothingElseIs) {
         (inside_ / "data.csv").string() + '\0' + ".csv"}) {
     const std::string refusal = refusalToRead(path);
     EXPECT_EQ(refusal.find("data is '"), 0U) << path;
-    EXPECT_NE(refusal.find("; expected the absolute path of a .csv or .bag file below " +
-                           inside_.string() + " (~data_folder)"),
-              std::string::npos)
-        << refusal;
+    EXPECT_TRUE(test::has(refusal, "; expected the absolute path of a .csv or .bag file below " +
+                                       inside_.string() + " (~data_folder)"));
   }
   for (const char* name : {"fifo.csv", "none.csv"}) {
-    EXPECT_NE(refusalToRead((inside_ / name).string()).find("not a regular file"),
-              std::string::npos);
+    EXPECT_TRUE(test::has(refusalToRead((inside_ / name).string()), "not a regular file"));
   }
   // Of what is elsewhere not even that it is there.
   const auto text = [&](const std::string& path) {

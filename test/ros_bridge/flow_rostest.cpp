@@ -1,14 +1,5 @@
 // From targets to commands, measurements and the model's shape; and targets that no one should
 // obey.
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <map>
-
-#include <gtest/gtest.h>
-
-#include "helix_arm/control/target_check.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "support/vision_rig.hpp"
 
 namespace helix_arm::test {
@@ -76,21 +67,6 @@ TEST_F(Flow, APressureTargetBecomesTheCommandAtOnce) {
   EXPECT_EQ(rig_.commandAfter(partial), (std::vector<double>{1e5, 2e5, 3e4}));
 }
 
-TEST_F(Flow, MeasuredPressuresReachTheCommandWithinTheirNoise) {
-  const Eigen::Vector3d wanted(2.5e5, 1e4, 1.2e5);
-  rig_.keepOn();
-  rig_.sendPressures({wanted.begin(), wanted.end()});
-  // The mean of 50 readings of 5 kPa noise lies within 4 kPa of the truth, but once in 1e7.
-  std::vector<Eigen::Vector3d> window;
-  EXPECT_TRUE(rig_.measured.next([&](const PressureArray& m) {
-    window.emplace_back(vectorOf(m.pressure));
-    if (window.size() < 50) return false;
-    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-    for (auto i = window.end() - 50; i != window.end(); ++i) mean += *i / 50;
-    return (mean - wanted).cwiseAbs().maxCoeff() < 4e3;
-  }));
-}
-
 TEST_F(Flow, TheModelIsTheShapeOfTheMeasuredPressures) {
   rig_.sendPressures({3e5, 1e4, 1.2e5});
   for (int i = 0; i < 20; ++i) {
@@ -156,85 +132,45 @@ TEST_F(Flow, DiagnosticsTellRatesAndWhoCommands) {
   }));
 }
 
-// Each fault is a law of control/; here it is dropped, answered and counted, and the arm stays.
+// Each fault is a law of control/ or of the conversions; here one of each topic is dropped,
+// answered and counted, and the arm stays.
 TEST_F(Flow, TargetsThatNoOneShouldObeyAreDropped) {
-  using Send = std::function<TargetStatus()>;
-  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
-  const std::string endless(2'000'000, '\n'), far(2'000'000, 'x');
   const std::vector<double> held = {1.1e5, 1.2e5, 1.3e5};
-  const auto pressures = [this](const std::vector<double>& pressure,
-                                const std::vector<std::string>& name = {}) -> Send {
-    return [=] { return rig_.sendPressures(pressure, name); };
-  };
-  const auto shape = [this](const std::vector<double>& twist) -> Send {
-    return [=] {
-      ShapeTarget target;
-      target.twist = twist;
-      return rig_.send(target);
-    };
-  };
-  const auto tip = [this](double x, double qx, double qw, int mode = TipTarget::POSE,
-                          const std::string& frame = "") -> Send {
-    return [=] {
-      TipTarget target;
-      target.header.frame_id = frame;
-      target.mode = static_cast<std::uint8_t>(mode);
-      target.pose.position.x = x;
-      target.pose.orientation.x = qx;
-      target.pose.orientation.w = qw;
-      return rig_.send(target);
-    };
-  };
+  TipTarget far, unknown;
+  far.header.frame_id = std::string(2'000'000, 'x');
+  unknown.mode = 2;
   const struct {
     Fault fault;
     const char* word;  // of the answer
-    Send send;
+    std::function<TargetStatus()> send;
   } kRows[] = {
-      {Fault::kNotFinite, "muscle_2", pressures({0, nan, 0})},
-      {Fault::kNotFinite, "muscle_3", pressures({0, 0, infinity})},
-      {Fault::kNotFinite, "muscle_1", pressures({-infinity}, {"muscle_1"})},
-      {Fault::kNotFinite, "twist[4]", shape({0.4, 0, 0, 0, nan, 0})},
-      {Fault::kNotFinite, "the tip's x", tip(nan, 0, 1)},
-      {Fault::kNotFinite, "the tip's x", tip(infinity, 0, 0, TipTarget::POSITION)},
-      {Fault::kNotFinite, "quaternion", tip(0.3, nan, 1)},
-      {Fault::kWrongSize, "0 pressures", pressures({})},
-      {Fault::kWrongSize, "2 pressures", pressures({1, 2})},
-      {Fault::kWrongSize, "4 pressures", pressures({1, 2, 3, 4})},
-      {Fault::kWrongSize, "1 names", pressures({1, 2}, {"muscle_1"})},
-      {Fault::kWrongSize, "0 pressures", pressures({}, {"muscle_1"})},
-      {Fault::kWrongSize, "0 numbers", shape({})},
-      {Fault::kWrongSize, "7 numbers", shape({1, 2, 3, 4, 5, 6, 7})},
-      {Fault::kUnknownName, "'muscle_9'", pressures({1}, {"muscle_9"})},
-      {Fault::kUnknownName, "????...'", pressures({1}, {endless})},
-      {Fault::kDuplicateName, "'muscle_1'", pressures({1, 2}, {"muscle_1", "muscle_1"})},
-      {Fault::kOutOfRange, "muscle_1", pressures({-1, 0, 0})},
-      {Fault::kOutOfRange, "muscle_2", pressures({9e5}, {"muscle_2"})},
-      {Fault::kWrongFrame, "'world'", tip(0.3, 0, 1, TipTarget::POSE, "world")},
-      {Fault::kWrongFrame, "'/arm_base'", tip(0.3, 0, 1, TipTarget::POSITION, "/arm_base")},
-      {Fault::kWrongFrame, "xxxx...'", tip(0.3, 0, 1, TipTarget::POSE, far)},
-      {Fault::kUnknownMode, "mode 2", tip(0.3, 0, 1, 2)},
-      {Fault::kNotUnitQuaternion, "norm 0", tip(0.3, 0, 0)},
-      {Fault::kNotUnitQuaternion, "norm 1.41", tip(0.3, 1, 1)},
+      {Fault::kNotFinite, "muscle_2",
+       [&] {
+         return rig_.sendPressures({0, std::nan(""), 0});
+       }},
+      {Fault::kUnknownName, "????...'",
+       [&] { return rig_.sendPressures({1}, {std::string(2'000'000, '\n')}); }},
+      {Fault::kWrongSize, "0 numbers", [&] { return rig_.send(ShapeTarget()); }},
+      {Fault::kWrongFrame, "xxxx...'", [&] { return rig_.send(far); }},
+      {Fault::kUnknownMode, "mode 2", [&] { return rig_.send(unknown); }},
   };
   rig_.keepOn();
   ASSERT_EQ(rig_.sendPressures(held).outcome, TargetStatus::REACHED);
-  std::map<Fault, int> sent;
   for (const auto& row : kRows) {
     const TargetStatus answer = row.send();
     EXPECT_EQ(answer.outcome, TargetStatus::DROPPED) << row.word;
     EXPECT_EQ(answer.fault, control::nameOf(row.fault)) << row.word;
-    EXPECT_NE(answer.message.find(row.word), std::string::npos) << row.word << answer.message;
+    EXPECT_TRUE(has(answer.message, row.word));
     EXPECT_LT(answer.message.size(), 200U);
     EXPECT_EQ(rig_.commandAfter(answer), held) << row.word;
-    ++sent[row.fault];
   }
   EXPECT_TRUE(rig_.diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
-    const auto isCounted = [&](const auto& fault) {
-      const std::string key = names::kDroppedPrefix + std::string(control::nameOf(fault.first));
-      return Rig::valueIn(array, kTargets, key) == std::to_string(fault.second);
-    };
-    return std::all_of(sent.begin(), sent.end(), isCounted) &&
-           !Rig::valueIn(array, kTargets, names::kLastFaultKey).empty();
+    return !Rig::valueIn(array, kTargets, names::kLastFaultKey).empty() &&
+           std::all_of(std::begin(kRows), std::end(kRows), [&](const auto& row) {
+             const std::string key =
+                 names::kDroppedPrefix + std::string(control::nameOf(row.fault));
+             return Rig::valueIn(array, kTargets, key) == "1";
+           });
   }));
   const TargetStatus good = rig_.sendPressures({2e5, 1e5, 0});
   EXPECT_EQ(good.outcome, TargetStatus::REACHED);

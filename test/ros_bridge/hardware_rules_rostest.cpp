@@ -2,16 +2,13 @@
 // targets that come before enabling or with a wrong stamp, looser rules, another regulator; and
 // what it answers where the regulator does not hear.
 #include <csignal>
-#include <filesystem>
-#include <memory>
 
 #include <actionlib_msgs/GoalStatusArray.h>
-#include <gtest/gtest.h>
 
 #include "helix_arm/FollowTipPathActionResult.h"
 #include "helix_arm/Reload.h"
 #include "ros_bridge/common/client_watch.hpp"
-#include "support/hardware_loop.hpp"
+#include "support/hardware_rig.hpp"
 
 namespace helix_arm::test {
 namespace {

@@ -3,12 +3,8 @@
 #include <Eigen/Geometry>
 #include <atomic>
 #include <limits>
-#include <string>
-#include <thread>
-#include <utility>
-#include <vector>
+#include <tuple>
 
-#include <gtest/gtest.h>
 #include <ros/service.h>
 
 #include "helix_arm/Forward.h"
@@ -96,35 +92,35 @@ TEST(ModelService, InverseReachesWhatForwardGives) {
 TEST(ModelService, CallsThatBreakARuleAreAnsweredWithIt) {
   const auto expect = [](const auto& response, const std::string& words) {
     EXPECT_FALSE(response.success);
-    EXPECT_NE(response.message.find(words), std::string::npos) << response.message;
+    EXPECT_TRUE(has(response.message, words));
     EXPECT_EQ(response.rows, 0u);
   };
+  using Numbers = std::vector<double>;
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const auto forward = [](std::vector<double> pressure) {
+  for (const auto& [pressure, words] :
+       {std::pair(Numbers{1e5, 2e5}, "expected rows of 3"),
+        {{1e5, nan, 0}, "muscle_2 is asked for nan"},
+        {{1e5, 0, 0, 1e5, -1, 0}, "muscle_2 is asked for -1; its limits are"},
+        {Numbers(30'003, 0.0), "10001 rows; expected at most 10000"}}) {
     Forward::Request request;
-    request.pressure = std::move(pressure);
-    return call<Forward>(kForward, request);
-  };
-  expect(forward({1e5, 2e5}), "expected rows of 3");
-  expect(forward({1e5, nan, 0}), "muscle_2 is asked for nan");
-  expect(forward({1e5, 0, 0, 1e5, -1, 0}), "muscle_2 is asked for -1; its limits are");
-  expect(forward(std::vector<double>(30'003, 0.0)), "10001 rows; expected at most 10000");
-  const auto inverse = [](std::vector<double> position, std::vector<double> start = {},
-                          const std::string& prefer = {}) {
+    request.pressure = pressure;
+    expect(call<Forward>(kForward, request), words);
+  }
+  for (const auto& [position, start, prefer, words] :
+       {std::tuple(Numbers{0.3, 0}, Numbers{}, "", "expected rows of 3"),
+        {{0.3, nan, 0}, {}, "", "position[1] is nan"},
+        {{0.3, 0, 0}, {1e5}, "", "expected 3 or none"},
+        {{0.3, 0, 0}, {1e5, -1, 0}, "", "start"},
+        {{0.3, 0, 0}, {}, "low", "prefer is \"low\""},
+        {Numbers(3'003, 0.0), {}, "", "1001 rows; expected at most 1000"}}) {
     Inverse::Request request;
-    request.position = std::move(position);
-    request.start = std::move(start);
+    request.position = position;
+    request.start = start;
     request.prefer = prefer;
-    return call<Inverse>(kInverse, request);
-  };
-  expect(inverse({0.3, 0}), "expected rows of 3");
-  expect(inverse({0.3, nan, 0}), "position[1] is nan");
-  expect(inverse({0.3, 0, 0}, {1e5}), "expected 3 or none");
-  expect(inverse({0.3, 0, 0}, {1e5, -1, 0}), "start");
-  expect(inverse({0.3, 0, 0}, {}, "low"), "prefer is \"low\"");
-  expect(inverse(std::vector<double>(3'003, 0.0)), "1001 rows; expected at most 1000");
-  EXPECT_TRUE(forward({}).success);
-  EXPECT_TRUE(inverse({}).success);
+    expect(call<Inverse>(kInverse, request), words);
+  }
+  EXPECT_TRUE(call<Forward>(kForward, {}).success);
+  EXPECT_TRUE(call<Inverse>(kInverse, {}).success);
 }
 
 // A call that takes seconds, all of whose tips are out of reach, and targets meanwhile.

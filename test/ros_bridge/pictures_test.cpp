@@ -1,12 +1,19 @@
+// From pictures to what is measured in: messages, the one that waits, the model of its time.
 #include "ros_bridge/vision/pictures.hpp"
 
+#include <future>
 #include <limits>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include "ros_bridge/vision/model_history.hpp"
+#include "ros_bridge/vision/picture_mailbox.hpp"
+
 namespace helix_arm::ros_bridge {
 namespace {
+
+using std::chrono::steady_clock;
 
 const estimation::Camera kCamera{
     640, 480, 600.5, 599.5, 320.25, 239.75, {0.1, -0.2, 0.001, -0.002, 0.05, 0, 0, 0}};
@@ -196,6 +203,170 @@ TEST(PictureFault, NamesAreTheFieldsOfTheStatus) {
   EXPECT_STREQ(nameOf(PictureFault::kBadCameraInfo), "bad_camera_info");
   EXPECT_STREQ(nameOf(PictureFault::kBadModel), "bad_model");
   EXPECT_STREQ(nameOf(PictureFault::kSource), "source_faults");
+}
+
+Picture pictureAt(double seconds) { return {ros::Time(seconds), cv::Mat()}; }
+
+// How long a wait is given that must not end yet, and one that must.
+constexpr std::chrono::milliseconds kShort(20);
+constexpr std::chrono::seconds kLong(20);
+
+TEST(PictureMailbox, ANewerPictureReplacesTheOneThatWaits) {
+  PictureMailbox mailbox;
+  EXPECT_FALSE(mailbox.put(pictureAt(1)));
+  EXPECT_TRUE(mailbox.put(pictureAt(2)));
+  const auto taken = mailbox.take();
+  ASSERT_TRUE(taken);
+  EXPECT_EQ(taken->stamp, ros::Time(2));
+  // The one that is measured is not replaced.
+  EXPECT_FALSE(mailbox.put(pictureAt(3)));
+}
+
+TEST(PictureMailbox, IdleIsWhenNoneWaitsAndTheLastIsDone) {
+  PictureMailbox mailbox;
+  EXPECT_TRUE(mailbox.waitUntilIdle());
+  mailbox.put(pictureAt(1));
+  auto idle = std::async(std::launch::async, [&] { return mailbox.waitUntilIdle(); });
+  EXPECT_EQ(idle.wait_for(kShort), std::future_status::timeout);
+  mailbox.take();
+  EXPECT_EQ(idle.wait_for(kShort), std::future_status::timeout);
+  mailbox.done();
+  ASSERT_EQ(idle.wait_for(kLong), std::future_status::ready);
+  EXPECT_TRUE(idle.get());
+}
+
+TEST(PictureMailbox, TakeWaitsForAPicture) {
+  PictureMailbox mailbox;
+  auto taken = std::async(std::launch::async, [&] { return mailbox.take(); });
+  EXPECT_EQ(taken.wait_for(kShort), std::future_status::timeout);
+  mailbox.put(pictureAt(1));
+  ASSERT_EQ(taken.wait_for(kLong), std::future_status::ready);
+  EXPECT_EQ(taken.get()->stamp, ros::Time(1));
+}
+
+TEST(PictureMailbox, StoppingEndsAllWaits) {
+  PictureMailbox mailbox;
+  auto taken = std::async(std::launch::async, [&] { return mailbox.take().has_value(); });
+  auto slept = std::async(std::launch::async,
+                          [&] { return mailbox.sleepUntil(steady_clock::now() + 2 * kLong); });
+  EXPECT_EQ(taken.wait_for(kShort), std::future_status::timeout);
+  EXPECT_EQ(slept.wait_for(kShort), std::future_status::timeout);
+  mailbox.stop();
+  ASSERT_EQ(taken.wait_for(kLong), std::future_status::ready);
+  ASSERT_EQ(slept.wait_for(kLong), std::future_status::ready);
+  EXPECT_FALSE(taken.get());
+  EXPECT_FALSE(slept.get());
+}
+
+TEST(PictureMailbox, StoppedItGivesNoPictureAndDoesNotWait) {
+  PictureMailbox mailbox;
+  mailbox.put(pictureAt(1));
+  EXPECT_FALSE(mailbox.stopped());
+  mailbox.stop();
+  EXPECT_TRUE(mailbox.stopped());
+  EXPECT_FALSE(mailbox.take());
+  EXPECT_FALSE(mailbox.waitUntilIdle());
+  EXPECT_FALSE(mailbox.sleepUntil(steady_clock::now() + kLong));
+}
+
+TEST(PictureMailbox, SleepsUntilItIsDue) {
+  PictureMailbox mailbox;
+  const auto due = steady_clock::now() + kShort;
+  EXPECT_TRUE(mailbox.sleepUntil(due));
+  EXPECT_GE(steady_clock::now(), due);
+  EXPECT_TRUE(mailbox.sleepUntil(due));  // past
+}
+
+class History : public ::testing::Test {
+ protected:
+  // A model whose first number tells which one it is.
+  void add(double seconds, double mark) {
+    history_.add(ros::Time(seconds), model::Twists(model::Twists::Constant(6, 1, mark)));
+  }
+  double markAt(double seconds) const {
+    const auto entry = history_.nearest(ros::Time(seconds));
+    return entry ? entry->shape.pieces()(0, 0) : -1.0;
+  }
+
+  ModelHistory history_;
+};
+
+TEST_F(History, TheNearestInTimeIsTaken) {
+  add(10.0, 1);
+  add(10.1, 2);
+  add(10.2, 3);
+  EXPECT_EQ(markAt(10.04), 1);
+  EXPECT_EQ(markAt(10.06), 2);
+  EXPECT_EQ(markAt(10.14), 2);
+  EXPECT_EQ(markAt(10.3), 3);
+}
+
+TEST_F(History, BeyondItsReachThereIsNone) {
+  EXPECT_EQ(markAt(10.0), -1);
+  add(10.0, 1);
+  EXPECT_EQ(markAt(10.0 + 0.99 * ModelHistory::kReach), 1);
+  EXPECT_EQ(markAt(10.0 + 1.01 * ModelHistory::kReach), -1);
+  EXPECT_EQ(markAt(10.0 - 1.01 * ModelHistory::kReach), -1);
+}
+
+TEST_F(History, OldOnesAreForgotten) {
+  add(10.0, 1);
+  add(10.0 + 1.01 * ModelHistory::kMemory, 2);
+  EXPECT_EQ(markAt(10.0), -1);
+}
+
+TEST_F(History, AJumpBackInTimeForgetsWhatWasAhead) {
+  add(10.0, 1);
+  add(5.0, 2);
+  EXPECT_EQ(markAt(10.0), -1);
+  EXPECT_EQ(markAt(5.0), 2);
+}
+
+TEST_F(History, APictureFromBeforeForgetsModelsFromBeforeTheJump) {
+  add(5.0, 1);
+  add(6.0, 2);
+  history_.forgetFuture(ros::Time(5.1));
+  EXPECT_EQ(markAt(5.1), 1);
+  EXPECT_EQ(markAt(6.0), -1);
+}
+
+TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
+  EXPECT_FALSE(history_.mayGetNearer(ros::Time(10.0)));  // none comes at all
+  add(9.9, 1);
+  EXPECT_TRUE(history_.mayGetNearer(ros::Time(10.0)));
+  add(10.0, 2);
+  EXPECT_FALSE(history_.mayGetNearer(ros::Time(10.0)));
+  EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
+}
+
+TEST_F(History, MemoryIsBoundedForAnyStamps) {
+  for (int k = 0; k < 100000; ++k) add(10.0, k);
+  EXPECT_EQ(history_.size(), 1U);
+  EXPECT_EQ(markAt(10.0), 99999);
+  for (int k = 0; k < 100000; ++k) {
+    history_.add(ros::Time(20, k), model::Twists(model::Twists::Constant(6, 1, k)));
+  }
+  EXPECT_EQ(history_.size(), ModelHistory::kMost);
+  EXPECT_EQ(history_.nearest(ros::Time(20, 99999))->shape.pieces()(0, 0), 99999);
+}
+
+TEST_F(History, TheLagIsOfTheLatestModel) {
+  EXPECT_FALSE(history_.lag(ros::Time(10.0)));
+  add(9.0, 1);
+  add(9.5, 2);
+  EXPECT_NEAR(*history_.lag(ros::Time(10.0)), 0.5, 1e-9);
+  EXPECT_NEAR(*history_.lag(ros::Time(9.0)), -0.5, 1e-9);
+}
+
+TEST_F(History, StampsOfAnyKindArePutUpWith) {
+  add(0.0, 1);
+  history_.add(ros::TIME_MAX, model::Twists(model::Twists::Constant(6, 1, 2)));
+  EXPECT_EQ(markAt(0.0), -1);  // forgotten long since
+  EXPECT_FALSE(history_.mayGetNearer(ros::Time(0.0)));
+  history_.forgetFuture(ros::Time(10.0));
+  add(10.0, 3);
+  EXPECT_EQ(markAt(10.0), 3);
+  EXPECT_EQ(secondsBetween(ros::TIME_MAX, ros::Time(0.0)), -ros::TIME_MAX.toSec());
 }
 
 }  // namespace

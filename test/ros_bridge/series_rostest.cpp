@@ -1,9 +1,6 @@
 // The series node: plays its rows in order, ends without a fault, and gives way to others.
 #include <cmath>
 #include <csignal>
-#include <functional>
-
-#include <gtest/gtest.h>
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/control/target_check.hpp"
@@ -250,6 +247,12 @@ TEST_F(Commands, WhoIsAskedForRestGetsNoTargetAfterwards) {
   EXPECT_NE(series_.output().find("comes to rest"), std::string::npos) << series_.output();
 }
 
+// Without an answer to its last target, which may still be on its way and would cancel the request,
+// it does not ask for rest; there is no such service.
+TEST_F(Commands, AnArmThatDoesNotAnswerIsNotAskedForRest) { expectEnds(false, 1); }
+
+TEST_F(Commands, WithoutTheServiceTheSeriesEndsAndSaysSo) { expectEnds(true, 0); }
+
 // Before the answer it cannot know whether the arm follows it.
 TEST_F(Commands, WhoIsEndedBeforeTheFirstAnswerWaitsForIt) {
   series_.signal(SIGINT);
@@ -271,11 +274,6 @@ TEST_F(Commands, WhoIsNeverAnsweredEndsAllTheSame) {
   EXPECT_EQ(series_.exitCode(), 0) << series_.output();
   EXPECT_EQ(series_.output().find("/rest"), std::string::npos) << series_.output();
 }
-
-// Its last target may still be on its way, and would cancel the request.
-TEST_F(Commands, AnArmThatDoesNotAnswerIsNotAskedForRest) { expectEnds(false, 1); }
-
-TEST_F(Commands, WithoutTheServiceTheSeriesEndsAndSaysSo) { expectEnds(true, 0); }
 
 // Answers to targets that it never sent, before any command came.
 TEST_F(Answers, AnswersWithoutTargetsDoNoHarm) {

@@ -1,10 +1,5 @@
 // Every node in which something throws ends with 1, in order: while its publishers and services
 // leave queues and a ROS that are still there.
-#include <memory>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
 #include <gtest/gtest.h>
 #include <ros/ros.h>
 

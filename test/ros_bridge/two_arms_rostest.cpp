@@ -2,9 +2,7 @@
 #include <cmath>
 #include <map>
 #include <set>
-#include <string>
 
-#include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/LoopStatus.h"

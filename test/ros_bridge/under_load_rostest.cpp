@@ -1,8 +1,4 @@
 // The model of an arm under load: its tier, where no shape holds the load, scenes without load.
-#include <string>
-#include <vector>
-
-#include <gtest/gtest.h>
 #include <ros/service.h>
 
 #include "helix_arm/Reload.h"

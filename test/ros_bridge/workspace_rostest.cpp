@@ -1,8 +1,6 @@
 // The cloud of tips: fields, frame and points, for those who come late as well.
-#include <algorithm>
 #include <cstring>
 
-#include <gtest/gtest.h>
 #include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/PointCloud2.h>
 
@@ -50,15 +48,6 @@ TEST(WorkspaceCloud, HoldsTipsAndTheirSensitivityInTheFrameOfTheBase) {
       ASSERT_NEAR(values[3 + k], points.sensitivity(row, k), 1e-7);
     }
   }
-}
-
-TEST(WorkspaceCloud, WaitsForThoseWhoComeLate) {
-  ros::NodeHandle node;
-  Inbox<sensor_msgs::PointCloud2> first(node, names::kWorkspace);
-  ASSERT_TRUE(waitFor([&] { return !first.all().empty(); }));
-  Inbox<sensor_msgs::PointCloud2> late(node, names::kWorkspace);
-  ASSERT_TRUE(waitFor([&] { return !late.all().empty(); }));
-  EXPECT_EQ(late.last().header.stamp, first.last().header.stamp);
 }
 
 TEST(WorkspaceCloud, AReloadedSceneHasACloudOfItsOwn) {

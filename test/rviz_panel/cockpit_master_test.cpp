@@ -1,12 +1,9 @@
 // The panel while its ROS master is gone or hangs: the window goes on, and the words tell it.
-#include <QApplication>
 #include <QLineEdit>
-#include <QPushButton>
 #include <QtTest/QTest>
 #include <csignal>
 #include <cstdlib>
 
-#include <gtest/gtest.h>
 #include <ros/ros.h>
 
 #include "panel_window.hpp"

@@ -1,5 +1,4 @@
 // The panel of rviz, loaded as rviz loads it, under real clicks.
-#include <QApplication>
 #include <QComboBox>
 #include <QDoubleSpinBox>
 #include <QLineEdit>
@@ -8,24 +7,11 @@
 #include <QScrollBar>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
-#include <cstdlib>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include <gtest/gtest.h>
-#include <ros/service.h>
-
-#include "helix_arm/Forward.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/io/scene.hpp"
 #include "panel_window.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "rviz_panel/panel_parts.hpp"
@@ -205,22 +191,6 @@ TEST_F(Cockpit, ATipTargetInNumbersMovesTheArm) {
   ASSERT_TRUE(until([this] { return says("goal", "tip target"); }));
 }
 
-TEST_F(Cockpit, AVentEndsWhatIsHeld) {
-  enable();
-  while (find<QSlider>("slider_1")->value() < 500) click("slider_1", 0.9);
-  ASSERT_TRUE(until([this] { return command_.last().pressure.at(1) > 4e4; }));
-  click("vent");
-  ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
-  ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
-  EXPECT_TRUE(says("cause", "a vent was requested")) << text("cause");
-  EXPECT_TRUE(says("remedy", "call enable")) << text("remedy");
-  EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
-  // Enabled again, it stays where it is: nothing old is repeated.
-  enable();
-  pass(1);
-  EXPECT_NEAR(command_.last().pressure.at(1), 0, 1);
-}
-
 TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
   enable();
   click("stop");
@@ -260,28 +230,6 @@ TEST_F(Cockpit, WithoutAnArmAllButTheStopIsGreyAndTheWordsSayWhy) {
   EXPECT_EQ(find<QLabel>("answer")->window()->width(), 360);
   expectPaintedWhole("answer");
   EXPECT_TRUE(painted("answer").startsWith(QString("Emergency stop: ") + ros_bridge::kStopByHand));
-}
-
-TEST_F(Cockpit, ANodeThatHangsBlocksNeitherWindowNorStop) {
-  enable();
-  pressure_->signal(SIGSTOP);
-  click("vent");
-  double longest = 0, last = seconds();
-  ASSERT_TRUE(until([&] {
-    longest = std::max(longest, seconds() - last);
-    last = seconds();
-    return says("answer", "no answer within");
-  })) << text("answer");
-  EXPECT_LT(longest, 1.0);
-  EXPECT_FALSE(says("answer", "refused")) << text("answer");
-  panel_->resize(360, 1100);
-  click("stop");
-  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
-  EXPECT_TRUE(says("answer", "no answer within")) << text("answer");
-  expectPaintedWhole("answer");
-  EXPECT_TRUE(painted("answer").startsWith(QString("Emergency stop: ") + ros_bridge::kStopByHand))
-      << text("answer");
-  pressure_->signal(SIGCONT);
 }
 
 // What a hand is trained to hit stays where it is, whatever the texts above and below say.
@@ -450,19 +398,6 @@ class CockpitCalibration : public Cockpit {
     });
   }
 
-  // Tip of the model that pressure_command has, at pressures at which a calibration changes it.
-  Eigen::Vector3d modelTip() const {
-    Forward forward;
-    forward.request.pressure.assign(kBent.begin(), kBent.end());
-    const std::string name = std::string("/") + kArm + "/pressure_command/forward";
-    EXPECT_TRUE(ros::service::call(name, forward) && forward.response.success)
-        << forward.response.message;
-    if (forward.response.position.size() != 3) return Eigen::Vector3d::Constant(NAN);
-    return {forward.response.position[0], forward.response.position[1],
-            forward.response.position[2]};
-  }
-
-  static constexpr std::array<double, 3> kBent = {3.5e5, 0, 1e5};
   const TemporaryFolder folder_;
   std::unique_ptr<Process> loop_, vision_, calibration_;
   Inbox<PressureArray> readings_{node_, names::kPressureMeasured};
@@ -532,7 +467,6 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   ASSERT_TRUE(rests()) << safety_.last().reason;
   ASSERT_TRUE(until([this] { return !errors_.all().empty(); }));
   const double error_before = errors_.last().tip_error;
-  const Eigen::Vector3d tip_before = modelTip();
 
   ASSERT_TRUE(isOffered("calibration_use")) << tip("calibration_use");
   click("calibration_use");
@@ -544,11 +478,7 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   const std::string path = answer.substr(std::string("Use it: ").size(), cut - 8);
   EXPECT_EQ(path.find(folder_.path() + "/calibrated_"), 0U) << path;
 
-  // The model is that of the new scene, and nearer to what the camera sees.
-  const Eigen::Vector3d bent(kBent[0], kBent[1], kBent[2]), tip_after = modelTip();
-  const io::Scene calibrated = io::loadScene(path);
-  EXPECT_LT((tip_after - calibrated.arm.tip(bent).translation).norm(), 1e-9);
-  EXPECT_GT((tip_after - tip_before).norm(), 2e-3);
+  // The model is nearer to what the camera sees.
   EXPECT_GT(error_before, 2e-3);
   EXPECT_TRUE(until([&] { return errors_.last().tip_error < 0.5 * error_before; }))
       << errors_.last().tip_error << " m, before " << error_before << " m";

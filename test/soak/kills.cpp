@@ -1,15 +1,11 @@
 // Kills every node with SIGKILL at random moments and checks what docs/safety.md promises of its
 // end: by the record of the emulated device, where the arm is on a line, and by what the other
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
-// Prints a row per node; exits with 1 if a promise was broken. usage: kills [--moments 50] [--seed
-// 1] [--only WORDS_OF_A_ROW]
-#include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <fstream>
-#include <map>
+// Prints a row per node; exits with 1 if a promise was broken.
+#include <csignal>
 #include <set>
 
+#include <CLI/CLI.hpp>
 #include <actionlib/client/simple_action_client.h>
 
 #include "helix_arm/LoopStatus.h"
@@ -18,7 +14,7 @@
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/Save.h"
 #include "ros_bridge/common/client_watch.hpp"
-#include "support/hardware_loop.hpp"
+#include "support/hardware_rig.hpp"
 #include "support/random.hpp"
 #include "support/vision_rig.hpp"
 
@@ -93,7 +89,7 @@ class OnALine {
     std::atomic<bool> ends{false};
     std::atomic<int> taken{0};
     std::thread caller([&] {
-      const std::string own = readText(device_.scene());
+      const std::string own = contentOf(device_.scene());
       for (int k = 1; !ends; ++k) {
         std::string text = own;
         text.insert(
@@ -173,12 +169,6 @@ class OnALine {
     };
     if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
     return {regulator::steadyNow() - begin, ""};
-  }
-
-  static std::string readText(const std::string& path) {
-    std::ostringstream text;
-    text << std::ifstream(path).rdbuf();
-    return text.str();
   }
 
  private:
@@ -294,7 +284,7 @@ class InTheDemo {
     if (!ros::service::call(service + names::kSave, first) || !first.response.success) {
       return broken("not saved: " + first.response.message);
     }
-    const std::string whole = OnALine::readText(first.request.path);
+    const std::string whole = contentOf(first.request.path);
     std::thread caller([&] {
       Save again = first;
       while (ros::service::call(service + names::kSave, again)) continue;
@@ -302,7 +292,7 @@ class InTheDemo {
     spin(random.uniform(0, 0.3));
     processes_.at("calibration")->signal(SIGKILL);
     caller.join();
-    const std::string left = OnALine::readText(first.request.path);
+    const std::string left = contentOf(first.request.path);
     start("calibration");
     // The first line has the time of the save.
     if (left.substr(left.find('\n')) == whole.substr(whole.find('\n'))) return {};
@@ -457,22 +447,11 @@ int killsInTheDemo(const Options& options) {
 int main(int argc, char** argv) {
   using namespace helix_arm::test;
   Options options;
-  for (int i = 1; i < argc; i += 2) {
-    char* end = nullptr;
-    const char* const value = i + 1 < argc ? argv[i + 1] : "";
-    const long number = std::strtol(value, &end, 10);
-    const bool counts = end != value && *end == '\0' && number > 0;
-    if (std::strcmp(argv[i], "--moments") == 0 && counts) {
-      options.moments = static_cast<int>(number);
-    } else if (std::strcmp(argv[i], "--seed") == 0 && counts) {
-      options.seed = static_cast<unsigned>(number);
-    } else if (std::strcmp(argv[i], "--only") == 0 && *value != '\0') {
-      options.only = value;
-    } else {
-      std::fprintf(stderr, "usage: kills [--moments 50] [--seed 1] [--only WORDS_OF_A_ROW]\n");
-      return 2;
-    }
-  }
+  CLI::App app{"Kills every node at random moments and prints a row per node"};
+  app.add_option("--moments", options.moments)->check(CLI::PositiveNumber);
+  app.add_option("--seed", options.seed)->check(CLI::PositiveNumber);
+  app.add_option("--only", options.only, "words of a row");
+  CLI11_PARSE(app, argc, argv);
   const Master master;
   for (const auto& [name, value] : master.variables()) setenv(name.c_str(), value.c_str(), 1);
   int none = 0;

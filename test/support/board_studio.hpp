@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <vector>
 
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"

@@ -1,10 +1,5 @@
 #pragma once
 
-#include <fstream>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
 #include <variant>
 
 #include "helix_arm/io/scene.hpp"

@@ -1,9 +1,6 @@
 #pragma once
 
-#include <functional>
 #include <initializer_list>
-#include <stdexcept>
-#include <string>
 
 #include <gtest/gtest.h>
 

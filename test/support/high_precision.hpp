@@ -1,15 +1,11 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <limits>
 
 #include <boost/multiprecision/eigen.hpp>
 #include <boost/multiprecision/mpfr.hpp>
 
 #include "helix_arm/lie/se2.hpp"
-#include "helix_arm/lie/se3.hpp"
-
-/// The definitions in 80-digit arithmetic: what the tests compare with.
 namespace helix_arm::test {
 
 using Real = boost::multiprecision::number<boost::multiprecision::mpfr_float_backend<80>,

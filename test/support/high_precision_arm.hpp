@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Cholesky>
-#include <vector>
 
 #include "helix_arm/model/arm.hpp"
 #include "support/high_precision.hpp"

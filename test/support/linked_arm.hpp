@@ -1,8 +1,5 @@
 #pragma once
 
-#include <Eigen/Geometry>
-#include <vector>
-
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::test {

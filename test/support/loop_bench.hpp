@@ -1,11 +1,7 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <cmath>
 #include <deque>
 #include <map>
-#include <optional>
-#include <vector>
 
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/model/curve.hpp"

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "helix_arm/regulator/modbus_profile.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 
 namespace helix_arm::test {

@@ -1,10 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <cmath>
 #include <string>
-#include <utility>
-#include <vector>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/model/arm.hpp"

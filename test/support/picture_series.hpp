@@ -1,12 +1,5 @@
 #pragma once
 
-#include <cmath>
-#include <cstdint>
-#include <vector>
-
-#include <opencv2/core.hpp>
-
-#include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/sample_view.hpp"
 

@@ -1,15 +1,8 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <utility>
-#include <vector>
-
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/vision/tag_detector.hpp"
-
 namespace helix_arm::test {
 
 /// What the detector sees of a rig with a camera at rest at each of these pressures (steps x

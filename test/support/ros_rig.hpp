@@ -1,17 +1,14 @@
 #pragma once
 
-#include <chrono>
+#include <algorithm>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
 #include <optional>
-#include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <gtest/gtest.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
@@ -232,25 +229,9 @@ class Rig {
   Inbox<diagnostic_msgs::DiagnosticArray> diagnostics;
 };
 
-/// Adds a line to each test that fails while the machine starves: no promise holds on one that does
-/// not run the nodes.
-class StarvationReport : public ::testing::EmptyTestEventListener {
- public:
-  void OnTestStart(const ::testing::TestInfo&) override { watch_.emplace(); }
-  void OnTestEnd(const ::testing::TestInfo& test) override {
-    const std::string starved = watch_->turns().verdict();
-    watch_.reset();
-    if (test.result()->Failed() && !starved.empty()) ADD_FAILURE() << starved;
-  }
-
- private:
-  std::optional<StarvationWatch> watch_;
-};
-
 /// The main of a rostest.
 inline int runRostest(int argc, char** argv) {
   ::testing::InitGoogleTest(&argc, argv);
-  ::testing::UnitTest::GetInstance()->listeners().Append(new StarvationReport);
   ros::init(argc, argv, "test", ros::init_options::AnonymousName);
   const ros::NodeHandle started;
   return RUN_ALL_TESTS();

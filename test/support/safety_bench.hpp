@@ -1,11 +1,8 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <cmath>
 #include <functional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -61,7 +58,7 @@ struct Bench {
   control::SafetyState state() const { return core.state(); }
   control::SafetyCause cause() const { return core.report().cause; }
 
-  void turn(double dt = kTurn) {
+  Bench& turn(double dt = kTurn) {
     now += dt;
     const control::ValveOrders& orders = core.orders();
     for (int i = 0; i < pressure.size(); ++i) {
@@ -74,11 +71,19 @@ struct Bench {
     if (reads) core.measured(now, reading, supply);
     if (commands) core.target(now, goal);
     core.advance(now);
+    return *this;
   }
-  void turns(int count) {
+  Bench& turns(int count) {
     for (int k = 0; k < count; ++k) turn();
+    return *this;
   }
-  void run(double time) { turns(static_cast<int>(std::lround(time / kTurn))); }
+  Bench& run(double time) { return turns(static_cast<int>(std::lround(time / kTurn))); }
+  /// Reads once and is enabled.
+  Bench& start() {
+    turn();
+    EXPECT_EQ(core.enable(now), "");
+    return *this;
+  }
   /// Until it is in a state, for 10 s at most.
   bool reach(control::SafetyState wanted) {
     for (int k = 0; k < 640 && state() != wanted; ++k) turn();
@@ -94,14 +99,19 @@ struct Bench {
     return letters;
   }
 
-  /// One channel reads so much off its pressure.
-  void readsOff(int channel, double offset) {
+  // What is different from now on.
+  Bench& readsOff(int channel, double offset) {
     spoil = [=](Eigen::VectorXd& reading) { reading[channel] += offset; };
+    return *this;
   }
-  /// One channel reads this.
-  void readsAs(int channel, double value) {
+  Bench& readsAs(int channel, double value) {
     spoil = [=](Eigen::VectorXd& reading) { reading[channel] = value; };
+    return *this;
   }
+  Bench& readsTrue() { return spoil = nullptr, *this; }
+  Bench& silent() { return commands = false, *this; }
+  Bench& unread() { return reads = false, *this; }
+  Bench& supplied(double gauge) { return supply = gauge, *this; }
 };
 
 /// Enabled, and at its goal [Pa] for so long that it reads it to the last digit.
@@ -109,9 +119,7 @@ inline Bench enabledBench(double goal = 1e5,
                           std::vector<control::ChannelRules> channels = benchChannels()) {
   Bench bench(benchRules(), std::move(channels));
   bench.goal.setConstant(goal);
-  bench.turn();
-  EXPECT_EQ(bench.core.enable(bench.now), "");
-  bench.run(12);
+  bench.start().run(12);
   EXPECT_EQ(bench.state(), control::SafetyState::kEnabled);
   return bench;
 }

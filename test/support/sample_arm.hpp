@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <string>
-#include <vector>
 
 #include "helix_arm/model/arm.hpp"
 

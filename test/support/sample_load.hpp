@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include "helix_arm/statics/load.hpp"
 
 namespace helix_arm::test {

@@ -1,9 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <map>
-#include <string>
-#include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "support/sample_view.hpp"

@@ -1,15 +1,8 @@
 #pragma once
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
-#include <vector>
-
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "support/paper_arm.hpp"
-#include "support/random.hpp"
-
 namespace helix_arm::test {
 
 /// A webcam of 1280 x 720 with the distortion that such have.

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <atomic>
-#include <limits>
 #include <mutex>
 #include <thread>
 

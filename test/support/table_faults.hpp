@@ -1,7 +1,5 @@
 #pragma once
 
-#include <string>
-
 #include "helix_arm/io/fault_list.hpp"
 #include "support/temporary_file.hpp"
 

@@ -2,12 +2,9 @@
 
 #include <cmath>
 #include <cstdint>
-#include <vector>
 
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::test {

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::test {

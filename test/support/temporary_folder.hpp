@@ -2,12 +2,18 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <iterator>
 #include <stdexcept>
 #include <string>
 
 #include <unistd.h>
 
 namespace helix_arm::test {
+
+/// Files that this process has open.
+inline std::ptrdiff_t openFiles() {
+  return std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
+}
 
 /// An empty folder that goes away with the object, and all that was put into it.
 class TemporaryFolder {

@@ -1,8 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <vector>
-
 #include "helix_arm/model/batch.hpp"
 #include "support/paper_arm.hpp"
 

@@ -1,13 +1,7 @@
 #pragma once
 
 #include <cmath>
-#include <optional>
-#include <string>
-#include <vector>
 
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/CompressedImage.h>
-#include <sensor_msgs/Image.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/ModelError.h"

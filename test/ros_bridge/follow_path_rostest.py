@@ -1,0 +1,311 @@
+#!/usr/bin/env python3
+"""Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file."""
+import csv
+import math
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+import actionlib
+import rospy
+import rostest
+from actionlib_msgs.msg import GoalStatus
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from helix_arm.msg import (FollowTipPathAction, FollowTipPathGoal, FollowTipPathResult, LoopStatus, PressureArray,  # noqa: E402
+                           SafetyState, TargetStatus)
+from helix_arm.srv import Reload  # noqa: E402
+from loop_rig import BESIDE, MIDDLE, LoopRig, call, close_loop, goal_along, place, target_at, wait_for  # noqa: E402
+from processes import SOURCE, Process, node  # noqa: E402
+
+TARGET_TIMEOUT = 1  # of config/scenes/demo.yaml [s]
+
+
+class FollowTipPath(LoopRig):
+    def other(self, goal):
+        """The goal of another client."""
+        client = actionlib.SimpleActionClient("visual_servo/follow_tip_path", FollowTipPathAction)
+        self.assertTrue(client.wait_for_server(rospy.Duration(20)))
+        client.send_goal(goal)
+        return client
+
+    def assert_refused(self, goal, code, *words):
+        self.send(goal)
+        self.assert_ends(code, *words)
+        self.assertEqual(self.client.get_state(), GoalStatus.REJECTED)
+
+    def assert_rests(self):
+        self.assert_wait(lambda: self.safety[-1].state == SafetyState.DISABLED)
+
+    def test_moves_the_tip_along_a_path(self):
+        self.send(goal_along([MIDDLE, BESIDE, MIDDLE], 1.0))
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
+        self.assertEqual(self.client.get_state(), GoalStatus.SUCCEEDED)
+        result = self.client.get_result()
+        self.assertGreater(result.pictures, 5)
+        self.assertTrue(result.rms_m < 0.005 and result.rms_m <= result.max_m, result)
+        self.assertGreater(len(self.feedback), 5)
+        self.assertLess(self.feedback[0].time_from_start, self.feedback[-1].time_from_start)
+        for feedback in self.feedback:
+            self.assertAlmostEqual(feedback.error, math.dist(place(feedback.desired.position), place(feedback.measured.position)), 9)
+            self.assertGreater(feedback.sd, 0)
+            self.assertEqual(feedback.header.frame_id, "arm_base")
+
+    def test_a_bad_goal_is_refused_with_the_fault(self):
+        def spoilt(spoil, **fields):
+            goal = goal_along([MIDDLE, BESIDE], 1.0, **fields)
+            spoil(goal, goal.path.points)
+            return goal
+
+        def nothing(goal, points):
+            pass
+
+        for words, spoil, fields in (
+                ("point 2", lambda goal, points: setattr(points[1].transforms[0].translation, "x", math.nan), {}),
+                ("point 2", lambda goal, points: setattr(points[1], "time_from_start", rospy.Duration(0)), {}),
+                ("2 transforms", lambda goal, points: points[0].transforms.append(points[1].transforms[0]), {}),
+                ("joint_names", lambda goal, points: goal.path.joint_names.append("elbow"), {}),
+                ("'nowhere'", lambda goal, points: setattr(goal.path.header, "frame_id", "nowhere"), {}),
+                ("moves relative to", lambda goal, points: setattr(goal.path.header, "frame_id", "model_tip"), {}),
+                ("mode 2", nothing, {"mode": 2}),
+                ("point 1", lambda goal, points: setattr(points[0].transforms[0].rotation, "w", 2), {"mode": FollowTipPathGoal.POSE}),
+                ("on_contact 4", nothing, {"on_contact": 4}),
+                ("path_tolerance", nothing, {"path_tolerance": -1e-3}),
+                ("hold_s", nothing, {"hold_s": math.nan}),
+                ("leaves the arm's reach", lambda goal, points: setattr(points[1].transforms[0].translation, "y", 0.3), {}),
+                ("too fast", lambda goal, points: setattr(points[1], "time_from_start", rospy.Duration(0.01)), {}),
+                ("at most 60 s",
+                 lambda goal, points: setattr(goal.path.header, "stamp", rospy.Time.now() + rospy.Duration(100)), {}),
+                ("1 points", lambda goal, points: points.pop(), {})):
+            with self.subTest(words):
+                self.assert_refused(spoilt(spoil, **fields), FollowTipPathResult.INVALID_GOAL, words)
+        self.assert_refused(spoilt(lambda goal, points: setattr(goal.path.header, "stamp", rospy.Time.now() - rospy.Duration(5))),
+                            FollowTipPathResult.OLD_HEADER_TIMESTAMP)
+        self.assertEqual(self.loop[-1].state, LoopStatus.IDLE, "nothing moves by them")
+
+    def test_a_running_goal_keeps_targets_and_bad_goals_away(self):
+        self.send(goal_along([MIDDLE, BESIDE, MIDDLE], 3.0))
+        self.assert_under_way()
+        answer = self.answer_to(self.tip_target, target_at(MIDDLE))
+        self.assertEqual(answer.fault, "other_commander")
+        self.assertIn("follow_tip_path", answer.message)
+        other = self.other(goal_along([MIDDLE], 1.0))
+        self.assert_wait(lambda: self.is_done(other), 60)
+        self.assertEqual(other.get_state(), GoalStatus.REJECTED)
+        self.assertFalse(self.is_done())
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
+
+    def test_a_new_goal_replaces_the_running_one(self):
+        self.send(goal_along([MIDDLE, BESIDE], 20.0))
+        self.assert_under_way()
+        other = self.other(goal_along([BESIDE, MIDDLE], 1.0))
+        self.assert_wait(self.is_done)
+        self.assertEqual(self.client.get_state(), GoalStatus.PREEMPTED)
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL, client=other)
+
+    def test_a_goal_of_any_size_does_not_stop_the_one_that_runs(self):
+        """Reading a million points takes longer than safety.target_timeout_s."""
+        self.send(goal_along([MIDDLE, BESIDE], 60.0))
+        self.assert_under_way()
+        for count, words in ((1000000, "the path has 1000000 points; expected at most 100000"), (100000, "leaves the arm's reach")):
+            goal = goal_along([MIDDLE, MIDDLE], 0.01)
+            goal.path.points = goal.path.points[:1] * (count - 1) + goal_along([MIDDLE + [1, 0, 0]], 1).path.points
+            if count == 100000:
+                points = [goal_along([MIDDLE], 1).path.points[0] for _ in range(count)]
+                for k, point in enumerate(points):
+                    point.time_from_start = rospy.Duration(0.01 * k)
+                points[-1].transforms[0].translation.x = 1
+                goal.path.points = points
+            other = self.other(goal)
+            self.assert_ends(FollowTipPathResult.INVALID_GOAL, words, client=other)
+            self.assertEqual(other.get_state(), GoalStatus.REJECTED)
+            self.assertFalse(self.is_done(), self.client.get_state())
+            self.assertEqual(self.safety[-1].state, SafetyState.ENABLED, self.safety[-1])
+        self.client.cancel_goal()
+        self.assert_wait(self.is_done)
+
+    def test_a_cancelled_goal_holds_the_arm_where_it_is_wanted(self):
+        self.send(goal_along([MIDDLE, BESIDE], 20.0, hold_s=0))  # simulated: without end
+        self.assert_under_way()
+        self.client.cancel_goal()
+        self.assert_wait(self.is_done)
+        self.assertEqual(self.client.get_state(), GoalStatus.PREEMPTED)
+        self.assert_wait(lambda: math.isnan(self.loop[-1].path_time))
+        held = place(self.loop[-1].wanted.position)
+        time.sleep(3)  # for longer than the watchdogs of the loop and of pressure_command
+        self.assertEqual((self.loop[-1].state, self.loop[-1].commander), (LoopStatus.CLOSED, "follow_tip_path"))
+        self.assertLess(math.dist(place(self.loop[-1].wanted.position), held), 1e-9)
+        # A target ends it, and its own silence ends the command.
+        self.assert_tip_comes_to(MIDDLE, 0.005, target_at(MIDDLE))
+        self.assert_comes_to(LoopStatus.IDLE)
+
+    def test_a_rest_ends_what_the_loop_holds(self):
+        """Somebody else, here this test, asks for rest while the loop commands."""
+        self.send(goal_along([MIDDLE, BESIDE], 1.0, hold_s=0))
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
+        self.assertTrue(call("pressure_command/rest"))
+        self.assert_rests()
+        self.assert_comes_to(LoopStatus.IDLE)
+        sent = len(self.sent)
+        self.assert_goes_on(100)
+        self.assertEqual(len(self.sent), sent, "it goes on commanding")
+        self.assertEqual(self.safety[-1].state, SafetyState.DISABLED, self.safety[-1])
+
+    def test_a_rest_aborts_the_goal_and_the_next_one_counts_at_once(self):
+        self.send(goal_along([MIDDLE, BESIDE], 20.0))
+        self.assert_under_way()
+        self.assertTrue(call("pressure_command/rest"))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "brought the arm to rest")
+        self.send(goal_along([MIDDLE, BESIDE], 1.0))
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
+
+    def test_who_repeats_a_target_is_brought_to_rest_until_it_pauses(self):
+        target = target_at(MIDDLE)
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        rest = threading.Thread(target=call, args=("pressure_command/rest",))
+        rest.start()
+        self.assert_wait(lambda: self.safety[-1].state == SafetyState.DISABLED, 20, target)
+        rest.join()
+        self.assertEqual(self.answer_to(self.tip_target, target).fault, "rested")
+        time.sleep(2 * TARGET_TIMEOUT + 1)  # at half speed
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+
+    def test_another_scene_is_taken_while_the_last_place_is_held_but_not_while_a_goal_runs(self):
+        self.send(goal_along([MIDDLE, BESIDE], 4.0, hold_s=0))
+        self.assert_under_way()
+        reload = rospy.ServiceProxy("visual_servo/reload", Reload)
+        refused = reload()
+        self.assertFalse(refused.success)
+        self.assertIn("cancel its goal", refused.message)
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
+        self.assertTrue(reload().success)
+        self.assert_rests()
+
+    def test_a_vent_aborts_the_goal_and_refuses_the_next(self):
+        self.send(goal_along([MIDDLE, BESIDE], 20.0))
+        self.assert_under_way()
+        self.assertTrue(call("pressure_command/vent"))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "vent")
+        self.assert_comes_to(LoopStatus.IDLE)
+        self.send(goal_along([MIDDLE, BESIDE], 1.0))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "enable")
+
+    def test_a_path_that_the_arm_does_not_keep_is_given_up(self):
+        # The loop stays open, and the true arm of the demo is more than 1 mm off.
+        self.assertTrue(close_loop(False))
+        self.assertTrue(call("visual_servo/reset"))
+        for code, fields in ((FollowTipPathResult.PATH_TOLERANCE_VIOLATED, {"path_tolerance": 1e-3}),
+                             (FollowTipPathResult.GOAL_TOLERANCE_VIOLATED, {"goal_tolerance": 1e-3}),
+                             (FollowTipPathResult.VISION_LOST, {"goal_tolerance": 1e-3, "require_vision": True})):
+            self.send(goal_along([MIDDLE, BESIDE], 3.0, **fields))
+            self.assert_ends(code)
+        self.assertTrue(close_loop(True))
+
+    def test_another_commander_keeps_the_arm(self):
+        hold = PressureArray(pressure=[5e4] * 3)
+
+        def kept(condition):
+            hold.header.stamp = rospy.Time.now()
+            self.pressure_target.publish(hold)
+            return wait_for(condition, 0.1)
+
+        self.assert_wait(lambda: kept(lambda: self.status and self.status[-1].topic == "pressure_target" and
+                                      self.status[-1].outcome == TargetStatus.REACHED))
+        self.send(goal_along([MIDDLE, BESIDE], 1.0))
+        self.assert_wait(lambda: kept(self.is_done))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, rospy.get_name())
+
+
+class FollowPath(LoopRig):
+    def setUp(self):
+        super().setUp()
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.record, self.figure = (os.path.join(folder.name, name) for name in ("run.csv", "run.png"))
+        self.path = os.path.join(folder.name, "path.csv")
+
+    def start(self, rows, *more):
+        """The node on a path of time [s] and y beside the middle [m]."""
+        with open(self.path, "w") as file:
+            file.write("time_s,x_m,y_m,z_m\n" + "".join("%g,0.366,%g,0.0088\n" % (time, 0.0035 + y) for time, y in rows))
+        if rospy.has_param("/follow_path"):
+            rospy.delete_param("/follow_path")  # those of the run before would stay
+        process = Process([node("follow_path"), "_path:=" + self.path, "_goal_tolerance_mm:=5", "_hold_s:=0.1", *more])
+        self.addCleanup(process.__exit__)
+        return process
+
+    def rows(self):
+        with open(self.record) as file:
+            return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+    def test_ends_with_its_path_and_leaves_a_record_and_its_figure(self):
+        run = self.start([(0, 0), (2, 0.0075), (4, 0.015)], "_record:=" + self.record, "_figure:=" + self.figure)
+        self.assertEqual(run.code(120), 0, run.output())
+        self.assertIn("the path was followed", run.output())
+
+        def tip(row, name):
+            return [float(row["%s_%s_m" % (name, axis)]) for axis in "xyz"]
+
+        # Its columns are laws of procedures/; here they are of pictures that this test has seen, too.
+        rows = self.rows()
+        self.assertGreater(len(rows), 10)
+        stamps = [float(row["stamp_s"]) for row in rows]
+        self.assertEqual(stamps, sorted(set(stamps)))
+        seen = {round(shape.header.stamp.to_sec(), 6): place(shape.tip.position) for shape in list(self.measured)}
+        known = [row for row, stamp in zip(rows, stamps) if round(stamp, 6) in seen]
+        self.assertTrue(known)
+        for row in known:
+            self.assertLess(math.dist(seen[round(float(row["stamp_s"]), 6)], tip(row, "measured")), 1e-12)
+        for row in rows:
+            self.assertAlmostEqual(float(row["error_m"]), math.dist(tip(row, "measured"), tip(row, "wanted")), 12)
+            self.assertLess(math.dist(tip(row, "predicted"), tip(row, "measured")), 0.02)
+            self.assertTrue(row["state"])
+        self.assertTrue(rows[-1]["model_x_m"])
+        self.assertLess(float(rows[-1]["pressure_3_pa"]), 1e6)
+        self.assertGreater(float(rows[-1]["time_s"]), 3.5)
+        # The last picture is taken shortly before the end of the path.
+        self.assertLess(abs(tip(rows[-1], "wanted")[1] - MIDDLE[1] - 0.015), 1e-4)
+        with open(self.figure, "rb") as file:
+            self.assertEqual(file.read(4), b"\x89PNG")
+        # Both are replaced by the next run.
+        again = self.start([(0, 0), (1, 0.01)], "_record:=" + self.record, "_figure:=" + self.figure)
+        self.assertEqual(again.code(120), 0, again.output())
+        self.assertLess(float(self.rows()[-1]["time_s"]), 3.5)
+
+    def test_asked_to_end_it_cancels_its_goal_and_records_as_far_as_it_went(self):
+        run = self.start([(0, 0), (40, 0.015)], "_record:=" + self.record)
+        self.assertTrue(run.prints("mm off, the loop", 60), run.output())
+        run.signal(signal.SIGINT)
+        self.assertEqual(run.code(30), 0, run.output())
+        self.assertIn("cancelled", run.output())
+        self.assert_comes_to(LoopStatus.IDLE)
+        with open(self.record) as file:
+            title = file.readline()
+        self.assertTrue(title.startswith("# recorded run of " + self.path), title)
+        self.assertIn("cancelled", title)
+        self.assertTrue(self.rows())
+
+    def test_a_record_replaces_no_file_of_others(self):
+        with open(self.record, "w") as file:
+            file.write("a,b\n1,2\n")
+        run = self.start([(0, 0), (2, 0.015)], "_record:=" + self.record, "_figure:=run.pdf")
+        self.assertEqual(run.code(60), 2, run.output())
+        self.assertIn("~record is '" + self.record + "', which exists", run.output())
+        self.assertIn("run.pdf'; expected the absolute path of a .png file", run.output())
+        with open(self.record) as file:
+            self.assertEqual(file.read(), "a,b\n1,2\n")
+
+    def test_what_is_not_followed_ends_it_with_its_code(self):
+        for rows, code, words in (([(0, 0), (20, 0.4)], 1, "leaves the arm's reach"), ([(0, 0), (0, 0.01)], 2, "")):
+            run = self.start(rows)
+            self.assertEqual(run.code(60), code, run.output())
+            self.assertIn(words, run.output())
+
+
+del LoopRig  # whose tests are those of its kinds
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "follow_path", "__main__", sys.argv)

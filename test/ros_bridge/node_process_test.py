@@ -1,0 +1,347 @@
+#!/usr/bin/env python3
+"""Nodes and launch files as processes: their output, their exit, their behaviour without a master, and who can reach them."""
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+import xmlrpc.client
+
+import rosunit
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from processes import SOURCE, Master, Process, free_port, node  # noqa: E402
+
+SCENE = "_scene:=" + SOURCE + "/config/scenes/spatial_50.yaml"
+LAUNCH = SOURCE + "/launch/"
+READY = "loop at"
+
+
+def ring_scene(contraction="table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}", ring="muscle",
+               stiffness="10, K_tau_m2: 0, K_kappa_m2: 1.0e-4", more=""):
+    """An arm of three muscles of one contraction; any of its lines may be another."""
+    return """name: ring
+contractions:
+  muscle:
+    %s
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: %s}
+  sections:
+    - name: arm
+      ring: {count: 3, radius_m: 0.03, contraction: %s}
+%s""" % (contraction, stiffness, ring, more)
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = os.path.realpath(folder.name)
+        self.master = Master()
+        self.addCleanup(self.master.__exit__)
+
+    def file(self, name, text):
+        path = os.path.join(self.folder, name)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "w") as file:
+            file.write(text)
+        return path
+
+    def run_node(self, name, *arguments, variables=None, folder=None, command=None):
+        process = Process((command or [node(name)]) + list(arguments), dict(self.master.variables, **(variables or {})), folder)
+        self.addCleanup(process.__exit__)
+        return process
+
+    def assert_prints(self, process, text, deadline=30):
+        self.assertTrue(process.prints(text, deadline), text + " in:\n" + process.output())
+
+    def assert_ends(self, process, code, *words, deadline=30):
+        """With this code, having said so."""
+        self.assertEqual(process.code(deadline), code, process.output())
+        for word in words:
+            self.assertIn(word, process.output())
+
+    def assert_refused(self, arguments, words, name="pressure_command"):
+        with Master() as master:  # its own: parameters outlive the node that brought them
+            process = self.run_node(name, *arguments, variables=master.variables)
+            self.assert_ends(process, 2, *words)
+            self.assertNotIn(READY, process.output(), "it started nevertheless")
+
+
+class NodeProcess(Case):
+    def test_a_bad_scene_ends_it_with_2_and_every_fault(self):
+        scene = self.file("ring.yaml", ring_scene(ring="mussel, max_pressure_kpa: 400", more="colour: green\n",
+                                                  stiffness="-3, K_tau_m2: 0, K_kappa_m2: .nan"))
+        self.assert_refused(["_scene:=" + scene], ["K_gamma", "-3", "K_kappa_m2", "mussel", "colour", scene + ":"])
+
+    def test_every_unusable_parameter_is_named(self):
+        for name, arguments, words in (
+                ("pressure_command", "_rate:=0 _draw_rate:=often _frames:=1.5 _world_frame:=/world",
+                 ["~scene is missing", "~rate is 0", "~draw_rate is often", "~frames is 1.5", "~world_frame is /world"]),
+                ("pressure_command", "_scene:=no_such_arm", ["~scene is no_such_arm", "config/scenes", "spatial_50"]),
+                ("pressure_command", SCENE + " _regulator:=mine", ["~regulator is mine", "scene or topic"]),
+                ("simulated_rig", SCENE + " _rate:=0 _camera_rate:=1000", ["~rate is 0", "~camera_rate is 1000"]),
+                ("vision", "_scene:=demo _source:=camera _stale_after_s:=0",
+                 ["~source is camera", "image/compressed", "~stale_after_s is 0"]),
+                ("calibration", "_pressure_tolerance_kpa:=0 _window_s:=-1 _patience_s:=long",
+                 ["~scene is missing", "~pressure_tolerance_kpa is 0", "~window_s is -1", "~patience_s is long"]),
+                ("simulated_rig", "_scene:=demo _time_factor:=5", ["~time_factor is 5", "/use_sim_time"]),
+                ("simulated_rig", "_scene:=demo _time_factor:=0.001", ["~time_factor is 0.001"]),
+                ("simulated_rig", "_scene:=demo _regulator:=topic _time_factor:=2", ["~time_factor is 2"]),
+                ("vision", "_scene:=demo _source:=webcam", ["demo has no camera.webcam"]),
+                ("vision", "_scene:=demo _source:=/no/such/film.avi", ["/no/such/film.avi"]),
+                ("vision", "_scene:=demo _camera_info_url:=file:///tmp/camera.yaml",
+                 ["~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"]),
+                ("vision", "_scene:=demo _source:=no_such_folder",
+                 ["~source is no_such_folder", "a path (with a / or a ., or of what is there)"]),
+                ("vision", SCENE, ["spatial_50 has no `camera` and `tags`", "add what is missing"]),
+                ("vision", "_scene:=helical_50", ["helical_50 has no `camera`"]),
+                ("pressure_command", "_scene:=demo_serial _rate:=7",
+                 ["vents by itself when no line comes for 0.5 s", "raise the rate of the loop"])):
+            with self.subTest(arguments):
+                self.assert_refused(arguments.split(), words, name)
+
+    def test_nothing_of_a_scene_or_a_parameter_reaches_the_log_as_it_is(self):
+        """In its log, as in those of other programs, a line of a node begins with its level."""
+        forged = "[ INFO] [1.0]: forged\u009b31m\u202e"
+        scene = self.file("forged.yaml", 'name: "bad\\e]0;x\\a\\rall is well\\n%s"\narm: {}\n' % forged)
+        for arguments in (["_scene:=" + scene], ["_scene:=" + forged], [SCENE, "_regulator:=" + forged]):
+            with Master() as master:
+                process = self.run_node("pressure_command", *arguments, variables=master.variables)
+                self.assert_ends(process, 2)
+                for raw in ("]0;x\x07", "\r", "\u009b", "\n[ INFO] [1.0]: forged"):
+                    self.assertNotIn(raw, process.output())
+
+    def test_a_relative_path_starts_in_the_folder_of_the_caller(self):
+        home, there, here = (os.path.join(self.folder, name) for name in ("home", "there", "here"))
+        for folder in (home, there, here):
+            os.mkdir(folder)
+        called = {"PWD": there, "ROS_HOME": home}
+        self.assert_ends(self.run_node("pressure_command", "_scene:=rigs/../bad.yaml", variables=called, folder=home),
+                         2, there + "/bad.yaml")
+        shutil.copy(SOURCE + "/config/scenes/demo.yaml", there + "/my.yaml")
+        taken = self.run_node("calibration", "_scene:=./my.yaml", "_out_folder:=made", variables=called, folder=home)
+        self.assert_prints(taken, "ready to record")
+        self.assertIn("~scene is ./my.yaml: " + there + "/my.yaml", taken.output())
+        self.assert_prints(self.run_node("", command=["rosparam", "get", "/calibration/out_folder"]), there + "/made")
+        # Elsewhere the node is where it was called, whatever PWD its parent has left it.
+        self.file("here/my.yaml", "name: my_arm\ncolour: green\n")
+        self.assert_ends(self.run_node("pressure_command", "_scene:=my.yaml", variables=called, folder=here),
+                         2, here + "/my.yaml:")
+        # As where a service starts it.
+        self.assert_ends(self.run_node("vision", "_scene:=demo", "_source:=film.avi", variables={"PWD": "", "ROS_HOME": home}),
+                         2, os.getcwd() + "/film.avi")
+
+    def test_a_bare_folder_is_a_source(self):
+        """A word that is none of the sources may be a folder of the caller."""
+        os.mkdir(os.path.join(self.folder, "pictures"))
+        taken = self.run_node("", "_scene:=demo", "_source:=pictures", command=["env", "-C", self.folder, node("vision")])
+        self.assert_prints(taken, "~source is pictures: " + self.folder + "/pictures")
+
+    def test_a_nodelet_with_a_bad_scene_names_it_and_its_manager_goes_on(self):
+        nodelet = ["rosrun", "nodelet", "nodelet"]
+        manager = self.run_node("", "manager", "__name:=eyes", command=nodelet)
+        bad = self.run_node("", "load", "helix_arm/vision", "/eyes", "__name:=bad", "_scene:=no_such_arm", command=nodelet)
+        self.assert_prints(manager, "~scene is no_such_arm")
+        self.assert_prints(manager, "/bad is not loaded")
+        self.assertGreater(bad.code(), 0, bad.output())
+        self.assertIsNone(manager.child.poll(), manager.output())
+
+    def test_without_a_camera_there_is_nothing_to_see(self):
+        self.assert_ends(self.run_node("vision", SCENE, "_optional:=true"), 0, "nothing to see")
+
+    def test_an_arm_that_it_cannot_drive_is_refused(self):
+        scene = self.file("tendons.yaml", ring_scene("tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 6}"))
+        self.assert_refused(["_scene:=" + scene], ["muscle_1 is a tendon", "muscle_3 is a tendon"])
+
+    def test_a_supply_below_the_limits_is_reported(self):
+        scene = self.file("weak.yaml", ring_scene(ring="muscle, max_pressure_kpa: 400",
+                                                  more="regulator: {simulated: {supply_kpa: 300}}\n"))
+        for name in ("pressure_command", "simulated_rig"):
+            self.assert_prints(self.run_node(name, "_scene:=" + scene),
+                               "muscle_3 has limits of 0 to 400 kPa, but the simulated supply gives 0 to 300 kPa")
+
+    def every_node(self):
+        """Of two arms: one of spatial_50 that a series moves, and a simulated rig. They work."""
+        rig = ["__ns:=rig", "_scene:=demo"]
+        nodes = {name: self.run_node(name, *arguments) for name, arguments in (
+            ("pressure_command", [SCENE]), ("pressure_series", [SCENE, "_loop:=true"]), ("monitor", []), ("simulated_rig", rig),
+            ("vision", rig), ("calibration", rig))}
+        for name, words in (("pressure_command", READY), ("calibration", "ready to record"), ("pressure_series", "row 1"),
+                            ("monitor", "tip"), ("vision", "measured")):
+            self.assert_prints(nodes[name], words)
+        return nodes
+
+    def test_a_lost_master_ends_every_node_with_1(self):
+        nodes = self.every_node()
+        self.master.stop()
+        for process in nodes.values():
+            self.assert_ends(process, 1, "is gone")
+
+    def test_a_hung_master_ends_every_node_with_1(self):
+        nodes = self.every_node()
+        self.master.process.signal(signal.SIGSTOP)
+        # One of them is asked to end before it could see that; it need not name the master.
+        nodes["monitor"].signal(signal.SIGINT)
+        for name, process in nodes.items():
+            self.assert_ends(process, 1, "" if name == "monitor" else "does not answer", deadline=60)
+
+    def test_a_master_that_forgot_the_node_ends_it(self):
+        process = self.run_node("pressure_command", SCENE)
+        self.assert_prints(process, READY)
+        process.signal(signal.SIGSTOP)  # it is not to see that there is none for a while
+        self.master.stop()
+        self.master.start()
+        process.signal(signal.SIGCONT)
+        self.assert_ends(process, 1, "does not know this node")
+
+    def test_the_monitor_fails_where_there_is_no_arm(self):
+        self.assert_ends(self.run_node("monitor", "_seconds:=1", "_startup_s:=1", "_scene:=demo"), 1,
+                         *["nothing came on " + topic for topic in ("pressure_command", "pressure_measured", "model", "measured")],
+                         "not healthy")
+
+    def test_a_series_that_leaves_the_limits_is_refused(self):
+        data = self.file("series.csv", "# made up\npressure_1_kpa,pressure_2_kpa\n100,0\n100,900\n")
+        self.assert_ends(self.run_node("pressure_series", SCENE, "_data:=" + data), 2, "row 2: muscle_2 is asked for 900000 Pa")
+
+
+class LaunchFiles(Case):
+    def run_launch(self, file, arguments, scene):
+        launch = self.run_node("", "-p", str(self.master.port), LAUNCH + file, "rviz:=false", *arguments, command=["roslaunch"])
+        monitor = self.run_node("monitor", "_seconds:=3", "_min_rate:=1", "_scene:=" + scene)
+        verdict = monitor.code(45)
+        launch.signal(signal.SIGINT)
+        return verdict, launch.code(), monitor.output() + launch.output()
+
+    def assert_runs(self, file, *arguments, scene="spatial_50"):
+        """The arm runs well by the monitor, which judges by the scene, and everything ends well."""
+        verdict, end, output = self.run_launch(file, arguments, scene)
+        # A machine that is busy with other tests stops a node for so long that the arm vents, as it is to: that tells nothing.
+        if re.search(r"fault: no target came|fault: the regulator's link went down|\(safety.reading_timeout_s\)", output):
+            verdict, end, output = self.run_launch(file, arguments, scene)
+        self.assertEqual((verdict, end), (0, 0), output)
+        self.assertIsNone(re.search("has died|cannot launch|ERROR|FATAL", output), output)
+
+    def test_arm_runs(self):
+        self.assert_runs("arm.launch")
+
+    def test_demo_runs_and_is_measured(self):
+        self.assert_runs("demo.launch", scene="demo")
+
+    def test_demo_runs_without_a_camera(self):
+        self.assert_runs("demo.launch", "scene:=planar_76")
+
+    def test_demo_runs_to_be_calibrated(self):
+        self.assert_runs("demo.launch", "calibration:=true", scene="demo")
+
+    def test_replay_runs(self):
+        self.assert_runs("replay.launch")
+
+    def test_replay_uses_the_measured_series(self):
+        data = SOURCE + "/../shared/data/planar_76_curvature.csv"
+        if not os.access(data, os.R_OK):
+            self.skipTest(data + " is not here")
+        self.assert_runs("replay.launch", "scene:=planar_76", "data:=" + data, "hold_s:=0.1")
+
+    def test_takes_paths_relative_to_the_folder_of_roslaunch_whatever_pwd_says(self):
+        """A program that starts roslaunch in another folder leaves it its own PWD."""
+        for folder in ("here", "parent"):
+            self.file(folder + "/my_arm.yaml", "name: my_arm\ncolour: green\n")
+        here, parent = (os.path.join(self.folder, name) for name in ("here", "parent"))
+        for pwd in (here, parent):
+            launch = self.run_node("", "-p", str(self.master.port), LAUNCH + "arm.launch", "scene:=my_arm.yaml", "rviz:=false",
+                                   command=["roslaunch"], variables={"PWD": pwd}, folder=here)
+            self.assert_prints(launch, here + "/my_arm.yaml:")
+            self.assertNotIn(parent + "/my_arm.yaml", launch.output())
+
+
+# What it takes to have all nodes of a launch file; one variant without arguments where it is not among these.
+VARIANTS = {"arm.launch": ["vision:=rendered closed_loop:=true calibration:=true workspace:=true"],
+            "demo.launch": ["", "calibration:=true"], "follow.launch": ["path:=circle"], "vision.launch": ["", "manager:=/eyes"],
+            "two_machines.launch": ["role:=control rig:=true", "role:=camera commander:=true data:=tour_3 rviz:=true"]}
+HOSTS = """import sys, roslaunch.config as config
+for node in config.load_config_default([(sys.argv[1], sys.argv[2:])], None).nodes:
+    print('node', node.name, dict(node.env_args).get('ROS_HOSTNAME'))
+"""
+
+
+def in_shell(variables, *command):
+    """A command in a shell in which only these are set of ROS_HOSTNAME and ROS_IP."""
+    return ["env", "-u", "ROS_HOSTNAME", "-u", "ROS_IP", *variables, *command]
+
+
+def output_of(*command):
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, universal_newlines=True).stdout
+
+
+class OpenPorts(unittest.TestCase):
+    def test_launch_files_give_every_node_its_host(self):
+        for shell, arguments, expected in (([], "", "localhost"), (["ROS_HOSTNAME=robot"], "", "robot"),
+                                           (["ROS_IP=192.0.2.7"], "", "192.0.2.7"),
+                                           (["ROS_HOSTNAME=robot"], "host:=192.0.2.8", "192.0.2.8")):
+            for file in os.listdir(LAUNCH):
+                # The address by which another machine reaches this one has no default.
+                if file == "two_machines.launch" and not arguments:
+                    continue
+                with open(LAUNCH + file) as text:
+                    declared = set(re.findall('<node [^>]*name="([^"]*)"', text.read()))
+                hosts = {}
+                for variant in VARIANTS.get(file, [""]):
+                    lines = output_of(*in_shell(shell, sys.executable, "-c", HOSTS, LAUNCH + file, *variant.split(),
+                                                *arguments.split()))
+                    hosts.update(re.findall(r"^node (\S+) (\S+)$", lines, re.M))
+                self.assertEqual(set(hosts.values()) - {expected}, set(), file)
+                self.assertEqual(declared - set(hosts), set(), file + " does not start these: VARIANTS")
+
+    def test_two_machines_asks_for_the_address_of_this_one(self):
+        with Process(in_shell([], "roslaunch", "--nodes", LAUNCH + "two_machines.launch", "role:=control")) as launch:
+            self.assertNotEqual(launch.code(), 0)
+            self.assertIn("'host'", launch.output())
+
+    def arm(self, shell, *arguments):
+        """Of arm.launch with a master of its own: the node's host, the addresses of its topics and of its XML-RPC, and those of
+        the master."""
+        port = free_port()
+        launch = Process(in_shell(shell, "roslaunch", "-p", str(port), LAUNCH + "arm.launch", "rviz:=false", "scene:=spatial_50",
+                                  *arguments), {"ROS_MASTER_URI": "http://localhost:%d" % port})
+        self.addCleanup(launch.__exit__)
+        self.assertTrue(launch.prints(READY), launch.output())
+
+        def server(of):
+            return xmlrpc.client.ServerProxy("http://127.0.0.1:%d" % of)
+
+        host, calls = re.match(r"http://([^:]+):(\d+)/", server(port).lookupNode("/test", "/pressure_command")[2]).groups()
+        topics = server(int(calls)).requestTopic("/test", "/model", [["TCPROS"]])[2][2]
+
+        def listeners(of):
+            """Address of each port on which a process listens, by the port of its XML-RPC."""
+            wanted = "pid=%d," % server(of).getPid("/test")[2]
+            places = [row.split()[3] for row in output_of("ss", "-Hltnp").splitlines() if wanted in row]
+            return {int(place.rsplit(":", 1)[1]): place.rsplit(":", 1)[0] for place in places}
+
+        node_listens, master_listens = listeners(int(calls)), listeners(port)
+        self.assertEqual(set(node_listens), {topics, int(calls)})
+        self.assertEqual(set(master_listens), {port})
+        return host, node_listens[topics], node_listens[int(calls)], master_listens[port]
+
+    # roscpp binds its XML-RPC server to all addresses, whatever is configured (docs/safety.md, "Who may command"): the exception.
+    def test_with_localhost_in_the_shell_master_and_topics_are_for_this_machine(self):
+        self.assertEqual(self.arm(["ROS_HOSTNAME=localhost"]), ("localhost", "127.0.0.1", "0.0.0.0", "127.0.0.1"))
+
+    def test_in_a_bare_shell_topics_are_for_this_machine_and_the_master_is_not(self):
+        if subprocess.run(["sh", "-c", 'getent hosts "$(hostname)"'], stdout=subprocess.DEVNULL).returncode != 0:
+            self.skipTest("the name of this machine does not resolve: roslaunch needs ROS_HOSTNAME")
+        self.assertEqual(self.arm([]), ("localhost", "127.0.0.1", "0.0.0.0", "0.0.0.0"))
+
+    def test_an_address_opens_the_topics_to_its_network(self):
+        address = ([one for one in output_of("hostname", "-I").split() if ":" not in one] + ["127.0.0.2"])[0]
+        host, topics, calls, _ = self.arm(["ROS_HOSTNAME=localhost"], "host:=" + address)
+        self.assertEqual((host, topics, calls), (address, "0.0.0.0", "0.0.0.0"))
+
+
+if __name__ == "__main__":
+    rosunit.unitrun("helix_arm", "node_process_test", "__main__", sys.argv)

@@ -1,0 +1,633 @@
+// Goals of the tip: how they are received and checked, watched, and what the loop is told of tags.
+#include "ros_bridge/follow/path_goal.hpp"
+
+#include <cstring>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "ros_bridge/follow/loop_reports.hpp"
+#include "support/eventually.hpp"
+#include "support/has.hpp"
+#include "support/paper_arm.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using test::eventually;
+using Result = FollowTipPathResult;
+using Bytes = std::vector<std::uint8_t>;
+using follow::LoopState;
+using Indices = std::vector<int>;
+using estimation::ObservationFault;
+
+// Checks that last until they may end, and what ran of them.
+struct Checks {
+  std::atomic<bool> may_end = false, heed_stop = true;
+  std::atomic<int> begun = 0, running = 0, most = 0, stopped = 0;
+
+  PathChecker::Check make(std::string result) {
+    return [this, result = std::move(result)](const std::atomic<bool>& stop) {
+      ++begun;
+      const int now = ++running;
+      for (int seen = most; now > seen && !most.compare_exchange_weak(seen, now);) {
+      }
+      while (!may_end && !(heed_stop && stop)) std::this_thread::yield();
+      if (stop) ++stopped;
+      --running;
+      return GoalEnding{Result::INVALID_GOAL, result};
+    };
+  }
+};
+
+std::string messageOf(const DecidedGoal& decided) {
+  const auto* refusal = std::get_if<GoalEnding>(&decided);
+  return refusal == nullptr ? "" : refusal->message;
+}
+
+// The message of its result, once it has come.
+std::string resultOf(PathChecker& checker) {
+  std::optional<DecidedGoal> out;
+  eventually([&] { return (out = checker.take()).has_value(); });
+  return out ? messageOf(*out) : "no result";
+}
+
+TEST(PathChecker, GivesTheResultOfACheckOnce) {
+  Checks checks;
+  PathChecker checker;
+  checker.begin(checks.make("too far"));
+  EXPECT_FALSE(checker.take());
+  checks.may_end = true;
+  EXPECT_EQ(resultOf(checker), "too far");
+  EXPECT_FALSE(checker.take());
+  EXPECT_EQ(checks.stopped, 0);
+}
+
+TEST(PathChecker, WhatACheckThrowsIsItsResult) {
+  PathChecker checker;
+  checker.begin([](const std::atomic<bool>&) -> DecidedGoal {
+    throw std::runtime_error("no shape holds the load");
+  });
+  EXPECT_EQ(resultOf(checker), "no shape holds the load");
+}
+
+TEST(PathChecker, AFloodOfChecksHasTwoThreadsAndTheLastOneIsAnswered) {
+  Checks checks;
+  checks.heed_stop = false;  // the worst of checks
+  PathChecker checker;
+  for (int k = 0; k < 1000; ++k) {
+    checker.begin(checks.make(std::to_string(k)));
+    EXPECT_FALSE(checker.take());
+  }
+  ASSERT_TRUE(eventually([&] { return checks.begun == 2; }));
+  for (int k = 0; k < 1000; ++k) EXPECT_FALSE(checker.take());
+  EXPECT_EQ(checks.begun, 2) << "the others wait, or have been replaced";
+  checks.may_end = true;
+  EXPECT_EQ(resultOf(checker), "999");
+  EXPECT_EQ(checks.begun, 3);
+  EXPECT_EQ(checks.most, static_cast<int>(PathChecker::kMostThreads));
+}
+
+TEST(PathChecker, ADiscardedCheckIsToldToStopAndHasNoResult) {
+  Checks checks;
+  PathChecker checker;
+  checker.begin(checks.make("discarded"));
+  ASSERT_TRUE(eventually([&] { return checks.running == 1; }));
+  checker.discard();
+  EXPECT_TRUE(eventually([&] { return checks.stopped == 1; }));
+  EXPECT_FALSE(checker.take());
+  checks.may_end = true;
+  checker.begin(checks.make("next"));
+  EXPECT_EQ(resultOf(checker), "next");
+}
+
+TEST(PathChecker, ACheckThatWaitsAndIsDiscardedNeverRuns) {
+  Checks checks;
+  checks.heed_stop = false;
+  PathChecker checker;
+  for (int k = 0; k < 3; ++k) checker.begin(checks.make(""));
+  ASSERT_TRUE(eventually([&] { return checks.begun == 2; }));
+  checker.discard();
+  checks.may_end = true;
+  ASSERT_TRUE(eventually([&] { return checks.running == 0; }));
+  EXPECT_FALSE(checker.take());
+  EXPECT_EQ(checks.begun, 2);
+}
+
+TEST(PathChecker, ItsEndStopsAllChecks) {
+  Checks checks;
+  {
+    PathChecker checker;
+    checker.begin(checks.make(""));
+    checker.begin(checks.make(""));
+    ASSERT_TRUE(eventually([&] { return checks.begun == 2; }));
+  }
+  EXPECT_EQ(checks.stopped, 2);
+  EXPECT_EQ(checks.running, 0);
+}
+
+// A goal of so many points in the frame "wall", as roscpp writes it.
+Bytes goalBytes(std::size_t points) {
+  FollowTipPathActionGoal goal;
+  goal.goal_id.id = "this one";
+  goal.goal.path.header.frame_id = "wall";
+  goal.goal.path.joint_names = {"tip"};
+  goal.goal.path.points.resize(points);
+  for (std::size_t k = 0; k < points; ++k) {
+    auto& point = goal.goal.path.points[k];
+    point.transforms.resize(1);
+    point.transforms[0].translation.x = 0.1;
+    point.time_from_start = ros::Duration(0.01 * static_cast<double>(k));
+  }
+  goal.goal.path_tolerance = 0.004;
+  Bytes out(ros::serialization::serializationLength(goal));
+  ros::serialization::OStream stream(out.data(), static_cast<std::uint32_t>(out.size()));
+  ros::serialization::serialize(stream, goal);
+  return out;
+}
+
+// As the subscription of the action server reads it.
+UnreadActionGoal received(Bytes bytes) {
+  UnreadActionGoal out;
+  ros::serialization::IStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
+  ros::serialization::deserialize(stream, out);
+  EXPECT_EQ(stream.getLength(), 0U);
+  return out;
+}
+
+// Where a path has the number of its points, after two headers, the goal's id and one joint name.
+std::size_t placeOfCount(const Bytes& bytes) {
+  const std::string name = "tip";
+  return static_cast<std::size_t>(
+      std::search(bytes.begin(), bytes.end(), name.begin(), name.end()) - bytes.begin() + 3);
+}
+
+const PathCheck kAnyPath = [](const control::TipPath&, double, const std::atomic<bool>&) {
+  return std::string();
+};
+
+TEST(UnreadGoal, HoldsTheBytesOfItsGoal) {
+  const UnreadActionGoal goal = received(goalBytes(3));
+  EXPECT_EQ(goal.goal_id.id, "this one");
+  EXPECT_EQ(goal.goal.path_header.frame_id, "wall");
+  EXPECT_EQ(goal.goal.points, 3U);
+  ASSERT_TRUE(goal.goal.bytes);
+  EXPECT_EQ(goal.goal.bytes->size(), goal.goal.size);
+  EXPECT_FALSE(refusalOf(goal.goal, 0.5));
+  double tolerance = 0.0;
+  const lie::SE3 X_BF{Eigen::Matrix3d::Identity(), {0, 0, 1}};
+  const DecidedGoal decided = decide(
+      goal.goal, X_BF,
+      [&](const control::TipPath&, double given, const std::atomic<bool>&) {
+        tolerance = given;
+        return std::string();
+      },
+      false);
+  ASSERT_TRUE(std::holds_alternative<PathGoal>(decided)) << messageOf(decided);
+  EXPECT_EQ(std::get<PathGoal>(decided).path.at(0.015).position, Eigen::Vector3d(0.1, 0, 1));
+  EXPECT_EQ(std::get<PathGoal>(decided).path.lastTime(), 0.02);
+  EXPECT_EQ(tolerance, 0.004);
+  EXPECT_EQ(messageOf(decide(
+                goal.goal, {}, [](auto&&...) { return "too fast"; }, false)),
+            "too fast");
+}
+
+// What the thread of the turns does is the same for any number of points: no point is looked at.
+TEST(UnreadGoal, IsReceivedWithoutALookAtItsPoints) {
+  Bytes bytes = goalBytes(2);
+  std::fill(bytes.begin() + static_cast<std::ptrdiff_t>(placeOfCount(bytes)) + 4, bytes.end(),
+            0xff);
+  const UnreadActionGoal goal = received(bytes);
+  EXPECT_EQ(goal.goal.points, 2U);
+  EXPECT_FALSE(refusalOf(goal.goal, 0.5));
+  // Only its check finds that the arrays of its first point are longer than the goal.
+  EXPECT_NE(messageOf(decide(goal.goal, {}, kAnyPath, false)), "");
+}
+
+TEST(UnreadGoal, OfTooManyPointsIsRefusedForTheirNumberAndNotKept) {
+  for (const std::uint32_t claim : {100'000U, 100'001U, 1'000'000U, 0xffffffffU}) {
+    Bytes bytes = goalBytes(2);
+    std::memcpy(bytes.data() + placeOfCount(bytes), &claim, sizeof claim);
+    const UnreadActionGoal goal = received(bytes);
+    EXPECT_EQ(goal.goal.points, claim);
+    EXPECT_EQ(goal.goal.bytes != nullptr, claim <= control::kMostWayPoints);
+    const auto refusal = refusalOf(goal.goal, 0.5);
+    ASSERT_EQ(refusal.has_value(), claim > control::kMostWayPoints);
+    if (!refusal) continue;
+    EXPECT_EQ(refusal->code, Result::INVALID_GOAL);
+    EXPECT_EQ(refusal->message, "the path has " + std::to_string(claim) +
+                                    " points; expected at most 100000: send it in parts");
+  }
+}
+
+TEST(UnreadGoal, OfTooManyBytesIsRefusedForThemAndNotKept) {
+  const Bytes small = goalBytes(2);
+  const std::size_t ids = small.size() - received(small).goal.size;
+  for (const std::size_t size : {std::size_t{kMostGoalBytes}, kMostGoalBytes + std::size_t{1}}) {
+    Bytes bytes = small;
+    bytes.resize(ids + size);
+    const UnreadActionGoal goal = received(bytes);
+    EXPECT_EQ(goal.goal.size, size);
+    EXPECT_EQ(goal.goal.bytes != nullptr, size <= kMostGoalBytes);
+    const auto refusal = refusalOf(goal.goal, 0.5);
+    ASSERT_EQ(refusal.has_value(), size > kMostGoalBytes);
+    if (!refusal) continue;
+    EXPECT_EQ(refusal->message.find("the goal has 20000001 bytes; expected at most 20000000: "), 0U)
+        << refusal->message;
+  }
+}
+
+// The largest goal that follows the rules fits.
+static_assert(control::kMostWayPoints * (3 * 4 + 56 + 48 + 48 + 8) + 1000 <= kMostGoalBytes);
+
+constexpr double kEnd = 4.0;    // of the path [s]
+constexpr double kSpeed = 0.1;  // along x [m/s]
+
+// The tip is wanted at kSpeed * path_time on x, and predicted `predicted_off` beside it.
+follow::Turn turnAt(double path_time, LoopState state = LoopState::kClosed,
+                    double predicted_off = 0.0) {
+  follow::Turn out;
+  out.state = state;
+  out.commands = true;
+  out.path_time = path_time;
+  out.wanted.translation.x() = kSpeed * std::min(path_time, kEnd);
+  out.predicted = out.wanted;
+  out.predicted->translation.y() = predicted_off;
+  return out;
+}
+
+class GoalWatchTest : public ::testing::Test {
+ protected:
+  // The path begins at 100 s; turns of 10 ms up to a time of the path.
+  std::optional<GoalEnding> runTo(double path_time, LoopState state = LoopState::kClosed) {
+    for (; path_time_ < path_time; path_time_ += 0.01) {
+      if (auto ending = watch_.turn(100 + path_time_, turnAt(path_time_, state))) return ending;
+    }
+    return std::nullopt;
+  }
+  // A picture at a time of the path, in which the tip is beside its wanted place.
+  std::optional<GoalEnding> see(double path_time, double off) {
+    const auto moment = watch_.momentOf(100 + path_time);
+    if (!moment) {
+      ADD_FAILURE() << "nothing was wanted at " << path_time;
+      return std::nullopt;
+    }
+    const double x = kSpeed * std::min(path_time, kEnd);
+    return watch_.picture(*moment, {x, off, 0});
+  }
+
+  static GoalRules rules() {
+    GoalRules out;
+    out.path_tolerance = 0.005;
+    out.require_vision = true;
+    return out;
+  }
+  GoalWatch watch_{rules(), kEnd};
+  double path_time_ = -1.0;
+};
+
+TEST_F(GoalWatchTest, APictureIsComparedWithWhatWasWantedAtItsTime) {
+  ASSERT_FALSE(runTo(2.0));
+  const auto moment = watch_.momentOf(101.234);  // between two turns
+  ASSERT_TRUE(moment);
+  EXPECT_NEAR(moment->path_time, 1.234, 1e-9);
+  EXPECT_NEAR(moment->wanted.translation.x(), 0.1234, 1e-9);
+  EXPECT_EQ(moment->state, LoopState::kClosed);
+  EXPECT_FALSE(watch_.momentOf(98.9)) << "before the first turn";
+}
+
+TEST_F(GoalWatchTest, FiguresExcludeTheApproachToThePath) {
+  ASSERT_FALSE(runTo(0.0));
+  EXPECT_FALSE(see(-0.5, 0.05)) << "no tolerance on the way to the first point";
+  EXPECT_EQ(watch_.figures().pictures, 0U);
+  EXPECT_TRUE(std::isnan(watch_.figures().rms));
+  ASSERT_FALSE(runTo(2.1));
+  EXPECT_FALSE(see(1.0, 0.001));
+  EXPECT_FALSE(see(2.0, 0.003));
+  EXPECT_EQ(watch_.figures().pictures, 2U);
+  EXPECT_NEAR(watch_.figures().rms, std::sqrt((1e-6 + 9e-6) / 2), 1e-12);
+  EXPECT_NEAR(watch_.figures().max, 0.003, 1e-12);
+}
+
+TEST_F(GoalWatchTest, BeyondThePathToleranceItIsViolated) {
+  ASSERT_FALSE(runTo(2.0));
+  EXPECT_FALSE(see(1.0, 0.00499));
+  const auto ending = see(1.0, 0.00501);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::PATH_TOLERANCE_VIOLATED);
+  for (const char* words : {"5.01 mm", "1.00 s", "path_tolerance is 5 mm"})
+    EXPECT_TRUE(test::has(ending->message, words));
+}
+
+TEST_F(GoalWatchTest, ItIsReachedByAPictureAfterItsEndWithinTheGoalTolerance) {
+  ASSERT_FALSE(runTo(kEnd + 0.5));
+  EXPECT_FALSE(see(kEnd - 0.1, 0.0)) << "the path is still under way";
+  EXPECT_FALSE(see(kEnd + 0.1, 0.00201));
+  const auto ending = see(kEnd + 0.2, 0.00199);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::SUCCESSFUL);
+}
+
+TEST_F(GoalWatchTest, ArrivingTooLateViolatesTheGoalTolerance) {
+  ASSERT_FALSE(runTo(kEnd + 1.99));
+  EXPECT_FALSE(see(kEnd + 1.9, 0.004));
+  const auto ending = runTo(kEnd + 2.02);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::GOAL_TOLERANCE_VIOLATED);
+  for (const char* words : {"4.00 mm", "goal_tolerance is 2 mm"})
+    EXPECT_TRUE(test::has(ending->message, words));
+}
+
+TEST_F(GoalWatchTest, AnEndThatIsNotSeenIsJudgedByThePrediction) {
+  for (const double off : {0.0019, 0.0021}) {
+    GoalWatch watch({}, kEnd);
+    const auto ending = watch.turn(200, turnAt(kEnd + 2.01, LoopState::kOpen, off));
+    ASSERT_TRUE(ending) << off;
+    EXPECT_EQ(ending->code, off < 0.002 ? Result::SUCCESSFUL : Result::GOAL_TOLERANCE_VIOLATED);
+    EXPECT_NE(ending->message.find("not seen"), std::string::npos) << ending->message;
+  }
+}
+
+TEST_F(GoalWatchTest, VisionThatIsRequiredMayComeLateAndNotGo) {
+  EXPECT_FALSE(runTo(1.98, LoopState::kOpen)) << "the first picture is waited for";
+  GoalWatch never = watch_, any({}, kEnd);
+  EXPECT_EQ(never.turn(102.05, turnAt(2.05, LoopState::kOpen))->code, Result::VISION_LOST);
+  for (const double path_time : {-1.0, 3.9}) {
+    EXPECT_FALSE(any.turn(100 + path_time, turnAt(path_time, LoopState::kOpen)));
+  }
+  EXPECT_FALSE(runTo(2.5, LoopState::kClosed));
+  EXPECT_FALSE(runTo(3.0, LoopState::kCoasting));
+  const auto ending = runTo(3.1, LoopState::kOpen);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
+}
+
+// The state of a loop that diverges does not tell whether the arm is seen.
+TEST_F(GoalWatchTest, VisionThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
+  const auto divergeTo = [this](double end, bool sees) {
+    for (; path_time_ < end; path_time_ += 0.01) {
+      const double time = 100 + path_time_;
+      if (auto ending = watch_.turn(time, turnAt(-0.5, LoopState::kDiverging))) return ending;
+      if (sees) watch_.picture(*watch_.momentOf(time), {0.1, 0, 0});
+    }
+    return std::optional<GoalEnding>();
+  };
+  ASSERT_FALSE(runTo(1.0));
+  EXPECT_FALSE(divergeTo(10.0, true)) << "it is seen";
+  EXPECT_FALSE(divergeTo(12.9, false));
+  const auto ending = divergeTo(13.1, false);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
+}
+
+// Nobody would see that the arm is free: the path would stand still without end.
+TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
+  for (const bool required : {false, true}) {
+    GoalRules rules;
+    rules.require_vision = required;
+    GoalWatch watch(rules, kEnd);
+    const auto turn = [&](double time, LoopState state, bool held) {
+      follow::Turn next = turnAt(1.0, state);
+      next.held = held;
+      return watch.turn(time, next);
+    };
+    ASSERT_FALSE(turn(100, LoopState::kClosed, false));
+    ASSERT_FALSE(turn(101, LoopState::kYielding, true));
+    ASSERT_FALSE(turn(500, LoopState::kYielding, true)) << "it is seen";
+    ASSERT_FALSE(turn(501, LoopState::kCoasting, true));
+    const auto ending = turn(504, LoopState::kOpen, true);
+    ASSERT_TRUE(ending);
+    EXPECT_EQ(ending->code, Result::VISION_LOST);
+    for (const char* words : {"contact", "camera", "vision_status"})
+      EXPECT_TRUE(test::has(ending->message, words));
+  }
+}
+
+TEST_F(GoalWatchTest, VisionThatIsRequiredIsLostWhereItIsDoubtful) {
+  ASSERT_FALSE(runTo(1.0));
+  GoalWatch any({}, kEnd);
+  EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
+  const auto ending = watch_.turn(101, turnAt(1.0, LoopState::kDoubtful));
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::VISION_LOST);
+  EXPECT_NE(ending->message.find("~reset"), std::string::npos) << ending->message;
+}
+
+TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
+  ASSERT_FALSE(runTo(1.0));
+  follow::Turn held = turnAt(1.0, LoopState::kYielding);
+  held.path_time.reset();
+  const auto ending = watch_.turn(101, held);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::CONTACT);
+}
+
+TEST_F(GoalWatchTest, AJumpBackInTimeForgetsWhatWasWanted) {
+  ASSERT_FALSE(runTo(1.0));
+  ASSERT_FALSE(watch_.turn(50, turnAt(1.0)));
+  EXPECT_TRUE(watch_.momentOf(50.0));
+  EXPECT_FALSE(watch_.momentOf(49.9));
+  EXPECT_NEAR(watch_.momentOf(200.0)->path_time, 1.0, 1e-12) << "the last one";
+}
+
+constexpr double kNow = 100.0;  // [s]
+constexpr double kMoment = 1e-6;
+
+ros::Time stampOf(int picture) { return ros::Time(50 + picture, 0); }
+
+SeenArm shapeOf(int picture) {
+  return {stampOf(picture), model::Shape(model::Twists::Constant(6, 1, picture)),
+          Eigen::MatrixXd::Identity(6, 6)};
+}
+
+class TagMatching : public testing::Test {
+ protected:
+  // Its picture, -1 without one.
+  int take(double now = kNow) {
+    seen = matcher.take(now);
+    return seen ? static_cast<int>(seen->stamp.sec) - 50 : -1;
+  }
+
+  TagMatcher matcher;
+  std::optional<SeenArm> seen;
+};
+
+TEST_F(TagMatching, AShapeGetsTheTagsOfItsStampInEitherOrder) {
+  matcher.addTags(stampOf(0), Indices{7}, kNow);
+  matcher.add(shapeOf(1), kNow);
+  EXPECT_EQ(take(), -1) << "its tags may still come";
+  matcher.addTags(stampOf(1), Indices{1, 3}, kNow);
+  EXPECT_EQ(take(), 1);
+  EXPECT_EQ(seen->tags, (Indices{1, 3}));
+  EXPECT_EQ(seen->shape.twists()(0, 0), 1);
+  matcher.addTags(stampOf(2), Indices{2}, kNow);
+  matcher.add(shapeOf(2), kNow);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(seen->tags, Indices{2});
+  EXPECT_EQ(take(), -1);
+}
+
+TEST_F(TagMatching, WhereNoTagsComeNothingWaits) {
+  matcher.add(shapeOf(1), kNow);
+  EXPECT_EQ(take(), 1);
+  EXPECT_FALSE(seen->tags);
+  matcher.addTags(stampOf(1), Indices{1}, kNow);
+  matcher.add(shapeOf(2), kNow + TagMatcher::kSilence - kMoment);
+  EXPECT_EQ(take(kNow + TagMatcher::kSilence - kMoment), -1);
+  EXPECT_EQ(take(kNow + TagMatcher::kSilence + kMoment), 2);
+  EXPECT_FALSE(seen->tags);
+}
+
+TEST_F(TagMatching, AShapeWaitsForItsTimeOrForLaterTagsAndNoLonger) {
+  matcher.addTags(stampOf(0), Indices{7}, kNow);
+  matcher.add(shapeOf(1), kNow);
+  EXPECT_EQ(take(kNow + TagMatcher::kPatience - kMoment), -1);
+  EXPECT_EQ(take(kNow + TagMatcher::kPatience + kMoment), 1);
+  EXPECT_FALSE(seen->tags);
+  matcher.add(shapeOf(2), kNow);
+  EXPECT_EQ(take(), -1);
+  matcher.addTags(stampOf(3), Indices{2}, kNow);
+  EXPECT_EQ(take(), 2);
+  EXPECT_FALSE(seen->tags);
+}
+
+TEST_F(TagMatching, ShapesKeepTheirOrder) {
+  matcher.addTags(stampOf(3), Indices{7}, kNow);
+  matcher.add(shapeOf(4), kNow);
+  matcher.add(shapeOf(3), kNow);
+  EXPECT_EQ(take(), -1);
+  EXPECT_EQ(take(kNow + 1.0), 4);
+  EXPECT_EQ(take(kNow + 1.0), 3);
+  EXPECT_EQ(seen->tags, Indices{7});
+}
+
+TEST_F(TagMatching, TagsWithoutAFitLeaveTheShapeWithoutTags) {
+  matcher.addTags(stampOf(1), std::nullopt, kNow);
+  matcher.add(shapeOf(1), kNow);
+  EXPECT_EQ(take(), 1);
+  EXPECT_FALSE(seen->tags);
+}
+
+TEST_F(TagMatching, AJumpBackInTimeForgetsTheTags) {
+  matcher.addTags(stampOf(5), Indices{5}, kNow);
+  matcher.addTags(stampOf(1), Indices{1}, kNow);
+  matcher.add(shapeOf(2), kNow);
+  EXPECT_EQ(take(), -1) << "tags of before the jump count as later ones";
+  matcher.addTags(stampOf(2), Indices{2}, kNow);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(seen->tags, Indices{2});
+}
+
+TEST_F(TagMatching, ItsBuffersAreBounded) {
+  constexpr int kMost = TagMatcher::kMost;
+  for (int k = 1; k <= kMost + 1; ++k) matcher.addTags(stampOf(k), Indices{k}, kNow);
+  for (const int picture : {2, 1}) matcher.add(shapeOf(picture), kNow);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(seen->tags, Indices{2});
+  EXPECT_EQ(take(), 1);
+  EXPECT_FALSE(seen->tags) << "forgotten";
+  int taken = 0;
+  for (int k = 0; k < 100; ++k) {
+    matcher.add(shapeOf(200 + k), kNow);
+    while (take() >= 0) ++taken;
+  }
+  EXPECT_EQ(taken, 100 - kMost);
+  matcher.clear();
+  EXPECT_EQ(take(kNow + 10), -1);
+}
+
+TagDetection detection(int id, bool fitted) {
+  TagDetection out;
+  out.id = id;
+  out.fitted = fitted;
+  return out;
+}
+
+TEST(FittedTags, AreIndicesOfTheLayoutInAscendingOrder) {
+  estimation::TagLayout layout;
+  for (const int id : {30, 10, 20}) layout.tags.push_back({id, 0, 0.5, {}});
+  TagDetections detections;
+  EXPECT_FALSE(fittedTags(detections, layout)) << "nothing was fitted";
+  detections.tags = {detection(10, true), detection(15, false), detection(20, false),
+                     detection(30, true), detection(30, true)};
+  EXPECT_EQ(fittedTags(detections, layout), (Indices{0, 1}));
+  detections.tags.push_back(detection(40, true));
+  EXPECT_FALSE(fittedTags(detections, layout)) << "of another layout";
+}
+
+struct Stamped {
+  ObservationFault fault;
+  double lead;        // over the last reading [s]
+  const char* words;  // what is told; empty if the stamp is not to blame
+};
+
+TEST(LoopDiagnostics, AWrongStampIsNamedUntilTheNextPicture) {
+  const estimation::ArmFilter filter(statics::ArmModel(test::ringArm(test::helicalRing())), {});
+  LoopDiagnostics pictures;
+  EXPECT_EQ(pictures.wrongStamp(), "");
+  const Stamped stamps[] = {
+      {ObservationFault::kFuture, 1.004, "stamped 1.00 s after the last reading"},
+      {ObservationFault::kNone, -0.05, ""},
+      {ObservationFault::kTooOld, -1.06, "stamped 1.06 s before the last reading"},
+      {ObservationFault::kOutlier, -0.05, ""},
+      // The clock of the pressures is the one that is behind.
+      {ObservationFault::kTooOld, 0.94, "stamped 0.94 s after the last reading"},
+      {ObservationFault::kNotNewer, -0.5, ""},
+  };
+  for (const Stamped& stamp : stamps) {
+    pictures.saw(100.0, stamp.lead, {stamp.fault, 0.0}, filter, true);
+    const std::string& told = pictures.wrongStamp();
+    EXPECT_NE(told.find(stamp.words), std::string::npos) << told;
+    EXPECT_EQ(told.empty(), *stamp.words == '\0') << told;
+    if (told.empty()) continue;
+    EXPECT_NE(told.find(estimation::nameOf(stamp.fault)), std::string::npos) << told;
+    EXPECT_NE(told.find("synchronise the clocks"), std::string::npos) << told;
+  }
+  EXPECT_EQ(pictures.accepted(), 1U);
+  EXPECT_EQ(pictures.refused(), 5U);
+}
+
+class CalibrationWatchTest : public ::testing::Test {
+ protected:
+  // The length of muscle_2 is off by so many prior deviations, and known to so much of one.
+  const std::string& note(double time, double sigmas, double known) {
+    const Eigen::Vector2d prior(0.3, 0.002);
+    const Eigen::VectorXd value = Eigen::Vector2d(0, 0.002 * sigmas);
+    const Eigen::VectorXd deviation = Eigen::Vector2d(0.05, 0.002 * known);
+    watch_.note(time, {{"K_gamma", "length of muscle_2"}, value, deviation, prior});
+    return watch_.advice();
+  }
+  CalibrationWatch watch_;
+};
+
+TEST_F(CalibrationWatchTest, WhatLiesBeyondThreeSigmasForAMinuteIsToBeCalibratedAgain) {
+  EXPECT_EQ(note(10, 4, 0.1), "");
+  EXPECT_EQ(note(69.9, 4, 0.1), "");
+  EXPECT_EQ(note(70.1, 4, 0.1), "length of muscle_2 +0.8 %");
+  EXPECT_EQ(note(70.2, -4, 0.1), "length of muscle_2 -0.8 %");
+  EXPECT_EQ(note(70.3, 2.99, 0.1), "");
+}
+
+TEST_F(CalibrationWatchTest, AMomentWithinThemStartsTheMinuteAnew) {
+  note(10, 3.01, 0.1);
+  note(40, 2.99, 0.1);
+  note(41, 3.01, 0.1);
+  EXPECT_EQ(note(71, 3.01, 0.1), "");
+  EXPECT_NE(note(101.1, 3.01, 0.1), "");
+}
+
+TEST_F(CalibrationWatchTest, AnUncertainDeviationIsNoReason) {
+  for (const double time : {0.0, 70.0}) EXPECT_EQ(note(time, 4, 0.34), "") << time;
+  for (const double time : {100.0, 170.0}) note(time, 4, 0.33);
+  EXPECT_NE(watch_.advice(), "");
+}
+
+TEST_F(CalibrationWatchTest, AJumpBackInTimeStartsTheMinuteAnew) {
+  note(1000, 4, 0.1);
+  EXPECT_EQ(note(10, 4, 0.1), "");
+  EXPECT_EQ(note(69, 4, 0.1), "");
+  EXPECT_NE(note(71, 4, 0.1), "");
+}
+
+}  // namespace
+}  // namespace helix_arm::ros_bridge

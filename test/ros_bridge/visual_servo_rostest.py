@@ -1,0 +1,146 @@
+#!/usr/bin/env python3
+"""The loop over vision as a node: its states, its commanders, and targets in other frames."""
+import math
+import os
+import signal
+import sys
+
+import numpy as np
+import rospy
+import rostest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from helix_arm.msg import ArmShape, LoopStatus, SafetyState, TargetStatus  # noqa: E402
+from loop_rig import MIDDLE, Inbox, LoopRig, call, close_loop, place, set_place, target_at, wait_for  # noqa: E402
+
+
+class VisualServo(LoopRig):
+    def test_closes_and_brings_the_measured_tip_to_its_target(self):
+        target = target_at(MIDDLE)
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assert_tip_comes_to(MIDDLE, 0.005, target)
+        answer = self.answer_to(self.tip_target, target)
+        self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
+        self.assertLess(answer.position_error, 1e-5)
+        status = self.loop[-1]
+        self.assertEqual(status.commander, rospy.get_name())
+        self.assertEqual(status.inverse, "reached")
+        self.assertLess(math.dist(place(status.wanted.position), MIDDLE), 1e-12)
+        self.assertLess(math.dist(place(status.predicted.position), place(self.measured[-1].tip.position)), 0.01)
+        self.assertGreater(status.accepted, 2)
+        self.assertTrue(0 < status.predicted_sd < 0.01, status)
+        self.assertTrue(math.isnan(status.path_time))
+
+    def test_tells_its_estimate_and_draws_its_error_budget(self):
+        estimate = self.estimate.next()
+        self.assertEqual((estimate.tier, estimate.header.frame_id), ("estimated", "arm_base"))
+        covariance = np.reshape(estimate.twist_covariance, (6, 6))
+        self.assertGreater(covariance.diagonal().min(), 0)
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12 * np.linalg.norm(covariance))
+        self.assertTrue(Inbox("loop_markers", MarkerArray).next(lambda array: any(
+            marker.ns == "error_budget" and " mm placement\n" in marker.text for marker in array.markers)))
+
+    def test_the_tags_of_each_fit_reach_it(self):
+        """Else it would take those that face the camera for those in sight."""
+        diagnostics = Inbox("/diagnostics", DiagnosticArray)
+
+        def counts():
+            for array in reversed(diagnostics):
+                for status in array.status:
+                    if status.name == "visual_servo: loop":
+                        values = {pair.key: pair.value for pair in status.values}
+                        return float(values["accepted"]), float(values["without_tags"])
+            return -1, -1
+
+        self.assert_wait(lambda: counts()[0] > 0)
+        accepted, without = counts()
+        self.assert_wait(lambda: counts()[0] >= accepted + 20, 60)
+        self.assertLess(counts()[1], without + 10)
+
+    def test_whoever_falls_silent_lets_go_of_the_arm(self):
+        self.assert_comes_to(LoopStatus.CLOSED, target_at(MIDDLE))
+        self.assert_comes_to(LoopStatus.IDLE)
+        self.assertEqual(self.loop[-1].message, "the loop has no target")
+        self.assertFalse(self.loop[-1].has_wanted)
+        sent = len(self.sent)
+        self.assert_wait(lambda: self.safety[-1].cause == "stale_target")
+        self.assertEqual(len(self.sent), sent, "it goes on commanding")
+
+    def test_targets_may_be_seen_from_any_frame_that_tf_relates_to_the_base(self):
+        frames = Inbox("/tf_static", TFMessage)
+        self.assert_wait(lambda: any(one.child_frame_id == "arm_base" for message in frames for one in message.transforms))
+        X_WB = next(one for message in frames for one in message.transforms if one.child_frame_id == "arm_base").transform
+        q, v = X_WB.rotation, np.array([X_WB.rotation.x, X_WB.rotation.y, X_WB.rotation.z])
+        pose = PoseStamped()
+        pose.header.frame_id = "world"
+        set_place(pose.pose.position, place(X_WB.translation) + MIDDLE + 2 * np.cross(v, q.w * MIDDLE + np.cross(v, MIDDLE)))
+
+        def is_wanted():
+            pose.header.stamp = rospy.Time.now()
+            self.tip_pose.publish(pose)
+            return wait_for(lambda: self.loop[-1].has_wanted, 0.1)
+
+        self.assert_wait(is_wanted)
+        self.assertLess(math.dist(place(self.loop[-1].wanted.position), MIDDLE), 1e-6)
+        pose.header.stamp = rospy.Time.now()
+        self.assertEqual(self.answer_to(self.tip_pose, pose).outcome, TargetStatus.REACHED)
+        # With an orientation it is a pose, and the closest shape keeps some of both.
+        pose.pose.orientation.w = 1
+        self.assertEqual(self.answer_to(self.tip_pose, pose).outcome, TargetStatus.UNREACHABLE)
+
+    def test_frames_that_tf_does_not_know_are_refused(self):
+        answer = self.answer_to(self.tip_target, target_at(MIDDLE, "nowhere"))
+        self.assertEqual((answer.outcome, answer.fault), (TargetStatus.DROPPED, "wrong_frame"))
+        self.assertIn("'nowhere'", answer.message)
+        self.assertIn("'arm_base'", answer.message)
+        self.assertEqual(self.loop[-1].state, LoopStatus.IDLE)
+
+    def test_stays_open_where_it_is_told_to_and_forgets_what_it_learnt_when_reset(self):
+        target = target_at(MIDDLE)
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assertTrue(close_loop(False))
+        self.assert_comes_to(LoopStatus.OPEN, target)
+        self.assertEqual(self.loop[-1].message, "kept open by ~close_loop")
+        self.assertTrue(close_loop(True))
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assert_tip_comes_to(MIDDLE, 0.003, target)
+        before = len(self.loop)
+        self.assertTrue(call("visual_servo/reset"))
+        # Three pictures must close it again.
+        self.assert_wait(lambda: any(status.state != LoopStatus.CLOSED for status in self.loop[before:]), 20, target)
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assert_tip_comes_to(MIDDLE, 0.003, target)
+
+    def test_without_pictures_or_with_those_of_another_clock_it_coasts_and_is_open_at_last_without_a_jump(self):
+        target = target_at(MIDDLE)
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assert_tip_comes_to(MIDDLE, 0.002, target)
+        first = len(self.sent)
+        self.vision.signal(signal.SIGKILL)
+        self.assert_comes_to(LoopStatus.COASTING, target)
+        # As from a computer with another clock: nothing is used, and the message names the clocks.
+        measured = rospy.Publisher("measured", ArmShape, queue_size=10)
+        seen = self.measured[-1]
+        for ahead, fault in ((1.0, "(future)"), (-1.2, "(too_old)")):
+            def is_told():
+                seen.header.stamp = rospy.Time.now() + rospy.Duration(ahead)
+                measured.publish(seen)
+                told = self.loop[-1]
+                return told.state in (LoopStatus.COASTING, LoopStatus.OPEN) and fault in told.message and \
+                    "synchronise the clocks" in told.message
+
+            self.assert_wait(is_told, 40, target)
+        self.assert_comes_to(LoopStatus.OPEN, target)
+        self.assertLess(math.dist(place(self.loop[-1].predicted.position), MIDDLE), 0.005, "it keeps what it learnt")
+        self.start_vision()
+        self.assert_comes_to(LoopStatus.CLOSED, target)
+        self.assertLess(np.abs(np.diff([one.pressure for one in self.sent[first:]], axis=0)).max(), 2e4)
+        self.assertEqual(self.safety[-1].state, SafetyState.ENABLED)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "visual_servo", VisualServo, sys.argv)
