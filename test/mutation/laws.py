@@ -229,7 +229,7 @@ LAWS = {
             "time - points[row - 1].time > control::kShortestStep) return;"),
         Law("a link to a file of another kind is not written through", GTEST + "atomic_file_test",
             "return file.extension() == \".yaml\"; };", "return !file.extension().empty(); };"),
-        Law("hardware has a slew limit by default", GTEST + "scene_pressure_rules_test",
+        Law("hardware has a slew limit by default", GTEST + "scene_control_test",
             "constexpr double kHardwareSlew = 3e5;", "constexpr double kHardwareSlew = 3e6;"),
     ],
     "procedures": [
