@@ -16,15 +16,8 @@
 namespace helix_arm {
 namespace {
 
-using estimation::ArmCaptures;
-using estimation::ArmView;
-using estimation::Calibration;
-using estimation::CalibrationOptions;
-using estimation::CalibrationStatus;
-using estimation::Parameter;
-using test::Random;
-using test::RigErrors;
-using test::RigTruth;
+using namespace estimation;
+using namespace test;
 
 constexpr int kRigs = 100;
 constexpr int kMostMisses = 5;

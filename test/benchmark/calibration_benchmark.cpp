@@ -16,11 +16,7 @@
 namespace helix_arm::benchmark {
 namespace {
 
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::CalibrationOptions;
-using estimation::CalibrationStatus;
-using estimation::Capture;
+using namespace estimation;
 
 constexpr double kPoseNoise = 0.01;   // [m]
 constexpr double kCornerNoise = 0.3;  // [px]

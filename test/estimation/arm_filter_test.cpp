@@ -15,9 +15,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-using statics::ArmModel;
-using statics::CorrectedModel;
-using statics::Correction;
+using namespace statics;
 
 // A true arm that is measured with noise.
 class Bench {

@@ -17,9 +17,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-using statics::ArmModel;
-using statics::CorrectedModel;
-using statics::Correction;
+using namespace statics;
 using test::Random;
 
 constexpr double kPressureNoise = 300.0;  // [Pa]

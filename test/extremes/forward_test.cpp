@@ -14,14 +14,7 @@
 namespace helix_arm::model {
 namespace {
 
-using test::Build;
-using test::BuildFamily;
-using test::Family;
-using test::kEps;
-using test::kPi;
-using test::Real;
-using test::RealMatrix;
-using test::text;
+using namespace test;
 
 const double kDenormal = std::numeric_limits<double>::denorm_min();
 

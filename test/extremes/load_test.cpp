@@ -17,10 +17,7 @@ namespace helix_arm::statics {
 namespace {
 
 using Eigen::Vector3d;
-using test::Build;
-using test::BuildFamily;
-using test::Family;
-using test::text;
+using namespace test;
 
 const double kDenormal = std::numeric_limits<double>::denorm_min();
 

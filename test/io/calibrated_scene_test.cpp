@@ -16,10 +16,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::kLoadedScene;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::sceneOf;
+using namespace test;
 
 using basics::kPi;
 

@@ -25,12 +25,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::Random;
-using test::replaced;
-using test::TemporaryFile;
-using test::TemporaryFolder;
+using namespace test;
 
 using Reader = std::function<void(const std::string& path)>;
 

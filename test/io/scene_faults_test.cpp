@@ -9,11 +9,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::Faults;
-using test::faultsOf;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
+using namespace test;
 
 TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
   const std::string lengths = "length_m: [0.1, 0.12, 0.13]",

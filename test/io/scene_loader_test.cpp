@@ -12,11 +12,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
-using test::sceneOf;
-using test::shippedScene;
+using namespace test;
 
 using basics::kPi;
 constexpr double kTolerance = 1e-15;

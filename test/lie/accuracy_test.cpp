@@ -18,9 +18,7 @@
 namespace helix_arm::lie {
 namespace {
 
-using test::kEps;
-using test::Real;
-using test::RealMatrix;
+using namespace test;
 
 using basics::kPi;
 

@@ -14,9 +14,7 @@
 namespace helix_arm::procedures {
 namespace {
 
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
+using namespace test;
 
 // Six pressure actuators: three of 0 to 300 kPa, then bellows of 0 to 100, 10 to 90 and 0 to 100.
 const std::string kPressures =

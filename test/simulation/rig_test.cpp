@@ -21,10 +21,7 @@
 namespace helix_arm::test {
 namespace {
 
-using simulation::ArmDeviation;
-using simulation::CameraSetup;
-using simulation::SimulatedRig;
-using simulation::TrueArm;
+using namespace simulation;
 
 const regulator::SimulatedRegulatorConfig kRegulator{0.12, 4.5e5, 4e3, 9};
 

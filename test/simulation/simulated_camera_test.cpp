@@ -17,9 +17,7 @@
 namespace helix_arm::test {
 namespace {
 
-using simulation::ArmBody;
-using simulation::SimulatedCamera;
-using simulation::SimulatedCameraConfig;
+using namespace simulation;
 
 const lie::SE3 kBefore{facingCamera(), {0.0, 0.0, 0.3}};  // in the middle of the picture
 

@@ -14,11 +14,7 @@ namespace helix_arm::vision {
 namespace {
 
 using estimation::Camera;
-using test::boardCamera;
-using test::boardCorners;
-using test::boardPose;
-using test::boardPoses;
-using test::Random;
+using namespace test;
 
 const TagBoard kBoard;
 

@@ -19,11 +19,7 @@ namespace helix_arm::test {
 namespace {
 
 namespace fs = std::filesystem;
-using vision::Frame;
-using vision::FrameSource;
-using vision::FrameStatus;
-using vision::VideoDevice;
-using vision::WebcamConfig;
+using namespace vision;
 
 void write(const TemporaryFolder& folder, const std::string& name, const Bytes& bytes) {
   std::ofstream(folder / name, std::ios::binary)

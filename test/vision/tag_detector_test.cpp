@@ -13,10 +13,7 @@ namespace helix_arm::test {
 namespace {
 
 using estimation::Corners;
-using vision::DetectorConfig;
-using vision::TagDetection;
-using vision::TagDetector;
-using vision::TagFamily;
+using namespace vision;
 
 cv::Mat paper(int width = 240, int height = 200) {
   return cv::Mat(height, width, CV_8UC1, cv::Scalar(230));

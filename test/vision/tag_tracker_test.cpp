@@ -19,13 +19,7 @@ namespace {
 
 using Eigen::Vector2d;
 using estimation::Corners;
-using vision::DetectorConfig;
-using vision::ExpectedTag;
-using vision::TagDetection;
-using vision::TagFamily;
-using vision::TagTracker;
-using vision::TrackingMode;
-using vision::TrackResult;
+using namespace vision;
 
 using basics::kPi;
 constexpr double kFalseLock = 0.5;  // [px]
