@@ -292,5 +292,35 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
   EXPECT_LT(alone.coverage(), 0.6) << "the reason to warn";
 }
 
+// Corners of a rig of which everything is wrong; in a tilted arm K_kappa is held, here it is seen.
+TEST(CalibrationVerdict, StiffnessOfUntiltedArmsIsFoundWithinItsErrors) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  const ArmView view = test::sampleView(0.8, 1, 21, 3);
+  CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = LengthScaling::kCommon;
+  options.corner_floor = 0;  // these have none
+  int misses = 0;
+  Tally kappa;
+  for (int rig = 0; rig < 100; ++rig) {
+    Random random(3000 + rig);
+    const test::RigTruth truth =
+        test::drawRig(known, view, {0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003}, random);
+    const Calibration found = calibrated(
+        {corners(known, view, truth, test::twelvePressures(known), kCornerNoise, random)}, options);
+    EXPECT_FALSE(parameter(found, "K_gamma").identifiable);
+    EXPECT_EQ(parameter(found, "K_gamma").value, parameter(found, "K_gamma").initial);
+    const Parameter& one = parameter(found, "K_kappa");
+    EXPECT_TRUE(one.identifiable);
+    EXPECT_LT(one.standard_error, 0.1 * one.value);
+    kappa.add(one, truth.parameters.at("K_kappa"));
+    misses += std::abs(one.value - truth.parameters.at("K_kappa")) > 3 * one.standard_error;
+  }
+  print("corners", {{"K_kappa", kappa}});
+  EXPECT_LE(misses, 5);
+  EXPECT_GT(kappa.rms(), 0.5);
+  EXPECT_LT(kappa.rms(), 1.3);
+}
+
 }  // namespace
 }  // namespace helix_arm::estimation

@@ -266,53 +266,6 @@ TEST(CameraPlacement, CovarianceOfTheCameraIsThatOfItsSmallMotions) {
   EXPECT_TRUE(cameraCovariance(X_WB, X_CB, covariance).isApprox(expected, 1e-5));
 }
 
-TEST(CameraPlacement, StatedErrorGrowsWithResidualsAndWithPriors) {
-  Bench bench;
-  const auto seen = bench.look(0.3);
-  const double focal = bench.view.camera.focal();
-  const auto error = [&](const std::vector<CornerObservation>& what,
-                         const CameraPlacementOptions& options) {
-    const CameraPlacement placed = fitCameraPlacement(bench.arm, bench.view.layout, bench.shape,
-                                                      what, focal, bench.view.X_CB, options);
-    EXPECT_EQ(placed.status, PlacementStatus::kPlaced);
-    return placed.covariance.diagonal().cwiseSqrt().head<3>().norm();
-  };
-  CameraPlacementOptions exact, loose;
-  exact.tag_prior = {1e-6, 1e-6};
-  exact.shape_prior = {1e-6, 1e-6};
-  exact.bleed_prior = 1e-8;
-  const double least = error(seen, exact);
-  EXPECT_GT(error(seen, loose), 3 * least);
-  EXPECT_GT(error(bench.look(0.75), exact), 2 * least);  // 0.75 px where 0.3 px are expected
-}
-
-TEST(CameraPlacement, FarStartsAreFound) {
-  Bench bench;
-  const auto seen = bench.look(0);
-  for (int i = 0; i < 20; ++i) {
-    lie::Vector6 off;
-    off << 0.1 * bench.random.direction<3>(), 0.3 * bench.random.direction<3>();
-    const CameraPlacement placed =
-        fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, seen,
-                           bench.view.camera.focal(), bench.view.X_CB * lie::SE3::exp(off));
-    EXPECT_EQ(placed.status, PlacementStatus::kPlaced);
-    EXPECT_LT((placed.X_CB.inverse() * bench.view.X_CB).log().norm(), 1e-5) << i;
-    EXPECT_EQ(placed.outliers(), 0);
-    EXPECT_LT(placed.rms, 1e-3);
-    EXPECT_LT(placed.shape_deviations, 1e-2);
-  }
-}
-
-TEST(CameraPlacement, OneTagIsTooFew) {
-  Bench bench;
-  auto seen = bench.look(0.3);
-  seen.resize(1);
-  EXPECT_EQ(
-      fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, seen, 900, bench.view.X_CB)
-          .status,
-      PlacementStatus::kTooFewTags);
-}
-
 TEST(CameraPlacement, BadArgumentsAreRefused) {
   struct Arguments {
     std::vector<CornerObservation> seen;

@@ -199,28 +199,6 @@ TEST_F(TwistFitTest, UnderLoadErrorsAreAsLargeAsTheyAreSaidToBeAndWithoutItInThe
   EXPECT_GT(ignorant_curve, 3 * curve);
 }
 
-TEST(TwistFit, TipCovarianceIsThatOfTheTipsOfDrawnTwists) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  Random random(7);
-  for (const model::Shape& shape :
-       {model::Shape(arm.twists(arm.inputAt(0.4))), sagging(arm, arm.inputAt(0.4))}) {
-    Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(12, 12, [&] { return random.normal(); });
-    const Eigen::MatrixXd covariance = 1e-8 * root * root.transpose();
-    root = covariance.llt().matrixL();
-    const Eigen::Vector3d tip = model::tipPose(shape).translation;
-    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-    const int draws = 40000;
-    for (int i = 0; i < draws; ++i) {
-      model::Twists moved = shape.twists();
-      moved.reshaped() += root * Eigen::VectorXd::NullaryExpr(12, [&] { return random.normal(); });
-      const Eigen::Vector3d d = model::tipPose(shape.about(moved)).translation - tip;
-      sum += d * d.transpose();
-    }
-    const Eigen::Matrix3d drawn = sum / draws, linear = tipCovariance(shape, covariance);
-    EXPECT_LT((drawn - linear).norm(), 0.04 * linear.norm());
-  }
-}
-
 TEST_F(TwistFitTest, AMovedBaseIsFoundAndLeavesTheTwistsAlone) {
   lie::Vector6 offset;
   offset << 0.004, -0.003, 0.002, 0.01, -0.015, 0.008;

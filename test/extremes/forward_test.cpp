@@ -138,14 +138,6 @@ TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   expectForward({"one muscle aside, K_tau = 0, rank 5", aside}, spin / spin.norm(), 5, 0.0254);
 }
 
-// A section's twist that turns by so much, about any axis.
-lie::Vector6 twistOf(double turn, test::Random& random) {
-  lie::Vector6 xi;
-  xi << random.uniform(0.3, 0.5), random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05),
-      turn * random.direction<3>();
-  return xi;
-}
-
 void addCurve(const Twists& twists, const std::string& place, Family& family) {
   const RealMatrix exact = twists.cast<Real>();
   const double length = lengthOf(twists), turn = turnOf(twists);
@@ -155,32 +147,6 @@ void addCurve(const Twists& twists, const std::string& place, Family& family) {
   for (const CurvePoint<lie::SE3>& point : curve) {
     family.add(poseError(point.X, test::poseByDefinition(exact, point.s), length, turn), place);
     EXPECT_TRUE(poseAt(twists, point.s).translation == point.X.translation);
-  }
-}
-
-TEST(Extremes, CurvesOfAnyTurn) {
-  test::Random random(703);
-  Family small("|w| 1e-300 to 1", 8, kUnit), large("|w| 1 to 1e3", 8, kUnit),
-      full("|w| within 1e-15 to 0.1 of 2 pi k, k to 159", 8, kUnit);
-  for (int i = 0; i < 250; ++i) {
-    Twists twists(6, random.integer(1, kMaxSections));
-    const bool is_small = i % 2 == 0;
-    for (int k = 0; k < twists.cols(); ++k) {
-      twists.col(k) =
-          twistOf(is_small ? random.logUniform(1e-300, 1) : random.logUniform(1, 1e3), random);
-    }
-    addCurve(twists, text("%d sections", static_cast<int>(twists.cols())),
-             is_small ? small : large);
-  }
-  for (int turns = 1; turns < 160; turns += 1 + turns / 4) {
-    for (const double offset : {0.0, 1e-15, -1e-15, 1e-8, -1e-8, 1e-4, 0.1, -0.1}) {
-      Twists twists(6, random.integer(1, 3));
-      for (int k = 0; k < twists.cols(); ++k) {
-        twists.col(k) = twistOf(2 * kPi * turns + offset, random);
-        EXPECT_LE(std::abs(std::remainder(twists.col(k).tail<3>().norm(), 2 * kPi)), 0.11);
-      }
-      addCurve(twists, text("2 pi %d + %g", turns, offset), full);
-    }
   }
 }
 
@@ -224,44 +190,6 @@ TEST(Extremes, DenormalChangesOfLengthBendByWhatTheMapSays) {
     EXPECT_NEAR(tip.translation.x(), 0.4, 4 * kEps);
     EXPECT_LE(tip.translation.tail<2>().norm(), kEps);
     EXPECT_TRUE(arm.twists(Eigen::Vector2d(1, 0)).allFinite());
-  }
-}
-
-TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
-  const double kInf = std::numeric_limits<double>::infinity();
-  Family inside("pressures at and just inside the limits", kForwardEps, kUnit);
-  Family outside("pressures just outside, refused by name", 0, "accepted");
-  const RealMatrix N = RealMatrix::Zero(6, 0);
-  for (const int sections : {1, 16}) {
-    const Arm arm = test::ringArm(test::helicalRing(), sections);
-    const statics::ArmModel model(arm);
-    for (int i = 0; i < arm.actuatorCount(); ++i) {
-      const Range& limits = arm.actuator(i).limits;
-      Eigen::VectorXd q = arm.inputAt(0.5);
-      for (const double value : {limits.lower, -0.0, kDenormal, std::nextafter(limits.lower, kInf),
-                                 std::nextafter(limits.upper, 0), limits.upper}) {
-        q[i] = value;
-        if (i % 7 != 0) continue;
-        inside.add(poseError(arm.tip(q),
-                             test::poseByDefinition(test::twistsByDefinition(arm, q, N), sections),
-                             lengthOf(arm.twists(q)), effortOf(arm, q)),
-                   text("%.17g in actuator %d of %d", value, i, arm.actuatorCount()));
-      }
-      for (const double value :
-           {std::nextafter(limits.lower, -kInf), std::nextafter(limits.upper, kInf)}) {
-        q[i] = value;
-        const std::string who = arm.actuator(i).name + " is asked for";
-        for (const std::string& message :
-             {test::refusal<std::out_of_range>([&] { arm.tip(q); }),
-              test::refusal<std::out_of_range>([&] { arm.twists(q); }),
-              test::refusal<std::out_of_range>([&] { arm.lengths(q); }),
-              test::refusal<std::out_of_range>([&] { model.solve(q); }),
-              test::refusal<std::out_of_range>([&] { model.tip(q); })}) {
-          outside.add(message.find(who) != 0, message);
-        }
-        EXPECT_NO_THROW(arm.tip(arm.clamped(q)));
-      }
-    }
   }
 }
 

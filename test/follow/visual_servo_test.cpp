@@ -26,18 +26,6 @@ TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
   EXPECT_GT(bench_.error(), 5e-3);
 }
 
-TEST_F(Loop, IsOpenUntilItHasSeenTheArm) {
-  bench_.loop.aimAt(here_);
-  bench_.run(1, false);
-  EXPECT_EQ(state(), LoopState::kOpen);
-  EXPECT_TRUE(bench_.loop.turn().commands);
-  EXPECT_EQ(bench_.loop.tipDeviation(), std::numeric_limits<double>::infinity());
-  bench_.run(0.05);
-  EXPECT_EQ(state(), LoopState::kOpen) << "before the first pictures have arrived";
-  bench_.run(0.2);
-  EXPECT_EQ(state(), LoopState::kClosed);
-}
-
 TEST_F(Loop, CoastsWithoutPicturesAndOpensAfterAWhile) {
   close();
   const double begin = bench_.time();

@@ -25,16 +25,6 @@ using namespace simulation;
 
 const regulator::SimulatedRegulatorConfig kRegulator{0.12, 4.5e5, 4e3, 9};
 
-TEST(TrueArm, WithoutDeviationItIsTheArmOfTheScene) {
-  const model::Arm arm = ringArm(helicalRing(), 2);
-  const TrueArm truth(arm, {});
-  Random random(1);
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::VectorXd q = randomInput(arm, random);
-    EXPECT_LT((truth.twists(q) - arm.twists(q)).cwiseAbs().maxCoeff(), 1e-11);
-  }
-}
-
 TEST(TrueArm, StiffnessAndLengthsDeviateAsAsked) {
   const ArmDeviation deviation{0.7, 1.4, 1.02};
   Ring ring = helicalRing();
@@ -346,20 +336,6 @@ TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   const double p = lags.pressure()[0];
   const Eigen::Vector3d effective(p + (2e5 - p) * std::exp(-1.0), 1e5, 0);
   EXPECT_LT((lags.twists() - truth.twists(effective)).norm(), 1e-9);
-}
-
-TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {
-  const model::Arm arm = ringArm(helicalRing());
-  const CameraSetup setup{
-      studio(plainCamera(), {{facingCamera(), {0, 0, 0.3}}}), vision::TagFamily("36h11"), {}, {}};
-  SimulatedRig rig(arm, kRegulator, {1, 1, 1.05}, setup);
-  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
-  ASSERT_TRUE(rig.hasCamera());
-  rig.command(Eigen::Vector3d(3e5, 1e5, 0));
-  for (int i = 0; i < 3; ++i) {
-    rig.step(0.1);
-    EXPECT_EQ(cv::norm(rig.render(), camera.render(rig.twists()), cv::NORM_INF), 0);
-  }
 }
 
 TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {

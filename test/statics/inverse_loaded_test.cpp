@@ -85,15 +85,6 @@ TEST(LoadedInverse, ReachesPosesAndMeanTwists) {
   }
 }
 
-TEST(LoadedInverse, WithoutLoadItIsTheInverseOfTheLinearModel) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  const ArmModel model(arm);
-  InverseSolver a(model), b(arm);
-  const Eigen::Vector3d target = arm.tip(arm.inputAt(0.3)).translation;
-  EXPECT_EQ(a.toPosition(target, arm.inputAt(0.1)).input,
-            b.toPosition(target, arm.inputAt(0.1)).input);
-}
-
 TEST(LoadedInverse, ReportsWhereNoShapeBalancesTheLoad) {
   const model::Arm arm = test::softHelicalArm();
   const ArmModel heavy =

@@ -176,24 +176,5 @@ TEST(Jacobian, HasTheShapeOfTheSolution) {
   }
 }
 
-TEST(Jacobian, WithoutTheColumnsOfALoadTheOthersAreTheSame) {
-  const model::Arm arm = softHelicalArm();
-  const Load load = weight(Posture::kHorizontal, 0.15, 1000);
-  const Eigen::VectorXd lengths = arm.lengths(arm.inputAt(0.4));
-  const ActuatorChange<lie::SE3> change(arm, &load, lengths,
-                                        ActuatorChange<lie::SE3>::By::kLengths);
-  const model::Unloaded unloaded = arm.unloadedOfLengths(lengths);
-  const auto expectSame = [&](const auto& solver) {
-    const ShapeDerivative with = solver.differentiate(unloaded, change).by;
-    const ShapeDerivative without = solver.differentiate(unloaded, change, false).by;
-    ASSERT_EQ(without.tip.cols(), 3);
-    ASSERT_EQ(with.tip.cols(), 9);
-    EXPECT_LT((with.tip.leftCols<3>() - without.tip).norm(), 1e-12 * without.tip.norm());
-    EXPECT_LT((with.twists.leftCols<3>() - without.twists).norm(), 1e-12 * without.twists.norm());
-  };
-  expectSame(LoadedArm(arm, load, 5));
-  expectSame(ExactArm(arm, load));
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

@@ -44,19 +44,6 @@ TEST(LoadedJacobian, EveryOrderAndTheExactTierAgreeWithDifferencesOfTheirOwnSolu
   }
 }
 
-TEST(LoadedJacobian, HoldsForRandomArms) {
-  Random random(302);
-  for (int sample = 0; sample < 6; ++sample) {
-    const int sections = random.integer(1, 3);
-    const model::Arm arm = variedArm(sections, random.integer(3, 4), sample % 2 == 0, random);
-    const Load load = test::randomLoad(sections, random);
-    const TierSetting setting = sample == 5 ? kExactTier : loadedTier(random.integer(3, 8));
-    expectDerivatives(
-        {"sample " + std::to_string(sample), arm, load, setting, innerInput(arm, random)},
-        kAgreement, 1.0, 2);
-  }
-}
-
 TEST(LoadedJacobian, HoldsForTaperedSections) {
   Random random(303);
   model::Section lower =

@@ -142,31 +142,5 @@ TEST(InputSamples, ReachTheExtremesOfEveryMotion) {
   }
 }
 
-// Inputs differ in what they take: the time that is said is the mean of them. Times vary on a busy
-// machine, so both are measured until they agree.
-TEST(TierPromise, TheTimeOfABudgetIsTheMeanOverInputs) {
-  const model::Arm arm = test::softHelicalArm();
-  const Load load = test::weight(Posture::kHorizontal, 0.3, 500);
-  TierRequest request;
-  request.time = 1.0;
-  request.tier = Tier::kLoaded;
-  request.order = kMostOrder;
-  const auto samples = sampleInputs(arm, 40, 16);
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-  double said = 0, mean = 0;
-  do {
-    const ArmModel model(arm, std::nullopt, load, request);
-    const std::string& reason = model.choice().reason;
-    const std::size_t at = reason.find(", takes ");
-    ASSERT_NE(at, std::string::npos) << reason;
-    EXPECT_NE(reason.find(" us on average over them", at), std::string::npos) << reason;
-    said = std::stod(reason.substr(at + 8));
-    mean = 1e6 / samples.size() * basics::medianTime([&] {
-             for (const VectorXd& q : samples) model.tip(q);
-           });
-  } while (std::abs(said / mean - 1.0) > 0.15 && std::chrono::steady_clock::now() < deadline);
-  EXPECT_NEAR(said / mean, 1.0, 0.15);
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

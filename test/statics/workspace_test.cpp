@@ -277,21 +277,6 @@ TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGri
   }
 }
 
-TEST(WorkspaceExtremes, UnderLoadTheyAreTipsOfTheLoadedArmBeyondItsSamples) {
-  const model::Arm helical = test::softHelicalArm();
-  const Load load = test::weight(test::Posture::kHorizontal, 0.2, 900);
-  for (const auto& [tier, count] : {std::pair{Tier::kLoaded, 2000}, {Tier::kExact, 4}}) {
-    TierRequest request;
-    request.tier = tier;
-    const ArmModel model(helical, {}, load, request);
-    const WorkspaceExtremes sampled = sampledExtremes(model, count);
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_GT(found.reach(), sampled.reach());
-    EXPECT_GT(found.bounds().volume(), sampled.bounds().volume());
-  }
-}
-
 // A ring of equal muscles, or of muscles whose radius, tilt and limits differ.
 model::Section randomSection(int muscles, bool equal, test::Random& random) {
   const model::Contraction muscle = test::fig3Muscle();

@@ -330,21 +330,6 @@ TEST(Tracking, TheWholePictureDoesNotRepeatWhatTheEdgesFound) {
   EXPECT_EQ(result.tags[1].id, 2);
 }
 
-TEST(Tracking, ACopyOfATagIsSeenOnlyInTheWholePicture) {
-  Random random(12);
-  const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
-                                   {5, randomTag(random, {500, 300}, 50)}};
-  cv::Mat gray = picture(tags, {640, 480});
-  spoil(gray, random);
-  TagTracker edges = tracker();
-  for (const Drawn& tag : tags) {
-    const TrackResult& result = edges.track(gray, {{5, tag.corners, true}});
-    ASSERT_EQ(result.tags.size(), 1U);
-    EXPECT_LT(error(result.tags[0].corners, tag.corners), 0.2);
-  }
-  EXPECT_EQ(edges.search(gray).tags.size(), 2U);
-}
-
 TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
   Random random(18);
   const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
@@ -391,26 +376,6 @@ TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
   }
   EXPECT_NE(by_regions[0], by_regions[1]);
   EXPECT_EQ(by_regions[0], by_regions[2]);
-}
-
-TEST(Tracking, ABumpMovesTagsThatWereHiddenAlike) {
-  Random random(17);
-  std::vector<Drawn> tags;
-  std::vector<ExpectedTag> expected;
-  for (int i = 0; i < 6; ++i) {
-    tags.push_back({i, randomTag(random, {150 + 100.0 * (i % 3), 120 + 100.0 * (i / 3)}, 50)});
-    expected.push_back({i, moved(tags[i].corners, {22, -16}), i == 0});
-  }
-  cv::Mat gray = picture(tags, {500, 350});
-  spoil(gray, random);
-  TagTracker edges = tracker();
-  edges.search(gray);
-  const TrackResult& result = edges.track(gray, expected);
-  EXPECT_EQ(result.tags.size(), 6U);
-  EXPECT_FALSE(result.whole_picture);
-  for (const TagDetection& tag : result.tags) {
-    EXPECT_LT(error(tag.corners, tags[tag.id].corners), kFalseLock);
-  }
 }
 
 TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
