@@ -296,7 +296,6 @@ BENCHMARK_CAPTURE(stiffness, held_out, Until::kHeldOut)->Unit(::benchmark::kMill
 BENCHMARK_CAPTURE(stiffness, suggestions, Until::kSuggestions)->Unit(::benchmark::kMillisecond);
 BENCHMARK(stiffnessOfPeer)->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(placement, parameters, Until::kParameters)->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(placement, errors, Until::kErrors)->Unit(::benchmark::kMillisecond);
 BENCHMARK(placementOfPeer)->Unit(::benchmark::kMillisecond);
 
 }  // namespace

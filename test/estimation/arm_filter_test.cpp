@@ -173,6 +173,8 @@ TEST_F(HelicalArmFilter, KeepsItsEstimateThroughAGap) {
 }
 
 TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
+  using Input = ArmFilter::Input;
+  using Fault = ObservationFault;
   Bench bench(model_, Correction(model_.arm()), 6);
   ArmFilter filter(model_, {});
   const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
@@ -181,54 +183,47 @@ TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const struct {
     const char* name;
-    void (*spoil)(ArmFilter::Input&);
-    ObservationFault fault;
+    void (*spoil)(Input&);
+    Fault fault;
   } cases[] = {
-      {"repeated", [](ArmFilter::Input& i) { i.time = 1.0; }, ObservationFault::kNotNewer},
-      {"older", [](ArmFilter::Input& i) { i.time = 0.5; }, ObservationFault::kNotNewer},
-      {"sections", [](ArmFilter::Input& i) { i.twists.setZero(6, 2); },
-       ObservationFault::kWrongSize},
-      {"actuators", [](ArmFilter::Input& i) { i.pressure.setZero(4); },
-       ObservationFault::kWrongSize},
-      {"covariance", [](ArmFilter::Input& i) { i.covariance.setIdentity(3, 3); },
-       ObservationFault::kWrongSize},
-      {"not definite", [](ArmFilter::Input& i) { i.covariance(2, 2) = -1; },
-       ObservationFault::kNotPositive},
+      {"repeated", [](Input& i) { i.time = 1.0; }, Fault::kNotNewer},
+      {"older", [](Input& i) { i.time = 0.5; }, Fault::kNotNewer},
+      {"sections", [](Input& i) { i.twists.setZero(6, 2); }, Fault::kWrongSize},
+      {"actuators", [](Input& i) { i.pressure.setZero(4); }, Fault::kWrongSize},
+      {"covariance", [](Input& i) { i.covariance.setIdentity(3, 3); }, Fault::kWrongSize},
+      {"not definite", [](Input& i) { i.covariance(2, 2) = -1; }, Fault::kNotPositive},
       // One half of the matrix alone says nothing of the other.
-      {"not symmetric", [](ArmFilter::Input& i) { i.covariance(0, 5) = 1.0; },
-       ObservationFault::kNotPositive},
-      {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; },
-       ObservationFault::kNotPositive},
-      {"all but certain", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e-300); },
-       ObservationFault::kImplausible},
-      {"unbounded", [](ArmFilter::Input& i) { i.covariance.diagonal().fill(1e300); },
-       ObservationFault::kImplausible},
+      {"not symmetric", [](Input& i) { i.covariance(0, 5) = 1.0; }, Fault::kNotPositive},
+      {"certain", [](Input& i) { i.covariance(2, 2) = 0; }, Fault::kNotPositive},
+      {"all but certain", [](Input& i) { i.covariance.diagonal().fill(1e-300); },
+       Fault::kImplausible},
+      {"unbounded", [](Input& i) { i.covariance.diagonal().fill(1e300); }, Fault::kImplausible},
       {"one below a fiftieth of the wavelength of light",
-       [](ArmFilter::Input& i) { i.covariance *= 0.99e-16 / i.covariance.diagonal().minCoeff(); },
-       ObservationFault::kImplausible},
+       [](Input& i) { i.covariance *= 0.99e-16 / i.covariance.diagonal().minCoeff(); },
+       Fault::kImplausible},
       {"one above the longest arm",
-       [](ArmFilter::Input& i) { i.covariance *= 100.1 / i.covariance.diagonal().maxCoeff(); },
-       ObservationFault::kImplausible},
+       [](Input& i) { i.covariance *= 100.1 / i.covariance.diagonal().maxCoeff(); },
+       Fault::kImplausible},
   };
   for (const auto& test : cases) {
-    ArmFilter::Input input = bench.at(2.0, pressure);
+    Input input = bench.at(2.0, pressure);
     test.spoil(input);
     EXPECT_EQ(filter.check(input), test.fault) << test.name;
     EXPECT_EQ(filter.see(input).fault, test.fault) << test.name;
   }
   for (const int what : {0, 1, 2, 3, 4}) {
-    ArmFilter::Input input = bench.at(2.0, pressure);
+    Input input = bench.at(2.0, pressure);
     if (what == 0) input.time = nan;
     if (what == 1) input.pressure[1] = nan;
     if (what == 2) input.variance[0] = nan;
     if (what == 3) input.twists(3, 0) = nan;
     if (what == 4) input.covariance(1, 2) = nan;
-    EXPECT_EQ(filter.see(input).fault, ObservationFault::kNotFinite) << what;
+    EXPECT_EQ(filter.see(input).fault, Fault::kNotFinite) << what;
   }
   EXPECT_EQ(filter.state().mean, before.mean);
   EXPECT_EQ(filter.state().covariance, before.covariance);
   for (int i = 0; i < kObservationFaultCount; ++i) {
-    EXPECT_STRNE(nameOf(static_cast<ObservationFault>(i)), "");
+    EXPECT_STRNE(nameOf(static_cast<Fault>(i)), "");
   }
 }
 

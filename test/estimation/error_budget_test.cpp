@@ -8,9 +8,10 @@
 
 #include <gtest/gtest.h>
 
-#include "estimation/misplaced.hpp"
 #include "estimation/tracked_arm.hpp"
+#include "helix_arm/localization/placed_view.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "support/random.hpp"
 #include "support/sample_view.hpp"
 #include "support/tip_spread.hpp"
 

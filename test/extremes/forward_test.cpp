@@ -92,31 +92,6 @@ TEST(Extremes, ForwardOfWholeArms) {
   }
 }
 
-// What the families are named for.
-TEST(Extremes, TheArmsReachTheEndsOfTheirRanges) {
-  double least_radius = 1, most_radius = 0, most_turn = 0;
-  int most_muscles = 0, most_sections = 0, count = 0;
-  for (const BuildFamily& family : test::extremeBuilds()) {
-    for (const Build& build : family.builds) {
-      const Arm arm = build.arm();
-      Eigen::VectorXd q = arm.inputAt(0);
-      q[0] = arm.actuator(0).limits.upper;
-      ++count;
-      least_radius = std::min(least_radius, build.ring.radius);
-      most_radius = std::max(most_radius, build.ring.radius);
-      most_turn = std::max(most_turn, largestTurnOf(arm.twists(q)));
-      most_muscles = std::max(most_muscles, build.ring.count);
-      most_sections = std::max(most_sections, arm.sectionCount());
-    }
-  }
-  EXPECT_EQ(least_radius, 5e-5);
-  EXPECT_GE(most_radius, 0.5);
-  EXPECT_GT(most_turn, 1e3);
-  EXPECT_EQ(most_muscles, kMaxActuators);
-  EXPECT_EQ(most_sections, kMaxSections);
-  EXPECT_GT(count, 150);
-}
-
 TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   std::vector<Build> centred, bare, aside;
   for (const int sections : {1, 4, 16}) {
@@ -169,27 +144,6 @@ TEST(Extremes, DenormalTwistsAreThoseOfZero) {
     const lie::SE3 tip = tipPose(all);
     EXPECT_TRUE(tip.translation.allFinite() && tip.rotation.isIdentity(kEps));
     EXPECT_TRUE(tip.log().allFinite());
-  }
-}
-
-TEST(Extremes, DenormalChangesOfLengthBendByWhatTheMapSays) {
-  // Two tendons beside a straight arm, the one on a spool next to nothing in radius.
-  for (const double radius : {1e-300, 1e-310, 5 * kDenormal}) {
-    Section section;
-    for (const double y : {0.05, -0.05}) {
-      const Contraction tendon = Contraction::tendon(0.4, radius, 1.0);
-      section.actuators.push_back({"tendon",
-                                   {Eigen::Matrix3d::Identity(), {0, y, 0}},
-                                   {10, 0, 1e-4},
-                                   tendon,
-                                   tendon.inputRange(),
-                                   Drive::kTendon});
-    }
-    const Arm arm({section});
-    const lie::SE3 tip = arm.tip(Eigen::Vector2d(1, 0));
-    EXPECT_NEAR(tip.translation.x(), 0.4, 4 * kEps);
-    EXPECT_LE(tip.translation.tail<2>().norm(), kEps);
-    EXPECT_TRUE(arm.twists(Eigen::Vector2d(1, 0)).allFinite());
   }
 }
 

@@ -8,9 +8,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
-#include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "support/allocation_counter.hpp"
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::statics {
@@ -83,40 +81,6 @@ TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
   }
 }
 
-TEST(Extremes, LoadedInverseFindsWhatForwardReached) {
-  constexpr int kMostActuators = 6;
-  TierRequest request;
-  request.tier = Tier::kLoaded;
-  request.order = 4;
-  for (const BuildFamily& family : test::extremeBuilds()) {
-    test::Random random(805);
-    std::vector<const Build*> builds;
-    for (const Build& build : family.builds) {
-      if (build.sections * build.ring.count <= kMostActuators) builds.push_back(&build);
-    }
-    if (builds.empty()) continue;
-    Family near(std::string("loaded inverse, ") + family.range, 1.0, "of the tolerance");
-    for (const Build* build : builds) {
-      const model::Arm arm = build->arm();
-      const ArmModel model(arm, std::nullopt, fittingLoad(arm, random), request);
-      InverseOptions options;
-      options.position_tolerance = 1e-6 * arm.restLength();
-      options.rotation_weight = 0.1 * arm.restLength();
-      InverseSolver solver(model, options);
-      for (int i = 0; i < 3; ++i) {
-        const Eigen::VectorXd q = test::randomInput(arm, random);
-        if (largestTurnOf(arm.twists(q)) > 2 * test::kPi) continue;
-        const Vector3d target = model.tip(q).tip.translation;
-        const InverseResult& result = solver.toPosition(target, arm.inputAt(0.2));
-        EXPECT_EQ(result.status, InverseStatus::kReached) << build->name();
-        near.add(
-            (model.tip(result.input).tip.translation - target).norm() / options.position_tolerance,
-            build->name());
-      }
-    }
-  }
-}
-
 TEST(Extremes, DenormalLoadsAreNone) {
   Family family("denormal loads", 1e-12, "of the length");
   for (const int sections : {1, 3}) {
@@ -153,30 +117,6 @@ TEST(Extremes, DenormalLoadsAreNone) {
         EXPECT_EQ(chooseTier(arm, std::nullopt, load, {}).setting.tier, Tier::kLinear) << place;
       }
     }
-  }
-}
-
-TEST(Extremes, DenormalsInALoadedTwistAreZeros) {
-  Family family("denormals in loaded twists", 1e-12, "of the length");
-  const model::Arm arm = test::softHelicalArm();
-  const Load load = test::weight(test::Posture::kHorizontal, 0.2, 900);
-  for (int axis = 1; axis < 6; ++axis) {
-    model::Twists clean = model::Twists::Zero(6, 1);
-    clean(0, 0) = 0.43;
-    model::Twists twists = clean;
-    twists(axis, 0) = kDenormal;
-    for (int order = kLeastOrder; order <= kMostOrder; ++order) {
-      const LoadedArm loaded(arm, load, order);
-      const Solution expected = loaded.solve(clean), found = loaded.solve(twists);
-      ASSERT_TRUE(found.converged() && expected.converged());
-      EXPECT_LE(found.iterations, expected.iterations + 1);
-      family.add((found.tip.translation - expected.tip.translation).norm() / 0.43,
-                 text("order %d, entry %d", order, axis));
-    }
-    const ExactArm exact(arm, load);
-    family.add(
-        (exact.solve(twists).tip.translation - exact.solve(clean).tip.translation).norm() / 0.43,
-        text("exact, entry %d", axis));
   }
 }
 

@@ -235,8 +235,7 @@ TEST(PressureScene, FaultsOfAProfileNameItsOwnFileAndLine) {
       said +
           ":2 modbus_tcp is not the scene's kind of regulator; expected a profile of ascii_serial");
   write(board, "ascii_serial:\n  baud: fast\n");
-  EXPECT_NE(faultsOfFile(file).find("/board.yaml:2 ascii_serial.baud is fast"), std::string::npos)
-      << faultsOfFile(file);
+  EXPECT_TRUE(has(faultsOfFile(file), "/board.yaml:2 ascii_serial.baud is fast"));
 }
 
 TEST(FollowScene, IsInSi) {
@@ -307,7 +306,7 @@ TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
   ASSERT_EQ(faults.size(), 1u);
   EXPECT_EQ(faults[0].find(":11 follow.smoothing_s is 0.3; expected at least 0.49 s, "), 0u)
       << faults[0];
-  EXPECT_NE(faults[0].find("leave out smoothing_s"), std::string::npos) << faults[0];
+  EXPECT_TRUE(has(faults[0], "leave out smoothing_s"));
 }
 
 }  // namespace

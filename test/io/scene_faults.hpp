@@ -10,6 +10,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "support/has.hpp"
 #include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
 

@@ -202,8 +202,7 @@ TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
   const std::vector<std::string> faults = faultsOf(text);
   ASSERT_EQ(faults.size(), 1u);
   EXPECT_EQ(faults[0].find(":15 arm.stiffness.K_eps_n is missing"), 0u) << faults[0];
-  EXPECT_NE(faults[0].find("in their own stiffness: sections lower"), std::string::npos)
-      << faults[0];
+  EXPECT_TRUE(has(faults[0], "in their own stiffness: sections lower"));
   EXPECT_EQ(faults[0].find("upper"), std::string::npos) << faults[0];
 }
 

@@ -372,26 +372,6 @@ TEST(ExactArm, ASectionCutInTwoIsTheSameArm) {
   }
 }
 
-TEST(ExactArm, PiecesEndOnTheCurve) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  Load load = weightlessLoad(arm);
-  load.gravity = {0, 0, -9.81};
-  load.mass = {0.3, 0.2};
-  load.points.emplace_back();
-  load.points[0].s = 0.37;  // on no end of a piece
-  load.points[0].mass = 0.2;
-  const model::Twists twists = arm.twists(arm.inputAt(0.4));
-  ExactOptions coarse, fine;
-  coarse.pieces_per_section = 3;
-  fine.pieces_per_section = 12;
-  const Solution a = ExactArm(arm, load, coarse).solve(twists);
-  const Solution b = ExactArm(arm, load, fine).solve(twists);
-  ASSERT_EQ(a.shape.piecesPerSection(), 3);
-  for (int i = 0; i <= 6; ++i) {
-    EXPECT_LT(apart(poseAt(a.shape, i / 3.0), poseAt(b.shape, i / 3.0)), 1e-11);
-  }
-}
-
 TEST(ExactArm, LoadOnAMotionThatNothingResistsIsUnsupportedInEveryTier) {
   // One muscle along the axis without torsional stiffness: it bends, and spins freely.
   const test::Ring ring{1, 0.0, 0.0, {10.0, 0.0, 1e-3}};

@@ -237,20 +237,6 @@ void expectTrue(const ArmModel& model, const WorkspaceExtremes& sampled,
   }
 }
 
-TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
-  // Without pressure every muscle has its free length, and a curve is no longer than that.
-  for (const int sections : {1, 3, 5}) {
-    const ArmModel model(test::ringArm(test::straightRing(), sections));
-    const double vented = sections * test::fig3Muscle().length(0);
-    const WorkspaceExtremes sampled = sampledExtremes(model, 2000);
-    ASSERT_LT(sampled.reach(), vented - 1e-4) << "samples miss it";
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_NEAR(found.reach(), vented, 1e-12);
-    EXPECT_NEAR(found.bounds().max().x(), vented, 1e-12);
-  }
-}
-
 TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGrid) {
   // The last curls to more than a circle: some of its extremes lie inside the limits.
   const test::Ring curling{3, 0.006, 0.0, {10.0, 0.0, 1e-6}};

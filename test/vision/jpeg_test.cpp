@@ -92,16 +92,6 @@ TEST(Jpeg, ColoursAreReadAsTheirLuma) {
   }
 }
 
-TEST(Jpeg, MemoryIsUsedAgain) {
-  const Bytes bytes = JpegEncoder(90).encode(grayPicture(64, 48));
-  JpegDecoder decoder;
-  cv::Mat gray;
-  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
-  const std::uint8_t* memory = gray.data;
-  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
-  EXPECT_EQ(gray.data, memory);
-}
-
 TEST(Jpeg, TruncatedPictureIsRefused) {
   const cv::Mat colour = colourPicture(40, 32);
   for (const int subsampling : {TJSAMP_GRAY, TJSAMP_420}) {
