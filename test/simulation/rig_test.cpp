@@ -16,7 +16,6 @@
 #include "support/refusal.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
-#include "tag_studio.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -299,7 +298,7 @@ TEST(SimulatedRig, WithoutACameraThereIsNoPicture) {
 }
 
 TEST(SimulatedRig, PartsThatDoNotFitAreRefused) {
-  const CameraSetup setup{studio(plainCamera(), {}), vision::TagFamily("36h11"), {}, {}};
+  const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
   EXPECT_THROW(SimulatedRig(ringArm(straightRing(), 2), kRegulator, {}, setup),
                std::invalid_argument);
   EXPECT_THROW(SimulatedRig(ringArm(straightRing()), {0.0}, {}), std::invalid_argument);

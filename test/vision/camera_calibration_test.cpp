@@ -72,40 +72,6 @@ TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
   }
 }
 
-TEST(CameraCalibration, FocalLengthFromRenderedPicturesIsWithinHalfAPercent) {
-  Random random(2);
-  Camera wide = boardCamera();
-  wide.fx = 640;
-  wide.fy = 642;
-  wide.distortion = {-0.12, 0.03, 0.001, 0.0005, 0, 0, 0, 0};
-  for (const Camera& camera : {boardCamera(), wide}) {
-    DetectorConfig detecting;
-    detecting.quad_decimate = 1;
-    TagDetector detector(detecting);
-    std::vector<BoardObservation> observations;
-    for (const lie::SE3& pose : boardPoses(camera, 18, random)) {
-      simulation::SimulatedCameraConfig config;
-      config.bleed = 0.0002;
-      config.seed = static_cast<std::uint32_t>(observations.size() + 1);
-      const cv::Mat picture = test::boardPicture(camera, kBoard, pose, config);
-      observations.push_back(
-          boardObservation(kBoard, "", picture.size(), detector.detect(picture)));
-    }
-    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
-    ASSERT_TRUE(found.success) << found.reason;
-    for (const CameraParameter& one : found.parameters) {
-      std::cout << one.name << " = " << one.value << " +- " << one.standard_error << "\n";
-    }
-    const double worst = worstPixel(found.camera, camera);
-    std::cout << "RMS " << found.rms << " px, coverage " << found.coverage
-              << ", worst pixel off by " << worst << " px\n";
-    EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
-    EXPECT_NEAR(found.camera.fy / camera.fy, 1, 0.005);
-    EXPECT_LT(worst, 5);
-    EXPECT_GT(found.coverage, 0.7);
-  }
-}
-
 TEST(CameraCalibration, TrueParametersLieWithinThreeStandardErrors) {
   Random random(3);
   const Camera camera = boardCamera();
