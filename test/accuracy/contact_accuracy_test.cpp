@@ -15,10 +15,7 @@
 namespace helix_arm {
 namespace {
 
-using procedures::FollowAlarm;
-using procedures::FollowPlan;
-using procedures::FollowResult;
-using procedures::FollowRow;
+using namespace procedures;
 
 constexpr double kMm = 1e3;
 constexpr double kForce = 0.3;        // [N]

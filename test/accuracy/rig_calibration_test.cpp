@@ -23,9 +23,7 @@
 namespace helix_arm {
 namespace {
 
-using estimation::Calibration;
-using estimation::CalibrationStatus;
-using estimation::Parameter;
+using namespace estimation;
 
 constexpr int kRigs = 100;
 constexpr int kMostMisses = 5;

@@ -14,12 +14,7 @@
 namespace helix_arm {
 namespace {
 
-using estimation::ArmView;
-using estimation::CornerObservation;
-using estimation::FitStatus;
-using estimation::TagImage;
-using estimation::TwistFit;
-using estimation::TwistFitter;
+using namespace estimation;
 using test::Random;
 
 constexpr double kNoise = 0.5;  // [px]

@@ -16,11 +16,7 @@
 namespace helix_arm::benchmark {
 namespace {
 
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::CalibrationOptions;
-using estimation::CalibrationStatus;
-using estimation::Capture;
+using namespace estimation;
 
 constexpr double kPoseNoise = 0.01;   // [m]
 constexpr double kCornerNoise = 0.3;  // [px]
@@ -300,7 +296,6 @@ BENCHMARK_CAPTURE(stiffness, held_out, Until::kHeldOut)->Unit(::benchmark::kMill
 BENCHMARK_CAPTURE(stiffness, suggestions, Until::kSuggestions)->Unit(::benchmark::kMillisecond);
 BENCHMARK(stiffnessOfPeer)->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(placement, parameters, Until::kParameters)->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(placement, errors, Until::kErrors)->Unit(::benchmark::kMillisecond);
 BENCHMARK(placementOfPeer)->Unit(::benchmark::kMillisecond);
 
 }  // namespace

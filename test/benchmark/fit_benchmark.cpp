@@ -56,10 +56,8 @@ const Problem& problem() {
   return the_problem;
 }
 
-void fit(::benchmark::State& state, bool free_base) {
-  estimation::TwistFitOptions options = problem().options;
-  options.free_base = free_base;
-  estimation::TwistFitter fitter(problem().view.layout, 1, options);
+void fit(::benchmark::State& state) {
+  estimation::TwistFitter fitter(problem().view.layout, 1, problem().options);
   std::size_t i = 0;
   double cost = 0, count = 0;
   for (auto _ : state) {
@@ -131,8 +129,7 @@ void fitOfPeer(::benchmark::State& state) {
   gsl_multimin_fminimizer_free(simplex);
 }
 
-BENCHMARK_CAPTURE(fit, twist, false)->Unit(::benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(fit, twist_and_base, true)->Unit(::benchmark::kMicrosecond);
+BENCHMARK(fit)->Unit(::benchmark::kMicrosecond);
 BENCHMARK(fitOfPeer)->Unit(::benchmark::kMicrosecond);
 
 }  // namespace

@@ -13,7 +13,7 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "support/tapered_arm.hpp"
+#include "support/loaded_arm.hpp"
 
 namespace helix_arm::benchmark {
 namespace {
@@ -170,26 +170,13 @@ void loadedOfPeer(::benchmark::State& state, const model::Arm& arm, Posture post
   });
 }
 
-// Derivatives of one case: the tip's by the lengths, as the inverse takes them, and those of the
-// whole shape by lengths, stiffness and a load at the tip. Order 0 is the exact tier.
+// Derivatives of tip and twists of one case. Order 0 is the exact tier.
 statics::ArmModel modelOf(const model::Arm& arm, int order) {
   const test::LoadedCase loaded = test::loadedCases(Posture::kHorizontal)[3];
-  statics::Load load = loaded.load;
-  load.mass.assign(static_cast<std::size_t>(arm.sectionCount()), load.mass[0]);
-  load.K_eps.assign(static_cast<std::size_t>(arm.sectionCount()), load.K_eps[0]);
   const statics::TierSetting setting = order > 0
                                            ? statics::TierSetting{statics::Tier::kLoaded, order}
                                            : statics::TierSetting{statics::Tier::kExact, 0};
-  return {arm, std::nullopt, load, setting};
-}
-
-void tipResponse(::benchmark::State& state, const model::Arm& arm) {
-  const statics::ArmModel model = modelOf(arm, static_cast<int>(state.range(0)));
-  const Eigen::VectorXd lengths = arm.lengths(arm.inputAt(0.4));
-  for (auto _ : state) {
-    const statics::TipResponse found = model.tipResponse(lengths);
-    if (found.status != statics::SolveStatus::kConverged) state.SkipWithError("not solved");
-  }
+  return {arm, std::nullopt, loaded.load, setting};
 }
 
 void jacobian(::benchmark::State& state, const model::Arm& arm) {
@@ -201,45 +188,12 @@ void jacobian(::benchmark::State& state, const model::Arm& arm) {
   }
 }
 
-// Without load: all derivatives, those by a load at the tip included, since K_eps is known.
-void linearJacobian(::benchmark::State& state, const model::Arm& arm,
-                    const statics::StiffnessTable& table) {
-  const auto sections = static_cast<std::size_t>(arm.sectionCount());
-  statics::Load load;
-  load.mass.assign(sections, 0.0);
-  load.K_eps.assign(sections, 900.0);
-  if (!table.empty()) load.tables.assign(sections, table);
-  const statics::ArmModel model(arm, std::nullopt, load,
-                                statics::TierSetting{statics::Tier::kLinear, 0});
-  const Eigen::VectorXd q = arm.inputAt(0.4);
-  for (auto _ : state) {
-    const statics::ShapeJacobian found = statics::jacobianAt(model, q);
-    if (!found.by_load) state.SkipWithError("without K_eps");
-  }
-}
-
 model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
 
-#define HELIX_ARM_DERIVATIVES(name, arm)    \
-  BENCHMARK_CAPTURE(tipResponse, name, arm) \
-      ->Arg(2)                              \
-      ->Arg(5)                              \
-      ->Arg(8)                              \
-      ->Arg(0)                              \
-      ->Unit(::benchmark::kMicrosecond);    \
-  BENCHMARK_CAPTURE(jacobian, name, arm)    \
-      ->Arg(2)                              \
-      ->Arg(5)                              \
-      ->Arg(8)                              \
-      ->Arg(0)                              \
-      ->Unit(::benchmark::kMicrosecond);    \
-  BENCHMARK_CAPTURE(linearJacobian, name, arm, {})->Unit(::benchmark::kMicrosecond)
-
-HELIX_ARM_DERIVATIVES(one_section, sceneArm());
-HELIX_ARM_DERIVATIVES(six_muscles, test::ringArm(test::helicalRing(6)));
-HELIX_ARM_DERIVATIVES(two_sections, test::ringArm(test::helicalRing(), 2));
-HELIX_ARM_DERIVATIVES(tapered, test::taperedArm(0.26));
-BENCHMARK_CAPTURE(linearJacobian, table, sceneArm(), {{0, 1e5, 4e5}, {3, 1, 4}})
+BENCHMARK_CAPTURE(jacobian, one_section, sceneArm())
+    ->Arg(2)
+    ->Arg(5)
+    ->Arg(0)
     ->Unit(::benchmark::kMicrosecond);
 
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \

@@ -71,19 +71,6 @@ class MedianReporter : public benchmark::ConsoleReporter {
     }
   }
 
-  // How the error falls from one order of the loaded tier to the next.
-  void printConvergence(const std::string& name) const {
-    const auto linear = errors_.find("linear/" + name);
-    if (linear == errors_.end()) return;
-    std::printf("%-20s%10.1e", name.c_str(), linear->second);
-    for (int order = 2; order <= 8; ++order) {
-      const auto error = errors_.find("loaded/" + name + "/" + std::to_string(order));
-      if (error != errors_.end()) std::printf("%10.1e", error->second);
-    }
-    std::printf("\n");
-  }
-  bool hasErrors() const { return !errors_.empty(); }
-
  private:
   std::map<std::string, double> medians_;  // of processor time [ns]
   std::map<std::string, double> elapsed_;  // [ns]
@@ -116,14 +103,13 @@ int main(int argc, char** argv) {
   }
   reporter.printRoof("batch of 1e6, helical, rows to rows", "batchRows/helical");
   reporter.printScaling("batch of 1e6, helical, over threads", "batchThreads");
-  reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");
   for (const std::string size : {"720p", "1080p"}) {
     reporter.printRatio("JPEG " + size + " to twist, against the colour chain",
-                        "search/" + size + "_edges", "searchOfPeer/" + size + "_colour");
+                        "observation/" + size + "_edges", "searchOfPeer/" + size + "_colour");
     reporter.printRatio("JPEG " + size + " to twist, against the gray chain",
-                        "search/" + size + "_edges", "searchOfPeer/" + size + "_gray");
+                        "observation/" + size + "_edges", "searchOfPeer/" + size + "_gray");
   }
-  reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit/twist", "fitOfPeer");
+  reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit", "fitOfPeer");
   for (const std::string until : {"parameters", "errors", "held_out", "suggestions"}) {
     const std::string with = until == "parameters" ? ", " + until : ", with " + until;
     reporter.printRatio("stiffness of 21 x 7 tags" + with + ", against nmsimplex2",
@@ -134,25 +120,10 @@ int main(int argc, char** argv) {
   for (const std::string arm : {"soft", "scene"}) {
     for (const std::string posture : {"hanging", "horizontal"}) {
       const std::string name = arm + "_" + posture, where = " (" + arm + ", " + posture + ")";
-      for (int order = 2; order <= 8; ++order) {
-        reporter.printRatio("linear tips in one of order " + std::to_string(order) + where,
-                            "linear/" + name, "loaded/" + name + "/" + std::to_string(order));
-      }
-      reporter.printRatio("linear tips in one exact" + where, "linear/" + name, "exact/" + name);
       for (const std::string steps : {"20", "50", "100"}) {
         reporter.printRatio("order 5, against RK4 in " + steps + " steps" + where,
                             "loaded/" + name + "/5", "loadedOfPeer/" + name + "/" + steps);
       }
-    }
-  }
-  if (!reporter.hasErrors()) return 0;
-  std::printf("\nlargest error of the tip, %% of the arm's length, 45 cases each\n%-20s%10s", "",
-              "linear");
-  for (int order = 2; order <= 8; ++order) std::printf("   order %d", order);
-  std::printf("\n");
-  for (const std::string arm : {"soft", "scene"}) {
-    for (const std::string posture : {"hanging", "horizontal"}) {
-      reporter.printConvergence(arm + "_" + posture);
     }
   }
   return 0;

@@ -64,11 +64,9 @@ class ForthAndBack {
   int at_ = 0;
 };
 
-void observation(::benchmark::State& state, bool full_hd, vision::TrackingMode mode) {
+void observation(::benchmark::State& state, bool full_hd) {
   const Recording& source = recording(full_hd);
-  vision::LocalizerConfig config;
-  config.tracking = mode;
-  vision::ArmLocalizer localizer(source.series.view, config);
+  vision::ArmLocalizer localizer(source.series.view, {});  // it tracks edges
   vision::JpegDecoder decoder;
   cv::Mat gray;
   ForthAndBack order;
@@ -163,17 +161,10 @@ void decode(::benchmark::State& state, bool full_hd) {
   }
 }
 
-using vision::TrackingMode;
 BENCHMARK_CAPTURE(decode, 720p, false)->Unit(::benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(decode, 1080p, true)->Unit(::benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(observation, 720p_edges, false, TrackingMode::kEdges)
-    ->Unit(::benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(observation, 720p_regions, false, TrackingMode::kRegions)
-    ->Unit(::benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(observation, 720p_full, false, TrackingMode::kFull)
-    ->Unit(::benchmark::kMicrosecond);
-BENCHMARK_CAPTURE(observation, 1080p_edges, true, TrackingMode::kEdges)
-    ->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 720p_edges, false)->Unit(::benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(observation, 1080p_edges, true)->Unit(::benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(searchOfPeer, 720p_colour, false, true, 1.0)->Unit(::benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(searchOfPeer, 720p_gray, false, false, 2.0)->Unit(::benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(searchOfPeer, 1080p_colour, true, true, 1.0)->Unit(::benchmark::kMicrosecond);

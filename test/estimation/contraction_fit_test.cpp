@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/data_set.hpp"
+#include "support/has.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::estimation {
@@ -101,15 +102,6 @@ TEST(ContractionFit, ResidualIsOrthogonalToEveryPowerWhereTheBestPolynomialIsMon
   }
 }
 
-TEST(ContractionFit, IsMonotoneWhereTheBestPolynomialTurnsBack) {
-  for (const double kink : {60e3, 120e3, 200e3, 300e3}) {
-    const ContractionFit fit = fitContraction(kinkedSamples(kink, 21));
-    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
-    EXPECT_TRUE(fit.constrained) << kink;
-    EXPECT_GT(leastSlope(*fit.curve), 0) << kink;
-  }
-}
-
 TEST(ContractionFit, NoMonotoneQuinticIsCloser) {
   // At the least of a convex cost no feasible direction descends.
   test::Random random(3);
@@ -158,17 +150,6 @@ TEST(ContractionFit, ForAnySamplesTheCurveIsMonotoneOrThereIsAReason) {
   }
   EXPECT_GT(fitted, 1000);
   EXPECT_GT(constrained, 500);
-}
-
-TEST(ContractionFit, BellowsLengthen) {
-  Samples samples;
-  for (int i = 0; i <= 10; ++i) samples.push_back({10e3 * i, 0.1 + 0.03 * std::sin(0.15 * i)});
-  for (const CurveKind kind : {CurveKind::kQuintic, CurveKind::kTable}) {
-    const ContractionFit fit = fitContraction(samples, {kind, Branch::kBoth});
-    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
-    EXPECT_GT(leastSlope(*fit.curve), 0);
-    EXPECT_LT(fit.rms, 1e-5);
-  }
 }
 
 TEST(ContractionFit, TableIsTheSamplesWhereTheyAreMonotone) {
@@ -254,11 +235,14 @@ TEST(ContractionFit, NoiseOfTheRegulatorStartsNoBranch) {
 }
 
 TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
+  using Status = ContractionFitStatus;
+  constexpr Status kFew = Status::kTooFewPressures, kRange = Status::kOutOfRange,
+                   kNone = Status::kNotFinite, kFlat = Status::kNoTrend;
   const double nan = std::numeric_limits<double>::quiet_NaN();
   struct Case {
     Samples samples;
     ContractionFitOptions options;
-    ContractionFitStatus status;
+    Status status;
     const char* reason;
   };
   const Samples sound = kinkedSamples(300e3, 8);
@@ -273,36 +257,27 @@ TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
   for (int i = 0; i < 8; ++i) narrow.push_back({i == 0 ? 0 : 300e3 + i, i == 0 ? 0.4 : 0.3});
   const ContractionFitOptions table{CurveKind::kTable, Branch::kBoth};
   const Case cases[] = {
-      {{},
-       {},
-       ContractionFitStatus::kTooFewPressures,
-       "distinct pressures: 0; expected at least 6"},
-      {{}, table, ContractionFitStatus::kTooFewPressures, "expected at least 2"},
-      {Samples(9, {100e3, 0.4}),
-       {},
-       ContractionFitStatus::kTooFewPressures,
-       "distinct pressures: 1;"},
+      {{}, {}, kFew, "distinct pressures: 0; expected at least 6"},
+      {{}, table, kFew, "expected at least 2"},
+      {Samples(9, {100e3, 0.4}), {}, kFew, "distinct pressures: 1;"},
       {{sound.begin(), sound.begin() + 5},
        {},
-       ContractionFitStatus::kTooFewPressures,
+       kFew,
        "distinct pressures: 5; expected at least 6 for a quintic: measure at more, or fit a table"},
-      {narrow, {}, ContractionFitStatus::kTooFewPressures, "too close together"},
-      {sound,
-       {CurveKind::kTable, Branch::kFalling},
-       ContractionFitStatus::kTooFewPressures,
-       "on the falling branch"},
-      {with({nan, 0.4}), {}, ContractionFitStatus::kNotFinite, "sample 4: the pressure is nan"},
-      {with({100e3, nan}), {}, ContractionFitStatus::kNotFinite, "sample 4: the length is nan m"},
-      {with({100e3, 0}), {}, ContractionFitStatus::kNotFinite, "sample 4: the length is 0 m"},
-      {with({-1, 0.4}), {}, ContractionFitStatus::kOutOfRange, "sample 4: the pressure is -1 Pa"},
-      {late, {}, ContractionFitStatus::kOutOfRange, "the smallest pressure is 100000 Pa"},
-      {flat, {}, ContractionFitStatus::kNoTrend, "neither rise nor fall"},
-      {flat, table, ContractionFitStatus::kNoTrend, "neither rise nor fall"},
+      {narrow, {}, kFew, "too close together"},
+      {sound, {CurveKind::kTable, Branch::kFalling}, kFew, "on the falling branch"},
+      {with({nan, 0.4}), {}, kNone, "sample 4: the pressure is nan"},
+      {with({100e3, nan}), {}, kNone, "sample 4: the length is nan m"},
+      {with({100e3, 0}), {}, kNone, "sample 4: the length is 0 m"},
+      {with({-1, 0.4}), {}, kRange, "sample 4: the pressure is -1 Pa"},
+      {late, {}, kRange, "the smallest pressure is 100000 Pa"},
+      {flat, {}, kFlat, "neither rise nor fall"},
+      {flat, table, kFlat, "neither rise nor fall"},
   };
   for (const Case& c : cases) {
     const ContractionFit fit = fitContraction(c.samples, c.options);
     EXPECT_EQ(fit.status, c.status) << c.reason << " / " << fit.reason;
-    EXPECT_NE(fit.reason.find(c.reason), std::string::npos) << fit.reason;
+    EXPECT_TRUE(test::has(fit.reason, c.reason));
     EXPECT_FALSE(fit.curve);
   }
   EXPECT_TRUE(fitContraction(late, table).curve) << "a table begins where its samples do";

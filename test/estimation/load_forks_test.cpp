@@ -184,43 +184,6 @@ TEST(LoadForks, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
   }
 }
 
-// The errors of f are what its covariance says: the mean of e' P^-1 e over 100 arms, each of its
-// own stiffness and lengths, which creep as the filter assumes. They have no hysteresis, which the
-// filter allows for, so that the mean may be below 3; it may not be above by more than chance in a
-// thousand.
-TEST(LoadForks, TheForcesCovarianceIsConsistent) {
-  constexpr int kRuns = 100;
-  constexpr double kMost = 3.83;  // 99.9 % point of chi-square of 300 degrees, over 100
-  double sum = 0, most = 0;
-  int found = 0;
-  for (unsigned seed = 1; seed <= kRuns; ++seed) {
-    Bench bench(100 + seed);
-    statics::Correction truth(bench.model.arm());
-    truth.stiffness_factors = {std::exp(0.1 * bench.random.normal()), 1.0,
-                               std::exp(0.1 * bench.random.normal())};
-    for (double& scale : truth.length_scale) scale = std::exp(0.005 * bench.random.normal());
-    bench.differ(truth);
-    bench.creeps = true;
-    bench.moveUntilArmed();
-    EXPECT_FALSE(loadOf(bench).contact) << seed;
-    const Eigen::Vector2d across = bench.random.direction<2>();
-    bench.force << 0, 0.3 * across;
-    if (!std::isfinite(bench.delay(1))) continue;
-    ++found;
-    bench.run(1.5);
-    const Eigen::Vector3d error = loadOf(bench).force - bench.force;
-    const double distance2 = error.dot(loadOf(bench).covariance.ldlt().solve(error));
-    sum += distance2;
-    most = std::max(most, distance2);
-  }
-  std::printf(
-      "[  FIGURE  ] force on 100 arms: %d found, error^2 %.2f of 3 in the mean, %.1f at most\n",
-      found, sum / found, most);
-  EXPECT_GE(found, 95);
-  EXPECT_GT(sum / found, 0.5);
-  EXPECT_LT(sum / found, kMost);
-}
-
 TEST(LoadForks, NothingIsFoundBeforeTenSecondsOfPictures) {
   Bench bench(3);
   bench.run(kArmed - 0.5);

@@ -8,6 +8,7 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "support/has.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::estimation {
@@ -114,7 +115,7 @@ TEST(ResponseFit, AtRestTheLagIsNotDetermined) {
   series.history.time.clear();
   const ResponseFit fit = fitResponse(series.history, series.shortening);
   EXPECT_EQ(fit.lag, ResponseVerdict::kNotDetermined);
-  EXPECT_NE(fit.lag_reason.find("nothing was recorded in motion"), std::string::npos);
+  EXPECT_TRUE(test::has(fit.lag_reason, "nothing was recorded in motion"));
   EXPECT_EQ(fit.play, ResponseVerdict::kFound);
 }
 
@@ -133,7 +134,7 @@ TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
   }
   const ResponseFit fit = fitResponse(series.history, series.shortening);
   EXPECT_EQ(fit.play, ResponseVerdict::kNotDetermined);
-  EXPECT_NE(fit.play_reason.find("do not turn back"), std::string::npos);
+  EXPECT_TRUE(test::has(fit.play_reason, "do not turn back"));
   EXPECT_EQ(fit.response.play_count, 0);
 }
 
@@ -179,7 +180,7 @@ TEST(ResponseFit, TooFewReadingsAreNamed) {
   Series series = levels({}, 1, 10);
   const ResponseFit fit = fitResponse(series.history, series.shortening);
   EXPECT_FALSE(fit.fitted());
-  EXPECT_NE(fit.failure.find("expected at least"), std::string::npos);
+  EXPECT_TRUE(test::has(fit.failure, "expected at least"));
 }
 
 // Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence). Static, the

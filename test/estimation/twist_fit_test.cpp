@@ -199,28 +199,6 @@ TEST_F(TwistFitTest, UnderLoadErrorsAreAsLargeAsTheyAreSaidToBeAndWithoutItInThe
   EXPECT_GT(ignorant_curve, 3 * curve);
 }
 
-TEST(TwistFit, TipCovarianceIsThatOfTheTipsOfDrawnTwists) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  Random random(7);
-  for (const model::Shape& shape :
-       {model::Shape(arm.twists(arm.inputAt(0.4))), sagging(arm, arm.inputAt(0.4))}) {
-    Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(12, 12, [&] { return random.normal(); });
-    const Eigen::MatrixXd covariance = 1e-8 * root * root.transpose();
-    root = covariance.llt().matrixL();
-    const Eigen::Vector3d tip = model::tipPose(shape).translation;
-    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-    const int draws = 40000;
-    for (int i = 0; i < draws; ++i) {
-      model::Twists moved = shape.twists();
-      moved.reshaped() += root * Eigen::VectorXd::NullaryExpr(12, [&] { return random.normal(); });
-      const Eigen::Vector3d d = model::tipPose(shape.about(moved)).translation - tip;
-      sum += d * d.transpose();
-    }
-    const Eigen::Matrix3d drawn = sum / draws, linear = tipCovariance(shape, covariance);
-    EXPECT_LT((drawn - linear).norm(), 0.04 * linear.norm());
-  }
-}
-
 TEST_F(TwistFitTest, AMovedBaseIsFoundAndLeavesTheTwistsAlone) {
   lie::Vector6 offset;
   offset << 0.004, -0.003, 0.002, 0.01, -0.015, 0.008;
@@ -236,19 +214,6 @@ TEST_F(TwistFitTest, AMovedBaseIsFoundAndLeavesTheTwistsAlone) {
   ASSERT_EQ(fit.status, FitStatus::kConverged);
   EXPECT_LT((fit.X_B0B.log() - offset).cwiseAbs().maxCoeff(), 1e-5);
   EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-5);
-}
-
-TEST_F(TwistFitTest, ATightPriorHoldsTheBase) {
-  const model::Twists twists = arm_.twists(arm_.inputAt(0.2));
-  TwistFitOptions options;
-  options.free_base = true;
-  options.base_prior = {1e-9, 1e-9};
-  Random random(8);
-  const auto seen = test::observe(view_, visibleTags(view_, twists, 0.3), 0.5, random);
-  TwistFitter held(view_.layout, 1, options), fixed(view_.layout, 1, {});
-  const model::Twists with = held.fit(seen, view_.X_CB, view_.camera.fx, twists).twists;
-  const TwistFit& without = fixed.fit(seen, view_.X_CB, view_.camera.fx, twists);
-  EXPECT_LT((with - without.twists).cwiseAbs().maxCoeff(), 1e-6);
 }
 
 TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {

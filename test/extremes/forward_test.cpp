@@ -14,14 +14,7 @@
 namespace helix_arm::model {
 namespace {
 
-using test::Build;
-using test::BuildFamily;
-using test::Family;
-using test::kEps;
-using test::kPi;
-using test::Real;
-using test::RealMatrix;
-using test::text;
+using namespace test;
 
 const double kDenormal = std::numeric_limits<double>::denorm_min();
 
@@ -99,31 +92,6 @@ TEST(Extremes, ForwardOfWholeArms) {
   }
 }
 
-// What the families are named for.
-TEST(Extremes, TheArmsReachTheEndsOfTheirRanges) {
-  double least_radius = 1, most_radius = 0, most_turn = 0;
-  int most_muscles = 0, most_sections = 0, count = 0;
-  for (const BuildFamily& family : test::extremeBuilds()) {
-    for (const Build& build : family.builds) {
-      const Arm arm = build.arm();
-      Eigen::VectorXd q = arm.inputAt(0);
-      q[0] = arm.actuator(0).limits.upper;
-      ++count;
-      least_radius = std::min(least_radius, build.ring.radius);
-      most_radius = std::max(most_radius, build.ring.radius);
-      most_turn = std::max(most_turn, largestTurnOf(arm.twists(q)));
-      most_muscles = std::max(most_muscles, build.ring.count);
-      most_sections = std::max(most_sections, arm.sectionCount());
-    }
-  }
-  EXPECT_EQ(least_radius, 5e-5);
-  EXPECT_GE(most_radius, 0.5);
-  EXPECT_GT(most_turn, 1e3);
-  EXPECT_EQ(most_muscles, kMaxActuators);
-  EXPECT_EQ(most_sections, kMaxSections);
-  EXPECT_GT(count, 150);
-}
-
 TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   std::vector<Build> centred, bare, aside;
   for (const int sections : {1, 4, 16}) {
@@ -145,14 +113,6 @@ TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   expectForward({"one muscle aside, K_tau = 0, rank 5", aside}, spin / spin.norm(), 5, 0.0254);
 }
 
-// A section's twist that turns by so much, about any axis.
-lie::Vector6 twistOf(double turn, test::Random& random) {
-  lie::Vector6 xi;
-  xi << random.uniform(0.3, 0.5), random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05),
-      turn * random.direction<3>();
-  return xi;
-}
-
 void addCurve(const Twists& twists, const std::string& place, Family& family) {
   const RealMatrix exact = twists.cast<Real>();
   const double length = lengthOf(twists), turn = turnOf(twists);
@@ -162,32 +122,6 @@ void addCurve(const Twists& twists, const std::string& place, Family& family) {
   for (const CurvePoint<lie::SE3>& point : curve) {
     family.add(poseError(point.X, test::poseByDefinition(exact, point.s), length, turn), place);
     EXPECT_TRUE(poseAt(twists, point.s).translation == point.X.translation);
-  }
-}
-
-TEST(Extremes, CurvesOfAnyTurn) {
-  test::Random random(703);
-  Family small("|w| 1e-300 to 1", 8, kUnit), large("|w| 1 to 1e3", 8, kUnit),
-      full("|w| within 1e-15 to 0.1 of 2 pi k, k to 159", 8, kUnit);
-  for (int i = 0; i < 250; ++i) {
-    Twists twists(6, random.integer(1, kMaxSections));
-    const bool is_small = i % 2 == 0;
-    for (int k = 0; k < twists.cols(); ++k) {
-      twists.col(k) =
-          twistOf(is_small ? random.logUniform(1e-300, 1) : random.logUniform(1, 1e3), random);
-    }
-    addCurve(twists, text("%d sections", static_cast<int>(twists.cols())),
-             is_small ? small : large);
-  }
-  for (int turns = 1; turns < 160; turns += 1 + turns / 4) {
-    for (const double offset : {0.0, 1e-15, -1e-15, 1e-8, -1e-8, 1e-4, 0.1, -0.1}) {
-      Twists twists(6, random.integer(1, 3));
-      for (int k = 0; k < twists.cols(); ++k) {
-        twists.col(k) = twistOf(2 * kPi * turns + offset, random);
-        EXPECT_LE(std::abs(std::remainder(twists.col(k).tail<3>().norm(), 2 * kPi)), 0.11);
-      }
-      addCurve(twists, text("2 pi %d + %g", turns, offset), full);
-    }
   }
 }
 
@@ -210,65 +144,6 @@ TEST(Extremes, DenormalTwistsAreThoseOfZero) {
     const lie::SE3 tip = tipPose(all);
     EXPECT_TRUE(tip.translation.allFinite() && tip.rotation.isIdentity(kEps));
     EXPECT_TRUE(tip.log().allFinite());
-  }
-}
-
-TEST(Extremes, DenormalChangesOfLengthBendByWhatTheMapSays) {
-  // Two tendons beside a straight arm, the one on a spool next to nothing in radius.
-  for (const double radius : {1e-300, 1e-310, 5 * kDenormal}) {
-    Section section;
-    for (const double y : {0.05, -0.05}) {
-      const Contraction tendon = Contraction::tendon(0.4, radius, 1.0);
-      section.actuators.push_back({"tendon",
-                                   {Eigen::Matrix3d::Identity(), {0, y, 0}},
-                                   {10, 0, 1e-4},
-                                   tendon,
-                                   tendon.inputRange(),
-                                   Drive::kTendon});
-    }
-    const Arm arm({section});
-    const lie::SE3 tip = arm.tip(Eigen::Vector2d(1, 0));
-    EXPECT_NEAR(tip.translation.x(), 0.4, 4 * kEps);
-    EXPECT_LE(tip.translation.tail<2>().norm(), kEps);
-    EXPECT_TRUE(arm.twists(Eigen::Vector2d(1, 0)).allFinite());
-  }
-}
-
-TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
-  const double kInf = std::numeric_limits<double>::infinity();
-  Family inside("pressures at and just inside the limits", kForwardEps, kUnit);
-  Family outside("pressures just outside, refused by name", 0, "accepted");
-  const RealMatrix N = RealMatrix::Zero(6, 0);
-  for (const int sections : {1, 16}) {
-    const Arm arm = test::ringArm(test::helicalRing(), sections);
-    const statics::ArmModel model(arm);
-    for (int i = 0; i < arm.actuatorCount(); ++i) {
-      const Range& limits = arm.actuator(i).limits;
-      Eigen::VectorXd q = arm.inputAt(0.5);
-      for (const double value : {limits.lower, -0.0, kDenormal, std::nextafter(limits.lower, kInf),
-                                 std::nextafter(limits.upper, 0), limits.upper}) {
-        q[i] = value;
-        if (i % 7 != 0) continue;
-        inside.add(poseError(arm.tip(q),
-                             test::poseByDefinition(test::twistsByDefinition(arm, q, N), sections),
-                             lengthOf(arm.twists(q)), effortOf(arm, q)),
-                   text("%.17g in actuator %d of %d", value, i, arm.actuatorCount()));
-      }
-      for (const double value :
-           {std::nextafter(limits.lower, -kInf), std::nextafter(limits.upper, kInf)}) {
-        q[i] = value;
-        const std::string who = arm.actuator(i).name + " is asked for";
-        for (const std::string& message :
-             {test::refusal<std::out_of_range>([&] { arm.tip(q); }),
-              test::refusal<std::out_of_range>([&] { arm.twists(q); }),
-              test::refusal<std::out_of_range>([&] { arm.lengths(q); }),
-              test::refusal<std::out_of_range>([&] { model.solve(q); }),
-              test::refusal<std::out_of_range>([&] { model.tip(q); })}) {
-          outside.add(message.find(who) != 0, message);
-        }
-        EXPECT_NO_THROW(arm.tip(arm.clamped(q)));
-      }
-    }
   }
 }
 

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/control/tip_path.hpp"
+#include "support/has.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
@@ -69,9 +70,9 @@ TEST_F(PathCheck, TheFactorThatItNamesIsJustEnough) {
   EXPECT_FALSE(check(circle(0.5), infinity));
   const std::string name = arm.actuator(refused->actuator).name;
   EXPECT_EQ(refused->reason.find("the path is too fast after 0."), 0u) << refused->reason;
-  EXPECT_NE(refused->reason.find(name + " has to change by "), std::string::npos);
-  EXPECT_NE(refused->reason.find("80 % of its slew rate are 400 kPa/s; multiply all times by "),
-            std::string::npos);
+  EXPECT_TRUE(test::has(refused->reason, name + " has to change by "));
+  EXPECT_TRUE(
+      test::has(refused->reason, "80 % of its slew rate are 400 kPa/s; multiply all times by "));
 }
 
 TEST_F(PathCheck, APlaceOutOfReachIsNamedWithItsDistance) {
@@ -85,9 +86,7 @@ TEST_F(PathCheck, APlaceOutOfReachIsNamedWithItsDistance) {
   statics::InverseSolver fresh(arm);
   EXPECT_NEAR(refused->residual, fresh.toPosition(outside, arm.inputAt(0.0)).residual, 1e-6);
   EXPECT_EQ(refused->reason.find("the path leaves the arm's reach after "), 0u) << refused->reason;
-  EXPECT_NE(refused->reason.find("2 mm are allowed; move the path or make it smaller"),
-            std::string::npos)
-      << refused->reason;
+  EXPECT_TRUE(test::has(refused->reason, "2 mm are allowed; move the path or make it smaller"));
   // The tolerance, from both sides.
   EXPECT_TRUE(check(straight(inside, outside, 60), kSlew, 0.99 * refused->residual));
   EXPECT_FALSE(check(straight(inside, outside, 60), kSlew, 1.01 * refused->residual));
@@ -110,7 +109,7 @@ TEST_F(PathCheck, PressuresThatHaveToJumpAreNoMatterOfSpeed) {
     ASSERT_TRUE(refused);
     EXPECT_EQ(refused->fault, PathFault::kJump) << refused->reason;
     EXPECT_EQ(refused->reason.find("the pressure of muscle_"), 0u) << refused->reason;
-    EXPECT_NE(refused->reason.find(" has to jump by "), std::string::npos);
+    EXPECT_TRUE(test::has(refused->reason, " has to jump by "));
   }
 }
 

@@ -119,12 +119,6 @@ TEST_P(EachState, IsResetToOpenOrIdleAndClosesAgain) {
   EXPECT_LT(bench_.error(), 1e-3);
 }
 
-TEST_P(EachState, HasAName) {
-  static constexpr const char* kNames[] = {"idle",     "open",      "closed",  "coasting",
-                                           "yielding", "diverging", "doubtful"};
-  EXPECT_STREQ(nameOf(GetParam()), kNames[static_cast<std::size_t>(GetParam())]);
-}
-
 TEST_F(LoopStates, ATargetOpensTheLoopThatDoesNotSeeAndClosesTheOneThatSees) {
   bench_.loop.aimAt(here_);
   bench_.step(false);

@@ -9,6 +9,7 @@
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/provenance.hpp"
 #include "io/document/document.hpp"
 #include "scene_faults.hpp"
 #include "support/random.hpp"
@@ -16,10 +17,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::kLoadedScene;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::sceneOf;
+using namespace test;
 
 using basics::kPi;
 
@@ -223,16 +221,6 @@ TEST(CalibratedScene, ContainsTheOverridesOfItsOrigin) {
   EXPECT_EQ(scene.camera->model.fx, 700);
 }
 
-TEST(CalibratedScene, EveryStiffnessIsReplaced) {
-  SceneCalibration change = calibration();
-  change.stiffness = model::Stiffness{7, 0, 3e-4};
-  const Scene scene = calibrated(kSpatialScene, change);
-  for (int i = 0; i < 6; ++i) {
-    EXPECT_EQ(scene.arm.actuator(i).stiffness.gamma, 7) << i;
-    EXPECT_EQ(scene.arm.actuator(i).stiffness.kappa, 3e-4) << i;
-  }
-}
-
 TEST(CalibratedScene, WhatLoadsTheArmAndItsTierStay) {
   SceneCalibration change = calibration();
   change.stiffness = model::Stiffness{7, 0, 3e-4};
@@ -291,7 +279,7 @@ TEST(CalibratedScene, GroupsWhoseTagsStayAreKept) {
   change.tags->tags[2].s = 0.51;  // the one of the second group
   const test::TemporaryFile file(kSpatialScene);
   const std::string text = calibratedSceneText(file.path(), {}, change);
-  EXPECT_NE(text.find("ids: [3, 1]"), std::string::npos) << text;
+  EXPECT_TRUE(has(text, "ids: [3, 1]"));
   expectSameTags(*sceneOf(text).tags, *change.tags, 1e-12);
   change.tags->tags[0].X_ST.translation.x() += 1e-3;
   expectSameTags(*calibrated(kSpatialScene, change).tags, *change.tags, 1e-12);
@@ -445,7 +433,7 @@ TEST(CalibratedScene, ABrokenOneNeverLeaves) {
   change.length_scale = Eigen::VectorXd::Constant(6, 3);
   const std::string message = refusal(kSpatialScene, change);
   EXPECT_EQ(message.find(", once calibrated,:"), 0u) << message;
-  EXPECT_NE(message.find("length_scale is 3; expected 0.5 to 2"), std::string::npos) << message;
+  EXPECT_TRUE(has(message, "length_scale is 3; expected 0.5 to 2"));
   change = calibration();
   change.stiffness = model::Stiffness{10, 0, NAN};
   EXPECT_NE(refusal(kSpatialScene, change).find("K_kappa_m2 is nan"), std::string::npos);
@@ -454,6 +442,94 @@ TEST(CalibratedScene, ABrokenOneNeverLeaves) {
   EXPECT_NE(refusal(kSpatialScene, change).find("calibration.date is \"today\""),
             std::string::npos);
   EXPECT_EQ(refusal("name: [", calibration()).find(":1 is not YAML"), 0u);
+}
+
+// Its first line is line 11 of the scene.
+const std::string kScene = kPlanarScene + R"(calibration:
+  date: "2026-01-31T12:00:00Z"
+  package_version: "0.1.0"
+  from: arm.yaml
+  data:
+    - {file: a.csv, sha256: ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad, captures: 36}
+    - {file: b.csv, sha256: e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855, captures: 0}
+  parameters:
+    K_kappa: {value: 1.5e-4, standard_error: 2.0e-6, identifiable: true, unit: m^2}
+    K_gamma: {value: 10, standard_error: 0, identifiable: false}
+  rms: 0.3
+  held_out_error: 0.4
+  error_unit: px
+)";
+
+TEST(Provenance, IsReadWithTheScene) {
+  const Scene scene = sceneOf(kScene);
+  ASSERT_TRUE(scene.calibration);
+  const Provenance& calibration = *scene.calibration;
+  EXPECT_EQ(calibration.date, "2026-01-31T12:00:00Z");
+  EXPECT_EQ(calibration.package_version, "0.1.0");
+  EXPECT_EQ(calibration.from, "arm.yaml");
+  ASSERT_EQ(calibration.data.size(), 2u);
+  EXPECT_EQ(calibration.data[0].file, "a.csv");
+  EXPECT_EQ(calibration.data[0].sha256.substr(0, 8), "ba7816bf");
+  EXPECT_EQ(calibration.data[0].captures, 36);
+  ASSERT_EQ(calibration.parameters.size(), 2u);
+  EXPECT_EQ(calibration.parameters[0].name, "K_kappa");
+  EXPECT_EQ(calibration.parameters[0].value, 1.5e-4);
+  EXPECT_EQ(calibration.parameters[0].standard_error, 2e-6);
+  EXPECT_TRUE(calibration.parameters[0].identifiable);
+  EXPECT_EQ(calibration.parameters[0].unit, "m^2");
+  EXPECT_FALSE(calibration.parameters[1].identifiable);
+  EXPECT_EQ(calibration.parameters[1].unit, "");
+  EXPECT_EQ(calibration.rms, 0.3);
+  EXPECT_EQ(calibration.held_out_error, 0.4);
+  EXPECT_EQ(calibration.error_unit, "px");
+}
+
+TEST(Provenance, IsAbsentWhereNothingWasCalibrated) {
+  EXPECT_FALSE(sceneOf(kPlanarScene).calibration);
+  const Scene scene = sceneOf(replaced(kScene, "  held_out_error: 0.4\n", ""));
+  EXPECT_FALSE(scene.calibration->held_out_error);
+}
+
+TEST(Provenance, ChangesNothingOfTheModel) {
+  const Scene with = sceneOf(kScene), without = sceneOf(kPlanarScene);
+  const Eigen::VectorXd pressure = Eigen::Vector2d(1e5, 3e5);
+  EXPECT_EQ(with.arm.twists(pressure), without.arm.twists(pressure));
+}
+
+// Line 21 of the scene is the key, 22 and 23 the entries.
+const std::string kCombinations =
+    "  combinations:\n"
+    "    - {exponents: {K_gamma: 0.8, K_kappa: 0.6}, relative_error: 0.01, identifiable: true}\n"
+    "    - {exponents: {K_gamma: -0.6, K_kappa: 0.8}, relative_error: 0.5, identifiable: false}\n";
+const std::string kCombined = replaced(kScene, "  rms:", kCombinations + "  rms:");
+
+TEST(Provenance, CombinationsAreReadWithIt) {
+  EXPECT_TRUE(sceneOf(kScene).calibration->combinations.empty());
+  const std::vector<Provenance::Combination> read = sceneOf(kCombined).calibration->combinations;
+  ASSERT_EQ(read.size(), 2u);
+  EXPECT_EQ(read[0].exponents, (std::map<std::string, double>{{"K_gamma", 0.8}, {"K_kappa", 0.6}}));
+  EXPECT_EQ(read[0].relative_error, 0.01);
+  EXPECT_TRUE(read[0].identifiable);
+  EXPECT_EQ(read[1].exponents.at("K_gamma"), -0.6);
+  EXPECT_FALSE(read[1].identifiable);
+}
+
+TEST(Provenance, CombinationsMustBeThoseOfACovariance) {
+  expectFaults("combined", kCombined);
+  EXPECT_EQ(faultsOf(replaced(kScene, "  rms:", "  combinations: []\n  rms:")),
+            Faults{":21 calibration.combinations is empty; expected a list of at least one entry"});
+}
+
+TEST(Provenance, BreakingARuleIsReported) { expectFaults("calibrated", kScene); }
+
+TEST(Provenance, NeedsDataAndMayHaveNoParameters) {
+  const std::string parameters =
+      kScene.substr(kScene.find("    K_kappa"), kScene.find("  rms") - kScene.find("    K_kappa"));
+  EXPECT_TRUE(faultsOf(replaced(kScene, "parameters:\n" + parameters, "parameters: {}\n")).empty());
+  const std::string data = kScene.substr(kScene.find("    - {file"),
+                                         kScene.find("  parameters") - kScene.find("    - {file"));
+  EXPECT_EQ(faultsOf(replaced(kScene, "data:\n" + data, "data: []\n")),
+            Faults{":15 calibration.data is empty; expected a list of at least one entry"});
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
@@ -62,7 +63,7 @@ TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
   for (int i = 0; i < 250; ++i) text += "x\n";
   const std::string faults = faultsOf(text);
   EXPECT_EQ(std::count(faults.begin(), faults.end(), '\n'), 100);
-  EXPECT_NE(faults.find(" has 150 more faults"), std::string::npos);
+  EXPECT_TRUE(test::has(faults, " has 150 more faults"));
 }
 
 TEST(DataSet, NoNumberBecomesInfiniteInPascals) {
@@ -77,10 +78,6 @@ TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
   for (int i = 0; i < 100'000; ++i) text += "x\n";
   const std::string faults = faultsOf(text);
   EXPECT_NE(faults.find(" has 901 more faults"), std::string::npos) << faults.substr(0, 100);
-}
-
-TEST(DataSet, AFileWithoutEndIsRefused) {
-  EXPECT_EQ(refusalOf("/dev/zero"), "/dev/zero is a device; expected a regular file");
 }
 
 // From NIST's vectors of SHA-256, like those of sha256Of().

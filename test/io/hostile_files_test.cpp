@@ -25,12 +25,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::Random;
-using test::replaced;
-using test::TemporaryFile;
-using test::TemporaryFolder;
+using namespace test;
 
 using Reader = std::function<void(const std::string& path)>;
 
@@ -221,23 +216,6 @@ TEST(HostileFiles, TablesAreReadInBoundedMemory) {
   expectBounded("many rows", "a\n" + repeated("1\n", 16'000'000), load);
   expectBounded("many comments", repeated("#\n", 16'000'000) + "a\n1\n", load);
   expectBounded("many faults", "a\n" + repeated("x\n", 16'000'000), load);
-}
-
-TEST(HostileFiles, ASoundTableOf16MegabytesIsReadInBoundedMemory) {
-  std::string text = "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
-  const std::string corners = ",100.125,200.25,140.5,200.125,140.75,160.5,100.25,160.125\n";
-  for (int i = 0; text.size() < 16'000'000; ++i) {
-    text += std::to_string(i / 2 + 1) + ",100," + (i % 2 == 0 ? "3" : "1") + corners;
-  }
-  const Scene scene = sceneOf(kSpatialScene);
-  expectBounded("a sound table", text, [&](const std::string& path) {
-    try {
-      const procedures::LoadedCaptures read = procedures::loadCaptures(scene, loadDataSet(path));
-      return std::to_string(read.captures.size()) + " captures";
-    } catch (const DocumentError& error) {
-      return std::string(error.what());
-    }
-  });
 }
 
 TEST(HostileFiles, ScenesAreReadInBoundedMemory) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -9,6 +10,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "support/has.hpp"
 #include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
 
@@ -43,62 +45,69 @@ inline Faults faultsOf(const std::string& text, const std::vector<io::Override>&
   return faults;
 }
 
-/// A rule of a document, broken by replacing one text by another.
-struct BrokenRule {
-  const char* from;
-  const char* to;
-  Faults faults;  ///< all of them, no more
-};
-
-/// A rule of a document, broken by another value of a key: one fault, in the line of that key.
-struct BrokenValue {
-  const char* map;       ///< that holds the key, with a dot at its end
-  const char* given;     ///< "key: value" of the document
-  const char* value;     ///< in place of that value, or another key with its value
-  const char* expected;  ///< or, from a blank, dot or bracket on, all that is said of the key
-};
-
 /// The key that a text begins with; empty where it begins with none.
 inline std::string keyIn(const std::string& text) {
   const std::size_t end = text.find_first_not_of("abcdefghijklmnopqrstuvwxyzK_0123456789");
   return end != std::string::npos && text.compare(end, 2, ": ") == 0 ? text.substr(0, end) : "";
 }
 
-/// What the loader of a file says of a text with this rule broken.
-template <class FaultsOf>
-void expectFault(const std::string& text, const BrokenRule& rule, const FaultsOf& faults_of,
-                 const std::string& /*file*/) {
-  EXPECT_EQ(faults_of(replaced(text, rule.from, rule.to)), rule.faults) << rule.to;
+/// A rule of a document: one text is replaced by another, and all that is said then.
+struct BrokenRule {
+  std::string from, to;
+  Faults faults;
+};
+
+/// @param row  of broken_rules.txt.
+/// @param map  that holds the key, with a dot at its end.
+inline BrokenRule brokenRule(std::string row, const std::string& map, const std::string& text) {
+  for (std::size_t at; (at = row.find("\\n")) != std::string::npos;) row.replace(at, 2, "\n");
+  Faults columns;
+  for (std::size_t at; (at = row.find(" | ")) != std::string::npos; row.erase(0, at + 3)) {
+    columns.push_back(row.substr(0, at));
+  }
+  columns.push_back(row);
+  BrokenRule rule{columns.at(0), columns.at(1), {columns.begin() + 2, columns.end()}};
+  std::string& said = rule.faults.at(0);
+  if (said[0] == ':') return rule;
+  if (keyIn(rule.to).empty()) rule.to.insert(0, keyIn(rule.from) + ": ");
+  const std::string key = keyIn(rule.to);
+  const std::string value = rule.to.substr(key.size() + 2);
+  said = said[0] == '~' ? said.substr(1) : " is " + value + "; expected " + said;
+  const auto above = static_cast<std::ptrdiff_t>(std::min(text.find(rule.from), text.size()));
+  const auto line = 1 + std::count(text.begin(), text.begin() + above, '\n');
+  said.insert(0, ":" + std::to_string(line) + " " + map + key);
+  return rule;
 }
 
+/// Breaks each of the rules that broken_rules.txt has for a text that breaks none.
+/// @param document  its name there.
+/// @param file  its name in the faults.
 template <class FaultsOf>
-void expectFault(const std::string& text, const BrokenValue& rule, const FaultsOf& faults_of,
-                 const std::string& file) {
-  const std::string given = rule.given, value = rule.value, expected = rule.expected;
-  const bool is_other = !keyIn(value).empty(), is_all = expected.find_first_of(" .[") == 0;
-  const std::string to = is_other ? value : keyIn(given) + ": " + value, key = keyIn(to);
-  const std::string changed = replaced(text, given, to);  // throws where there is no `given`
-  const auto line = 1 + std::count(text.begin(), text.begin() + text.find(given), '\n');
-  const std::string said =
-      is_all ? expected : " is " + to.substr(key.size() + 2) + "; expected " + expected;
-  EXPECT_EQ(faults_of(changed),
-            Faults{file + ":" + std::to_string(line) + " " + rule.map + key + said})
-      << to;
-}
-
-/// Breaks each of these rules of a text that breaks none; `file` is its name in the faults.
-template <class Rules, class FaultsOf>
-void expectFaults(const std::string& text, const Rules& rules, const FaultsOf& faults_of,
+void expectFaults(const std::string& document, const std::string& text, const FaultsOf& faults_of,
                   const std::string& file) {
   ASSERT_EQ(faults_of(text), Faults());
-  for (const auto& rule : rules) expectFault(text, rule, faults_of, file);
+  std::ifstream rows(HELIX_ARM_SOURCE_DIR "/test/io/broken_rules.txt");
+  std::string of, map;
+  int broken = 0;
+  for (std::string row; std::getline(rows, row);) {
+    if (row.compare(0, 3, "== ") == 0) {
+      map.clear();
+      std::istringstream(row.substr(3)) >> of >> map;
+    } else if (of == document && !row.empty()) {
+      SCOPED_TRACE(row);
+      BrokenRule rule = brokenRule(row, map, text);
+      for (std::string& fault : rule.faults) fault.insert(0, file);
+      EXPECT_EQ(faults_of(replaced(text, rule.from, rule.to)), rule.faults);
+      ++broken;
+    }
+  }
+  EXPECT_GT(broken, 5) << document;
 }
 
 /// The same of a scene.
-template <class Rules>
-void expectFaults(const std::string& scene, const Rules& rules) {
+inline void expectFaults(const std::string& document, const std::string& scene) {
   expectFaults(
-      scene, rules, [](const std::string& text) { return faultsOf(text); }, "");
+      document, scene, [](const std::string& text) { return faultsOf(text); }, "");
 }
 
 }  // namespace helix_arm::test

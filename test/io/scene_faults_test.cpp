@@ -9,11 +9,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::Faults;
-using test::faultsOf;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
+using namespace test;
 
 TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
   const std::string lengths = "length_m: [0.1, 0.12, 0.13]",
@@ -33,7 +29,7 @@ TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
     const Faults faults = faultsOf(replaced(kSpatialScene, from, to));
     ASSERT_EQ(faults.size(), 1u) << to;
     EXPECT_EQ(faults[0].find(fault), 0u) << faults[0];
-    EXPECT_NE(faults[0].find(detail), std::string::npos) << faults[0];
+    EXPECT_TRUE(has(faults[0], detail));
   }
 }
 
@@ -116,7 +112,7 @@ TEST(SceneFaults, OverridesNameTheirKey) {
 TEST(SceneFaults, SyntaxErrorsHaveALine) {
   const auto faults = faultsOf("name: rig\narm: {geometry: planar\nsafety: [\n");
   ASSERT_EQ(faults.size(), 1u);
-  EXPECT_NE(faults[0].find(" is not YAML: "), std::string::npos) << faults[0];
+  EXPECT_TRUE(has(faults[0], " is not YAML: "));
   EXPECT_EQ(faultsOf("name: rig\n\tarm: 1\n")[0].find(":2 is not YAML: "), 0u);
 }
 

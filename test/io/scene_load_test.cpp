@@ -7,12 +7,7 @@
 namespace helix_arm::io {
 namespace {
 
-using test::faultsOf;
-using test::kLoadedScene;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
-using test::sceneOf;
+using namespace test;
 
 // A straight rod of 0.4 m along the base's x that resists bending in all planes.
 const std::string kRod = R"(name: rod
@@ -185,6 +180,59 @@ TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {
       << first(unreachable, {});
   const std::string hasty = kRod + "load: {mass_kg: 0.2}\nbudget: {time_us: 0.001}\n";
   EXPECT_EQ(first(hasty, {}).find(":9 budget.time_us: "), 0u) << first(hasty, {});
+}
+
+TEST(LoadedScene, WithoutAnythingThatPullsIsRefused) {
+  const std::string stiff =
+      replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
+  const std::string rule =
+      "expected a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
+      "is zero; leave out the key load if that is intended";
+  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0}\n"), Faults{":11 load.mass_kg is 0; " + rule});
+  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0, tip: {mass_kg: 0}}\n"),
+            Faults{":11 load.mass_kg is 0; " + rule});
+  EXPECT_EQ(faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
+            Faults{":11 load.mass_kg is missing; expected the mass of the whole arm "
+                   "[kg], or a list of one number per section; 0 if it is negligible"});
+}
+
+TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
+  const std::string text = replaced(replaced(kLoadedScene, ", K_eps_n: 900", ""),
+                                    "K_kappa_m2: 2.0e-4}", "K_kappa_m2: 2.0e-4, K_eps_n: 700}");
+  const std::vector<std::string> faults = faultsOf(text);
+  ASSERT_EQ(faults.size(), 1u);
+  EXPECT_EQ(faults[0].find(":15 arm.stiffness.K_eps_n is missing"), 0u) << faults[0];
+  EXPECT_TRUE(has(faults[0], "in their own stiffness: sections lower"));
+  EXPECT_EQ(faults[0].find("upper"), std::string::npos) << faults[0];
+}
+
+TEST(LoadedScene, TiersOfALoadNeedOne) {
+  const std::vector<std::pair<std::string, std::string>> cases{
+      {kSpatialScene + "tier: loaded\n",
+       ":72 tier is loaded; expected auto or linear, since the scene has no key load; or add it"},
+      {kSpatialScene + "tier: exact\n",
+       ":72 tier is exact; expected auto or linear, since the scene has no key load; or add it"},
+      {kPlanarScene + "tier: exact\n",
+       ":11 tier is exact; expected auto, planar or linear, since the scene has no key load; or "
+       "add it"},
+  };
+  for (const auto& [text, fault] : cases) {
+    EXPECT_EQ(faultsOf(text), Faults{fault});
+  }
+}
+
+TEST(LoadedScene, FaultsOfArmLoadAndTierAreReportedTogether) {
+  std::string text = replaced(kLoadedScene, "radius_m: 0.03", "radius_m: -5");
+  text = replaced(text, "mass_kg: 0.3", "mass_kg: -1");
+  text = replaced(text, "order: 3", "order: 12");
+  text = replaced(text, "commander_timeout_s: 0.8", "commander_timeout_s: -1");
+  const std::vector<std::string> faults = faultsOf(text);
+  const char* const starts[] = {":18 arm.sections[0].ring.radius_m", ":74 load.mass_kg",
+                                ":80 order", ":34 safety.commander_timeout_s"};
+  ASSERT_EQ(faults.size(), std::size(starts));
+  for (std::size_t i = 0; i < faults.size(); ++i) {
+    EXPECT_EQ(faults[i].find(starts[i]), 0u) << faults[i];
+  }
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/shipped_files.hpp"
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -46,7 +47,7 @@ TEST(ScenePath, AnUnknownNameIsRefusedWithTheShippedOnes) {
       test::refusal<std::invalid_argument>([] { static_cast<void>(scenePath("dem")); });
   EXPECT_EQ(message.find("the scene dem is neither a file nor a shipped scene"), 0u) << message;
   for (const std::string& name : shippedNames(kShippedScenes)) {
-    EXPECT_NE(message.find(name), std::string::npos) << message;
+    EXPECT_TRUE(test::has(message, name));
   }
 }
 

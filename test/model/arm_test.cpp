@@ -161,13 +161,6 @@ TEST(Links, SectionsBeginBeyondThePlateAndEndBeforeIt) {
             1e-13);
 }
 
-TEST(Links, StiffnessLeavesThemAsTheyAre) {
-  const Arm arm = test::linkedArm();
-  const Arm other = arm.scaledStiffness({2, 1, 1.5});
-  EXPECT_EQ(other.plate(1), arm.plate(1));
-  EXPECT_LT(test::apart(other.link(1), arm.link(1)), 1e-15);
-}
-
 TEST(Links, WhatIsNotRigidIsRefused) {
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
   section.plate = -0.01;

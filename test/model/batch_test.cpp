@@ -7,7 +7,6 @@
 
 #include <gtest/gtest.h>
 
-#include "lie/coefficients.hpp"
 #include "support/linked_arm.hpp"
 #include "support/tapered_arm.hpp"
 
@@ -145,40 +144,6 @@ TEST(Batch, HandlesAnglesBeyondTheSeries) {
     // three times the bending, three times the rounding
     EXPECT_LE(worstDifference(arm, 20000, 75, set), 24.0) << nameOf(set);
     EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77, set), 24.0) << nameOf(set);
-  }
-}
-
-TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
-  const Arm arm = thinArm();
-  std::vector<std::vector<double>> q(3);
-  test::Random random(78);
-  int near = 0, far = 0;
-  while (q[0].size() < 2000) {
-    // Along a ray from rest, the pressures where the angle passes the limit.
-    const Eigen::VectorXd end = test::randomInput(arm, random);
-    const auto squaredAngle = [&](double part) {
-      return arm.twists(part * end).bottomRows(3).squaredNorm();
-    };
-    if (squaredAngle(1.0) < 1.001 * lie::kSeriesLimit) continue;
-    double low = 0.0, high = 1.0;
-    for (int i = 0; i < 60; ++i) {
-      const double middle = 0.5 * (low + high);
-      (squaredAngle(middle) < lie::kSeriesLimit ? low : high) = middle;
-    }
-    const double part = low * (1.0 + random.uniform(-1e-6, 1e-6));
-    squaredAngle(part) <= lie::kSeriesLimit ? ++near : ++far;
-    for (int i = 0; i < 3; ++i) q[i].push_back(part * end[i]);
-  }
-  ASSERT_GT(near, 500);
-  ASSERT_GT(far, 500);
-  for (const InstructionSet set : setsOfThisMachine()) {
-    const std::vector<double> tips = tipsOf(TipBatch(arm, set), q);
-    double worst = 0;
-    for (std::size_t j = 0; j < q[0].size(); ++j) {
-      const Eigen::Vector3d one = arm.tip(Eigen::Vector3d(q[0][j], q[1][j], q[2][j])).translation;
-      worst = std::max(worst, (one - Eigen::Vector3d::Map(&tips[3 * j])).norm());
-    }
-    EXPECT_LE(worst, 12.0 * kEps * arm.restLength()) << nameOf(set);
   }
 }
 

@@ -119,21 +119,6 @@ TEST(Taper, MagnusStepsConvergeWithOrderSix) {
   }
 }
 
-TEST(Taper, StepsAcrossAChangeOfSlopeConverge) {
-  const Section section = test::taperedSection(test::helicalRing(), {0.05, 0.045, 0.03, 0.025},
-                                               {0.0, 0.0, kTilt, kTilt});
-  const TaperOf<lie::SE3> taper(section.actuators);
-  const Eigen::VectorXd lengths = Arm({section}).lengths(Eigen::Vector3d(3e5, 0, 5e4));
-  const Eigen::Vector3d reference = tipBySteps(taper, lengths, 192);
-  // Of 4, 8 and 16 steps, two each have a change of slope within them.
-  const auto error = [&](int steps) {
-    return (tipBySteps(taper, lengths, steps) - reference).norm();
-  };
-  EXPECT_LT(error(4), 1e-5);
-  EXPECT_LT(error(8), error(4) / 6);
-  EXPECT_LT(error(16), error(8) / 6);
-}
-
 TEST(Taper, TheDerivativeOfAStepIsThatOfDifferences) {
   const Section section =
       test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 2 * kTilt});

@@ -8,6 +8,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
@@ -106,15 +108,14 @@ TEST(CalibrationRun, DoesNotCaptureBeforeTheCommandIsInForce) {
   });
   EXPECT_TRUE(record.captures.empty());
   EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_NE(run.reason().find("does not follow"), std::string::npos) << run.reason();
+  EXPECT_TRUE(test::has(run.reason(), "does not follow"));
 }
 
 TEST(CalibrationRun, AStepThatDoesNotSettleAbortsWithItsReasonAndRampsDown) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   const Record record = play(run, Arm(1e9));
   EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_NE(run.reason().find("step 1 has not settled within 5 s: it sways"), std::string::npos)
-      << run.reason();
+  EXPECT_TRUE(test::has(run.reason(), "step 1 has not settled within 5 s: it sways"));
   EXPECT_EQ(record.commands.back(), kRest);
   expectBoundedRamps(record, kRest);
   // 1 s up, 5 s of patience, 1 s down.
@@ -181,9 +182,8 @@ TEST(CalibrationRun, ACameraThatStaysOutEndsItAfterItsPatience) {
     SeenArm dark(0, 1 << 20);
     const Record after = play(run, before.commands.back(), dark);
     EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_NE(run.reason().find(one.words), std::string::npos) << run.reason();
-    EXPECT_NE(run.reason().find("tag detections: none received"), std::string::npos)
-        << run.reason();
+    EXPECT_TRUE(test::has(run.reason(), one.words));
+    EXPECT_TRUE(test::has(run.reason(), "tag detections: none received"));
     EXPECT_EQ(after.commands.back(), kRest);
     // 10 ticks of patience, and the ramp down of at most 1 s.
     EXPECT_LT(after.commands.size(), 100u);
@@ -283,7 +283,7 @@ TEST(CalibrationRun, WhereTimeGoesBackItEndsAndRampsDown) {
     ASSERT_TRUE(run.ended());
     EXPECT_EQ(command, kRest);
     EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_NE(run.reason().find("time went back"), std::string::npos) << run.reason();
+    EXPECT_TRUE(test::has(run.reason(), "time went back"));
   }
 }
 

@@ -8,6 +8,7 @@
 
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
+#include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 
@@ -155,10 +156,9 @@ TEST(CameraPlacing, PicturesOfSeveralPosesAreRefused) {
   EXPECT_TRUE(still.success) << still.reason;
   const CameraPlacing moved = placeCamera(scene, modelShape(scene), {one, other});
   EXPECT_FALSE(moved.success);
-  EXPECT_NE(moved.reason.find("4 px off its mean over the pictures; expected at most 2 px: keep "
-                              "camera and arm still"),
-            std::string::npos)
-      << moved.reason;
+  EXPECT_TRUE(test::has(moved.reason,
+                        "4 px off its mean over the pictures; expected at most 2 px: keep "
+                        "camera and arm still"));
 }
 
 TEST(CameraPlacing, TooFewTagsAreRefused) {
@@ -187,7 +187,7 @@ TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
   }
   const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
   EXPECT_FALSE(placed.success);
-  EXPECT_NE(placed.reason.find("tags.groups"), std::string::npos) << placed.reason;
+  EXPECT_TRUE(test::has(placed.reason, "tags.groups"));
 }
 
 TEST(CameraPlacing, ASceneWithoutCameraOrTagsIsRefused) {

@@ -1,11 +1,16 @@
 #include "helix_arm/procedures/captures.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <fstream>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/response_series.hpp"
+#include "helix_arm/simulation/rig.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
 #include "support/table_faults.hpp"
@@ -14,9 +19,7 @@
 namespace helix_arm::procedures {
 namespace {
 
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
+using namespace test;
 
 // Six pressure actuators: three of 0 to 300 kPa, then bellows of 0 to 100, 10 to 90 and 0 to 100.
 const std::string kPressures =
@@ -102,43 +105,36 @@ TEST(Captures, KindsAreIdentifiedByTheirColumns) {
             "one of them");
 }
 
-TEST(Captures, ANumberThatIsNoneIsAFault) {
-  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n"),
-            ":3 curvature_rad is not a finite number; expected one");
-}
-
-TEST(Captures, ACurvatureHasNoSign) {
-  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n"),
-            ":3 curvature_rad is negative; expected a finite value >= 0");
-}
-
-TEST(Captures, DataOfAnotherArmIsAFault) {
+TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
   const io::Scene planar = sceneOf(kPlanarScene), spatial = sceneOf(kSpatialScene);
-  EXPECT_EQ(faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
-            " pressure_3_kpa belongs to no actuator; expected pressures in pressure_1_kpa to "
-            "pressure_2_kpa");
-  EXPECT_EQ(faultsOf(spatial, kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" +
-                                  "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n"),
-            " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?");
-  EXPECT_EQ(faultsOf(spatial, kCornerHeader + "1,0,0,0,0,50,0,20,1,1,2,2,3,3,4,4\n"),
-            " holds no tag of scene rig but only 20; expected 3, 1, 0: is it of another arm?");
-  EXPECT_EQ(faultsOf(spatial, "pressure_5_kpa,curvature_rad\n50,0.1\n"),
-            " holds curvatures, which apply to arms of one section, but scene rig has 2");
-}
-
-TEST(Captures, PressuresOutsideTheLimitsAreNamedWithTheirLines) {
-  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene),
-                     "pressure_1_kpa,pressure_2_kpa,curvature_rad\n0,401,0.1\n-1,0,0.1\n0,0,0\n"),
-            ":2 pressure_2_kpa is not within the limits of muscle_2, 0 kPa to 400 kPa\n"
-            ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to 400 kPa");
-  EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + "1,0,0,0,0,0,0,1,0,0,0,0,0,0,1\n"),
-            ":2 pressure_5_kpa is not within the limits of muscle_5, 10 kPa to 90 kPa");
-}
-
-TEST(Captures, ATagTwiceInACaptureIsAFault) {
   const std::string row = "1,0,0,0,0,50,0,1,0,0,0,0,0,0,1\n";
-  EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + row + row),
-            ":3 measures the tag of line 2 again in the same capture; expected it once");
+  const struct {
+    const io::Scene& scene;
+    std::string data, faults;
+  } cases[] = {
+      {planar, "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n",
+       ":3 curvature_rad is not a finite number; expected one"},
+      {planar, "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n",
+       ":3 curvature_rad is negative; expected a finite value >= 0"},
+      {planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n",
+       " pressure_3_kpa belongs to no actuator; expected pressures in pressure_1_kpa to "
+       "pressure_2_kpa"},
+      {spatial,
+       kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" + "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n",
+       " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?"},
+      {spatial, kCornerHeader + "1,0,0,0,0,50,0,20,1,1,2,2,3,3,4,4\n",
+       " holds no tag of scene rig but only 20; expected 3, 1, 0: is it of another arm?"},
+      {spatial, "pressure_5_kpa,curvature_rad\n50,0.1\n",
+       " holds curvatures, which apply to arms of one section, but scene rig has 2"},
+      {planar, "pressure_1_kpa,pressure_2_kpa,curvature_rad\n0,401,0.1\n-1,0,0.1\n0,0,0\n",
+       ":2 pressure_2_kpa is not within the limits of muscle_2, 0 kPa to 400 kPa\n"
+       ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to 400 kPa"},
+      {spatial, kPoseHeader + "1,0,0,0,0,0,0,1,0,0,0,0,0,0,1\n",
+       ":2 pressure_5_kpa is not within the limits of muscle_5, 10 kPa to 90 kPa"},
+      {spatial, kPoseHeader + row + row,
+       ":3 measures the tag of line 2 again in the same capture; expected it once"},
+  };
+  for (const auto& [scene, data, faults] : cases) EXPECT_EQ(faultsOf(scene, data), faults);
 }
 
 TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
@@ -230,6 +226,68 @@ TEST(Captures, RealMeasurementsAreThoseOfTheirArms) {
   EXPECT_THROW(loadCaptures(scene("planar_76"), file("helical_50_tag_poses.csv")),
                io::DocumentError);
   EXPECT_THROW(loadCaptures(scene("demo"), file("free_contraction_fig3.csv")), io::DocumentError);
+}
+
+// The tip error of a scene, from the tags of captures.
+
+const io::Scene& demo() {
+  static const io::Scene kScene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  return kScene;
+}
+
+// What exact tags of the true arm show, all of them seen; and the distances of its tips from those
+// of the model.
+struct Seen {
+  std::vector<estimation::Capture> captures;
+  std::vector<double> distances;
+};
+Seen seen(const simulation::ArmDeviation& deviation) {
+  const simulation::TrueArm truth(demo().model, deviation);
+  Seen out;
+  for (int k = 0; k < 5; ++k) {
+    Eigen::VectorXd pressure = Eigen::VectorXd::Zero(3);
+    pressure[k % 3] = 6e4 * (k + 1);
+    const model::Shape shape = truth.shape(pressure);
+    const std::vector<lie::SE3> tags = estimation::tagPoses(*demo().tags, shape);
+    std::vector<estimation::PoseObservation> poses;
+    for (int tag = 0; tag < static_cast<int>(tags.size()); ++tag) {
+      poses.push_back({tag, tags[static_cast<std::size_t>(tag)]});
+    }
+    out.captures.push_back({k, pressure, poses});
+    out.distances.push_back(
+        (model::tipPose(shape).translation - demo().model.solve(pressure).tip.translation).norm());
+  }
+  std::sort(out.distances.begin(), out.distances.end());
+  return out;
+}
+
+TEST(TipError, IsTheMedianDistanceOfTheModelsTipFromThatOfTheTags) {
+  simulation::ArmDeviation deviation;
+  deviation.length_scale = 1.02;
+  const Seen data = seen(deviation);
+  ASSERT_GT(data.distances[2], 0.004) << "the arms must differ";
+  const auto error = medianTipError(demo(), data.captures);
+  ASSERT_TRUE(error);
+  EXPECT_NEAR(*error, data.distances[2], 0.05 * data.distances[2]);
+}
+
+TEST(TipError, VanishesWhereTheModelIsTheArm) {
+  const auto error = medianTipError(demo(), seen({}).captures);
+  ASSERT_TRUE(error);
+  EXPECT_LT(*error, 1e-5);
+}
+
+TEST(TipError, LeavesOutWhatShowsNoTagsAndIsEmptyWithoutTags) {
+  Seen data = seen({});
+  data.captures.push_back({9, Eigen::VectorXd::Zero(3), estimation::CurvatureReading{}});
+  data.captures.push_back(
+      {10, Eigen::VectorXd::Zero(3), std::vector<estimation::PoseObservation>{}});
+  EXPECT_TRUE(medianTipError(demo(), data.captures));
+  data.captures.erase(data.captures.begin(), data.captures.begin() + 5);
+  EXPECT_FALSE(medianTipError(demo(), data.captures));
+  io::Scene blind = demo();
+  blind.tags.reset();
+  EXPECT_FALSE(medianTipError(blind, seen({}).captures));
 }
 
 }  // namespace

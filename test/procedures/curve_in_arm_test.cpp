@@ -18,9 +18,7 @@
 namespace helix_arm::procedures {
 namespace {
 
-using estimation::ArmCaptures;
-using estimation::Calibration;
-using estimation::LengthSample;
+using namespace estimation;
 using test::Random;
 
 // A muscle that shortens as braided ones do.

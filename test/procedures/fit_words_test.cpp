@@ -13,10 +13,7 @@
 namespace helix_arm::test {
 namespace {
 
-using estimation::CalibrationOptions;
-using estimation::FitParameter;
-using estimation::FitParameterInfo;
-using estimation::LengthScaling;
+using namespace estimation;
 using Parameters = std::set<FitParameter>;
 
 std::string contentOf(const std::string& name) {

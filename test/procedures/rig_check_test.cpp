@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
@@ -34,7 +36,7 @@ void expectFinding(const std::string& scene, const std::vector<io::Override>& ov
   ASSERT_FALSE(findings.empty());
   EXPECT_EQ(findings[0].severity, severity);
   EXPECT_EQ(findings[0].culprit, culprit);
-  EXPECT_NE(findings[0].value.find(value), std::string::npos) << findings[0].value;
+  EXPECT_TRUE(test::has(findings[0].value, value));
 }
 
 void expectOneFault(const io::Scene& scene, const std::string& check, const std::string& culprit,
@@ -114,13 +116,13 @@ TEST(RigCheck, TagsOfOneFaultAreToldInOneLine) {
   ASSERT_EQ(overlaps.size(), 1u);
   EXPECT_EQ(overlaps[0].culprit,
             "tags 0 and 1, 0 and 2, 1 and 2, 0 and 3, 1 and 3, 2 and 3, 1 and 4, 2 and 4, 3 and 4");
-  EXPECT_NE(overlaps[0].value.find(" to "), std::string::npos) << overlaps[0].value;
+  EXPECT_TRUE(test::has(overlaps[0].value, " to "));
   // 21 pairs of seven tags, and one with a neighbour's: the end of the list is a number.
   const auto all = found(
       sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.041, 0.042, 0.043, 0.044, 0.045, 0.046]"}}),
       "tags_overlap");
   ASSERT_EQ(all.size(), 1u);
-  EXPECT_NE(all[0].culprit.find(" more pairs"), std::string::npos) << all[0].culprit;
+  EXPECT_TRUE(test::has(all[0].culprit, " more pairs"));
 }
 
 TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
@@ -152,10 +154,9 @@ TEST(RigCheck, TagsThatCannotBeReadAreNotSeen) {
   const auto blind = found(far, "few_tags");
   ASSERT_EQ(blind.size(), 1u);
   EXPECT_EQ(blind[0].severity, Severity::kFault);
-  EXPECT_NE(blind[0].value.find("in 100 % of the workspace the tags that are read do not tell the "
-                                "shape; fewest: 0"),
-            std::string::npos)
-      << blind[0].value;
+  EXPECT_TRUE(test::has(blind[0].value,
+                        "in 100 % of the workspace the tags that are read do not tell the "
+                        "shape; fewest: 0"));
   EXPECT_EQ(found(far, "tags_too_small").size(), 1u);
 }
 

@@ -8,6 +8,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
@@ -112,7 +114,7 @@ TEST(SettleWatch, ANewSetPointBeginsAnew) {
   arm.set_point += Eigen::Vector2d(1, 0);
   arm.pass(0.5);
   EXPECT_EQ(arm.state().state, SettleState::kPressure);
-  EXPECT_NE(arm.state().reason.find("set point has held for"), std::string::npos);
+  EXPECT_TRUE(test::has(arm.state().reason, "set point has held for"));
   arm.pass(0.7);
   EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
 }
@@ -124,8 +126,7 @@ TEST(SettleWatch, ThePressureMustBeWithinItsToleranceOfTheSetPoint) {
     EXPECT_EQ(arm.state().settled(), off < 3e3);
     if (off < 3e3) continue;
     EXPECT_EQ(arm.state().state, SettleState::kPressure);
-    EXPECT_NE(arm.state().reason.find("right is 3.10 kPa"), std::string::npos)
-        << arm.state().reason;
+    EXPECT_TRUE(test::has(arm.state().reason, "right is 3.10 kPa"));
   }
 }
 
@@ -209,8 +210,7 @@ TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   const Settling state = arm.watch.at(arm.now + 0.6);
   EXPECT_TRUE(state.stale());
   EXPECT_TRUE(state.unseen());
-  EXPECT_NE(state.reason.find("tag detections: none received for 0.60 s"), std::string::npos)
-      << state.reason;
+  EXPECT_TRUE(test::has(state.reason, "tag detections: none received for 0.60 s"));
   for (int k = 1; k <= 60; ++k) {  // and the other way round
     arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
     arm.watch.seen(arm.now + 0.6 + 0.01 * k, tagsAt(5));
@@ -218,7 +218,7 @@ TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   const Settling unread = arm.watch.at(arm.now + 1.2);
   EXPECT_TRUE(unread.stale());
   EXPECT_FALSE(unread.unseen());
-  EXPECT_NE(unread.reason.find("measured pressures"), std::string::npos);
+  EXPECT_TRUE(test::has(unread.reason, "measured pressures"));
 }
 
 TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {
@@ -227,7 +227,7 @@ TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {
   EXPECT_TRUE(arm.watch.at(arm.now - 0.49).settled());
   const Settling state = arm.watch.at(arm.now - 3600);
   EXPECT_TRUE(state.stale());
-  EXPECT_NE(state.reason.find("3600.00 s ahead of now"), std::string::npos) << state.reason;
+  EXPECT_TRUE(test::has(state.reason, "3600.00 s ahead of now"));
 }
 
 TEST(SettleWatch, ASetPointThatWasSilentHasHeldOnlySince) {
@@ -308,6 +308,45 @@ TEST(SettleWatch, UnusableArgumentsAreRefused) {
   SettleWatch watch({"a"}, kRules);
   EXPECT_THROW(watch.command(0, kSetPoint), std::invalid_argument);
   EXPECT_THROW(watch.measured(0, kSetPoint), std::invalid_argument);
+}
+
+TagObservation tagAt(int id, double x) { return {id, Eigen::Matrix<double, 2, 4>::Constant(x)}; }
+
+Sample sampleOf(double time, double pressure, std::vector<TagObservation> tags) {
+  return {time, Eigen::Vector2d(pressure, -pressure), std::move(tags)};
+}
+
+TEST(MedianSample, IsTheMiddleOneOfEveryNumberByItself) {
+  const Sample median = medianOf({sampleOf(1, 10, {tagAt(3, 5), tagAt(7, 900)}),
+                                  sampleOf(2, 30, {tagAt(3, 1), tagAt(7, 2)}),
+                                  sampleOf(3, 20, {tagAt(3, 3), tagAt(7, 1)})});
+  EXPECT_EQ(median.time, 3);
+  EXPECT_EQ(median.pressure, Eigen::Vector2d(20, -20));
+  ASSERT_EQ(median.tags.size(), 2u);
+  EXPECT_EQ(median.tags[0].id, 3);
+  EXPECT_EQ(median.tags[0].corners, tagAt(3, 3).corners);
+  EXPECT_EQ(median.tags[1].corners, tagAt(7, 2).corners);
+}
+
+TEST(MedianSample, OfAnEvenNumberLiesHalfWayBetweenTheTwoInTheMiddle) {
+  const Sample median = medianOf({sampleOf(1, 10, {tagAt(3, 5)}), sampleOf(2, 30, {tagAt(3, 1)})});
+  EXPECT_EQ(median.pressure, Eigen::Vector2d(20, -20));
+  EXPECT_EQ(median.tags.at(0).corners, tagAt(3, 3).corners);
+}
+
+TEST(MedianSample, LeavesOutTagsThatFewerThanHalfOfThePicturesShow) {
+  const Sample median =
+      medianOf({sampleOf(1, 1, {tagAt(1, 1), tagAt(2, 1)}), sampleOf(2, 1, {tagAt(2, 1)}),
+                sampleOf(3, 1, {tagAt(2, 1), tagAt(5, 1)}), sampleOf(4, 1, {tagAt(5, 1)})});
+  ASSERT_EQ(median.tags.size(), 2u);
+  EXPECT_EQ(median.tags[0].id, 2);  // 3 of 4
+  EXPECT_EQ(median.tags[1].id, 5);  // 2 of 4
+}
+
+TEST(MedianSample, OfNothingOrOfSeveralArmsIsRefused) {
+  EXPECT_THROW(medianOf({}), std::invalid_argument);
+  EXPECT_THROW(medianOf({sampleOf(1, 1, {}), {2, Eigen::Vector3d::Zero(), {}}}),
+               std::invalid_argument);
 }
 
 }  // namespace

@@ -88,12 +88,18 @@ class SimulatedRigTest(unittest.TestCase):
 
 
 class CalibrationTest(unittest.TestCase):
+    """Curvatures of an arm whose K_kappa is not that of its scene."""
+
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("spatial_50")
+        self.truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
+        self.p = np.zeros((5, 3))
+        self.p[:, 0] = np.linspace(0, 4e5, 5)
+        curvature = np.linalg.norm(self.truth.forward(self.p).twists[:, 0, 4:], axis=1)
+        self.data = {"pressure_1_kpa": self.p[:, 0] / 1e3, "curvature_rad": curvature}
+
     def test_recovers_the_stiffness_of_curvatures(self):
-        truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
-        p = np.zeros((5, 3))
-        p[:, 0] = np.linspace(0, 4e5, 5)
-        curvature = np.linalg.norm(truth.forward(p).twists[:, 0, 4:], axis=1)
-        found = helix_arm.Scene.load("spatial_50").calibrate({"pressure_1_kpa": p[:, 0] / 1e3, "curvature_rad": curvature})
+        found = self.scene.calibrate(self.data)
         self.assertTrue(found.success, found.message)
         self.assertAlmostEqual(found["K_kappa"].value / 2.1e-4, 1, delta=2e-3)
         self.assertTrue(found["K_kappa"].identifiable)
@@ -101,12 +107,7 @@ class CalibrationTest(unittest.TestCase):
         self.assertEqual(found.combinations, [])
 
     def test_values_alone(self):
-        truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
-        p = np.zeros((5, 3))
-        p[:, 0] = np.linspace(0, 4e5, 5)
-        data = {"pressure_1_kpa": p[:, 0] / 1e3, "curvature_rad": np.linalg.norm(truth.forward(p).twists[:, 0, 4:], axis=1)}
-        scene = helix_arm.Scene.load("spatial_50")
-        full, found = [scene.calibrate(data, fit="K_kappa", errors=errors) for errors in [True, False]]
+        full, found = [self.scene.calibrate(self.data, fit="K_kappa", errors=errors) for errors in [True, False]]
         self.assertTrue(found.success, found.message)
         self.assertAlmostEqual(found["K_kappa"].value / full["K_kappa"].value, 1, delta=1e-6)
         self.assertIsNone(found["K_kappa"].standard_error)
@@ -121,11 +122,10 @@ class CalibrationTest(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "calibrated.yaml"
             path.write_text(found.scene_text, encoding="utf-8")
-            np.testing.assert_allclose(helix_arm.Scene.load(path).tips(p), truth.tips(p), atol=1e-4)
+            np.testing.assert_allclose(helix_arm.Scene.load(path).tips(self.p), self.truth.tips(self.p), atol=1e-4)
 
     def test_says_what_the_data_lack(self):
-        found = helix_arm.Scene.load("spatial_50").calibrate(
-            {"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})
+        found = self.scene.calibrate({"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})
         self.assertFalse(found.success)
         self.assertTrue(found.message)
         self.assertEqual(found.scene_text, "")

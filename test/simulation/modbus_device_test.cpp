@@ -20,11 +20,7 @@ namespace helix_arm::simulation {
 namespace {
 
 using control::Valve;
-using test::eventually;
-using test::mpaProfile;
-using test::quietDevice;
-using test::RawModbus;
-using test::vtemProfile;
+using namespace test;
 using Words = RawModbus::Words;
 
 TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {

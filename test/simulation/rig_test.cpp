@@ -16,27 +16,13 @@
 #include "support/refusal.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
-#include "tag_studio.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-using simulation::ArmDeviation;
-using simulation::CameraSetup;
-using simulation::SimulatedRig;
-using simulation::TrueArm;
+using namespace simulation;
 
 const regulator::SimulatedRegulatorConfig kRegulator{0.12, 4.5e5, 4e3, 9};
-
-TEST(TrueArm, WithoutDeviationItIsTheArmOfTheScene) {
-  const model::Arm arm = ringArm(helicalRing(), 2);
-  const TrueArm truth(arm, {});
-  Random random(1);
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::VectorXd q = randomInput(arm, random);
-    EXPECT_LT((truth.twists(q) - arm.twists(q)).cwiseAbs().maxCoeff(), 1e-11);
-  }
-}
 
 TEST(TrueArm, StiffnessAndLengthsDeviateAsAsked) {
   const ArmDeviation deviation{0.7, 1.4, 1.02};
@@ -135,17 +121,6 @@ TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
   }
 }
 
-TEST(TrueArm, ALoadThatPullsNothingIsNone) {
-  const model::Arm arm = ringArm(helicalRing());
-  statics::Load load = horizontalLoad();
-  load.gravity.setZero();
-  const ArmDeviation deviation{1.1, 0.9, 1.01, 0.5};
-  const TrueArm with(statics::ArmModel(arm, std::nullopt, load), deviation),
-      without(arm, deviation);
-  const Eigen::VectorXd q = arm.inputAt(0.3);
-  EXPECT_EQ(with.shape(q).pieces(), without.shape(q).pieces());
-}
-
 // Nothing that loads an arm whose stiffness is known.
 statics::Load onlyStiffness(int sections = 1, double K_eps = 1000.0) {
   return {Eigen::Vector3d::Zero(),
@@ -156,21 +131,6 @@ statics::Load onlyStiffness(int sections = 1, double K_eps = 1000.0) {
 }
 
 Eigen::Vector3d tipOf(const model::Shape& shape) { return model::tipPose(shape).translation; }
-
-TEST(TrueArm, AForceAlongAStraightArmStretchesItByHookesLaw) {
-  const model::Arm arm = ringArm(straightRing());
-  const double length_scale = 1.02, K_eps = 0.8 * 900.0, force = 2.0;
-  TrueArm truth(statics::ArmModel(arm, std::nullopt, onlyStiffness(1, 900.0)),
-                {1, 1, length_scale, 0.8});
-  const Eigen::Vector3d q = Eigen::Vector3d::Zero(), before = tipOf(truth.shape(q));
-  const double length = arm.restLength();
-  EXPECT_LT((before - Eigen::Vector3d(length_scale * length, 0, 0)).norm(), 1e-12);
-  truth.setTipForce({force, 0, 0});
-  const Eigen::Vector3d stretch(length * force / (3 * K_eps), 0, 0);  // three muscles
-  EXPECT_LT((tipOf(truth.shape(q)) - before - stretch).norm(), 1e-3 * stretch.norm());
-  truth.setTipForce({-force, 0, 0});
-  EXPECT_LT((tipOf(truth.shape(q)) - before + stretch).norm(), 1e-3 * stretch.norm());
-}
 
 TEST(TrueArm, AForceAtTheTipIsAPointLoadOnTopOfTheScenes) {
   Ring ring = helicalRing();
@@ -294,38 +254,6 @@ TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
   EXPECT_THROW(rig.step(-1), std::invalid_argument);
 }
 
-// On the way up the shape is that of a pressure which is lower by the weight of the play, on the
-// way down of one which is higher; a motion within twice the play moves it by the rest of the
-// weight.
-TEST(SimulatedRig, MusclesWithPlayStayBehindTheirPressures) {
-  constexpr double kPlay = 8e3, kWeight = 0.75;
-  const model::Arm arm = ringArm(helicalRing());
-  ArmDeviation deviation;
-  deviation.response = model::Response{0, 0, 1, {{{kPlay, kWeight}}}};
-  SimulatedRig rig(arm, kRegulator, deviation);
-  const TrueArm truth(arm, deviation);
-  const Eigen::Vector3d play = Eigen::Vector3d::Constant(kPlay);
-  const auto goTo = [&rig](const Eigen::Vector3d& pressure) {
-    rig.command(pressure);
-    rig.step(100);
-  };
-  const Eigen::Vector3d high(2e5, 3e5, 1e5);
-  goTo(high);
-  ASSERT_LT((rig.pressure() - high).norm(), 1e-6);
-  const auto feels = [&](double plays) {  // below the highest pressure
-    return (rig.twists() - truth.twists(high - plays * play)).norm() < 1e-9;
-  };
-  EXPECT_TRUE(feels(kWeight));
-  goTo(high - 1.6 * play);
-  EXPECT_TRUE(feels(1.6 * (1 - kWeight) + kWeight));
-  goTo(high - 5 * play);
-  EXPECT_TRUE(feels(5 - kWeight));
-  goTo(high - 3.4 * play);
-  EXPECT_TRUE(feels(3.4 * (1 - kWeight) + 4 * kWeight));
-  goTo(high);
-  EXPECT_TRUE(feels(kWeight));
-}
-
 TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   model::Arm plain = ringArm(helicalRing());
   std::vector<model::Section> sections(1);
@@ -351,20 +279,6 @@ TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   EXPECT_LT((lags.twists() - truth.twists(effective)).norm(), 1e-9);
 }
 
-TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {
-  const model::Arm arm = ringArm(helicalRing());
-  const CameraSetup setup{
-      studio(plainCamera(), {{facingCamera(), {0, 0, 0.3}}}), vision::TagFamily("36h11"), {}, {}};
-  SimulatedRig rig(arm, kRegulator, {1, 1, 1.05}, setup);
-  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
-  ASSERT_TRUE(rig.hasCamera());
-  rig.command(Eigen::Vector3d(3e5, 1e5, 0));
-  for (int i = 0; i < 3; ++i) {
-    rig.step(0.1);
-    EXPECT_EQ(cv::norm(rig.render(), camera.render(rig.twists()), cv::NORM_INF), 0);
-  }
-}
-
 TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {
   const model::Arm arm = ringArm(helicalRing());
   const statics::ArmModel loaded(arm, std::nullopt, horizontalLoad());
@@ -384,11 +298,115 @@ TEST(SimulatedRig, WithoutACameraThereIsNoPicture) {
 }
 
 TEST(SimulatedRig, PartsThatDoNotFitAreRefused) {
-  const CameraSetup setup{studio(plainCamera(), {}), vision::TagFamily("36h11"), {}, {}};
+  const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
   EXPECT_THROW(SimulatedRig(ringArm(straightRing(), 2), kRegulator, {}, setup),
                std::invalid_argument);
   EXPECT_THROW(SimulatedRig(ringArm(straightRing()), {0.0}, {}), std::invalid_argument);
   EXPECT_THROW(SimulatedRig(ringArm(straightRing()), kRegulator, {-1}), std::invalid_argument);
+}
+
+using simulation::deviate;
+using simulation::MountDeviation;
+
+// Of two sections with 16 tags each.
+class Mounts : public testing::Test {
+ protected:
+  const model::Arm arm_ = ringArm(helicalRing(), 2);
+  const estimation::ArmView view_ = sampleView(0.8, 2, 16);
+};
+
+void expectSame(const lie::SE3& a, const lie::SE3& b) {
+  EXPECT_EQ(a.rotation, b.rotation);
+  EXPECT_EQ(a.translation, b.translation);
+}
+
+TEST_F(Mounts, WithoutDeviationAllIsWhereTheSceneSays) {
+  const estimation::ArmView view = deviate(view_, arm_, {});
+  expectSame(view.X_CB, view_.X_CB);
+  for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
+    EXPECT_EQ(view.layout.tags[i].s, view_.layout.tags[i].s);
+    expectSame(view.layout.tags[i].X_ST, view_.layout.tags[i].X_ST);
+  }
+}
+
+TEST_F(Mounts, TheTagNearestToTheBaseKeepsItsPose) {
+  const estimation::ArmView view = deviate(view_, arm_, {0.01, 0.1, 0.01, 0.1, 3});
+  const int base = view_.layout.baseTag();
+  for (int i = 0; i < static_cast<int>(view.layout.tags.size()); ++i) {
+    const auto &before = view_.layout.tags[i], &after = view.layout.tags[i];
+    EXPECT_EQ(after.id, before.id);
+    EXPECT_EQ(after.section, before.section);
+    EXPECT_EQ((after.X_ST.rotation - before.X_ST.rotation).norm() < 1e-6, i == base) << i;
+  }
+  EXPECT_NO_THROW(view.validate());
+}
+
+// 5 standard errors of each mean and each deviation.
+TEST_F(Mounts, TheNoiseIsNormalOfTheDeviationsAskedFor) {
+  const MountDeviation deviation{0.004, 0.02, 0.001, 0.05, 1};
+  lie::Vector6 camera_sum = lie::Vector6::Zero(), camera_squares = camera_sum;
+  lie::Vector6 tag_sum = camera_sum, tag_squares = camera_sum;
+  constexpr int kRigs = 1000;
+  int tags = 0;
+  for (int seed = 0; seed < kRigs; ++seed) {
+    MountDeviation seeded = deviation;
+    seeded.seed = static_cast<std::uint32_t>(seed);
+    const estimation::ArmView view = deviate(view_, arm_, seeded);
+    const lie::Vector6 camera = (view_.X_CB.inverse() * view.X_CB).log();
+    camera_sum += camera;
+    camera_squares += camera.cwiseAbs2();
+    for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
+      if (static_cast<int>(i) == view_.layout.baseTag()) continue;
+      const auto &before = view_.layout.tags[i], &after = view.layout.tags[i];
+      const double length = arm_.restLength(before.section);
+      lie::SE3 turn;
+      turn.rotation = before.X_ST.rotation.transpose() * after.X_ST.rotation;
+      lie::Vector6 moved = turn.log();
+      moved.head<3>() = after.X_ST.translation - before.X_ST.translation;
+      moved[0] += (after.s - before.s) * length;
+      tag_sum += moved;
+      tag_squares += moved.cwiseAbs2();
+      ++tags;
+    }
+  }
+  for (int i = 0; i < 6; ++i) {
+    const double camera = i < 3 ? 0.004 : 0.02, tag = i < 3 ? 0.001 : 0.05;
+    EXPECT_NEAR(camera_sum[i] / kRigs, 0, 5 * camera / std::sqrt(kRigs)) << i;
+    EXPECT_NEAR(std::sqrt(camera_squares[i] / kRigs), camera, 5 * camera / std::sqrt(2 * kRigs));
+    EXPECT_NEAR(tag_sum[i] / tags, 0, 5 * tag / std::sqrt(tags)) << i;
+    EXPECT_NEAR(std::sqrt(tag_squares[i] / tags), tag, 5 * tag / std::sqrt(2 * tags)) << i;
+  }
+}
+
+TEST_F(Mounts, TheSeedDecides) {
+  const MountDeviation first{0.01, 0.1, 0.01, 0.1, 3}, other{0.01, 0.1, 0.01, 0.1, 4};
+  const estimation::ArmView a = deviate(view_, arm_, first), b = deviate(view_, arm_, first),
+                            c = deviate(view_, arm_, other);
+  expectSame(a.X_CB, b.X_CB);
+  expectSame(a.layout.tags[5].X_ST, b.layout.tags[5].X_ST);
+  EXPECT_NE(a.X_CB.translation, c.X_CB.translation);
+  EXPECT_NE(a.layout.tags[5].X_ST.translation, c.layout.tags[5].X_ST.translation);
+  // A camera that stands elsewhere moves no tag.
+  const estimation::ArmView d = deviate(view_, arm_, {0, 0, 0.01, 0.1, 3});
+  expectSame(d.layout.tags[5].X_ST, a.layout.tags[5].X_ST);
+  expectSame(deviate(view_.layout, arm_, first).tags[5].X_ST, a.layout.tags[5].X_ST);
+}
+
+TEST_F(Mounts, InvalidDeviationsAreRefused) {
+  for (const double wrong : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    for (const MountDeviation& deviation :
+         {MountDeviation{wrong, 0, 0, 0}, MountDeviation{0, wrong, 0, 0},
+          MountDeviation{0, 0, wrong, 0}, MountDeviation{0, 0, 0, wrong}}) {
+      EXPECT_THROW(deviation.validate(), std::invalid_argument);
+      EXPECT_THROW(deviate(view_, arm_, deviation), std::invalid_argument);
+    }
+  }
+  EXPECT_EQ(refusal([] {
+              MountDeviation{0, 0, -0.5, 0}.validate();
+            }),
+            "true mounts: the deviation of the tags' places [m] is -0.5; expected a finite value "
+            ">= 0");
+  EXPECT_THROW(deviate(view_, ringArm(helicalRing()), {}), std::invalid_argument);
 }
 
 }  // namespace

@@ -22,9 +22,7 @@ namespace helix_arm::simulation {
 namespace {
 
 using control::Valve;
-using regulator::SerialPort;
-using regulator::SerialProfile;
-using regulator::steadyNow;
+using namespace regulator;
 using test::eventually;
 using test::refusal;
 using Clock = SerialPort::Clock;

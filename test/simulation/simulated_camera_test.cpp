@@ -1,3 +1,5 @@
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -12,14 +14,59 @@
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
-#include "tag_studio.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-using simulation::ArmBody;
-using simulation::SimulatedCamera;
-using simulation::SimulatedCameraConfig;
+constexpr double kTagSize = 0.031;  // [m]
+
+estimation::Camera plainCamera() { return {640, 480, 800, 790, 322.3, 237.8, {}}; }
+
+// One whose straight lines bend by tens of pixels.
+estimation::Camera distortingCamera() {
+  estimation::Camera camera = plainCamera();
+  camera.distortion = {-0.35, 0.12, 0.004, -0.003, 0.02, 0.05, 0.01, 0.0};
+  return camera;
+}
+
+// Without blur and noise.
+simulation::SimulatedCameraConfig sharpConfig() {
+  simulation::SimulatedCameraConfig config;
+  config.blur = 0;
+  config.noise = 0;
+  return config;
+}
+
+// The tag's face to the camera: x right, y up in the picture.
+Eigen::Matrix3d facingCamera() { return Eigen::Vector3d(1, -1, -1).asDiagonal(); }
+
+// A tag somewhere before the camera, turned off its line of sight by up to 60 degrees.
+lie::SE3 randomTagPose(Random& random, double nearest, double farthest) {
+  const double z = random.uniform(nearest, farthest);
+  const Eigen::Vector3d tilt = random.uniform(0, 1.0) * random.direction<3>();
+  const Eigen::AngleAxisd turn(tilt.norm(), tilt.normalized());
+  const Eigen::AngleAxisd roll(random.uniform(0, 6.28), Eigen::Vector3d::UnitZ());
+  return {turn * (facingCamera() * roll.toRotationMatrix()),
+          {random.uniform(-0.22, 0.22) * z, random.uniform(-0.15, 0.15) * z, z}};
+}
+
+// Tags with these poses X_CT, ids from 0, and an arm that is out of sight: beside the camera.
+estimation::ArmView studio(const estimation::Camera& camera, const std::vector<lie::SE3>& poses) {
+  estimation::ArmView view{camera, {}, {kTagSize, {}}, 1};
+  for (const lie::SE3& X_CT : poses) {
+    view.layout.tags.push_back({static_cast<int>(view.layout.tags.size()), 0, 0.0, X_CT});
+  }
+  return view;
+}
+model::Twists studioTwists() { return model::Twists::Identity(6, 1) * 0.4; }
+
+cv::Mat photograph(const estimation::ArmView& view,
+                   const simulation::SimulatedCameraConfig& config) {
+  simulation::SimulatedCamera camera(view, vision::TagFamily("36h11"), {}, config);
+  return camera.render(studioTwists()).clone();
+}
+
+using namespace simulation;
 
 const lie::SE3 kBefore{facingCamera(), {0.0, 0.0, 0.3}};  // in the middle of the picture
 
@@ -112,12 +159,6 @@ TEST(SimulatedCamera, TheSeedAndTheCallsDecideThePictures) {
     EXPECT_TRUE(same(picture, b.render(studioTwists())));
     EXPECT_FALSE(same(picture, other.render(studioTwists())));
   }
-}
-
-TEST(SimulatedCamera, PicturesAreGrayAndOfTheCamerasSize) {
-  const cv::Mat picture = photograph(studio(plainCamera(), {}), {});
-  EXPECT_EQ(picture.type(), CV_8UC1);
-  EXPECT_EQ(picture.size(), cv::Size(640, 480));
 }
 
 TEST(SimulatedCamera, TagsThatShowTheirBacksAreNotDrawn) {
@@ -291,6 +332,119 @@ TEST(SimulatedCamera, WhatCannotBeDrawnIsRefused) {
                 [&] { camera.render(model::Twists(model::Twists::Zero(6, 2))); });
   expectRefusal("not finite",
                 [&] { camera.render(model::Twists(model::Twists::Constant(6, 1, std::nan("")))); });
+}
+
+// Where the simulated camera draws the tags: it is the truth of every figure of accuracy.
+
+using estimation::Camera;
+
+enum class Paper { kNone, kBlack, kWhite };
+
+// What the definition says is printed at (u, v) of a tag's plane [m]; white reaches `bleed` into
+// black.
+Paper paperAt(const cv::Mat& cells, int quiet, double u, double v, double bleed) {
+  const double cell = kTagSize / (cells.cols - 2 * quiet);
+  const auto colour = [&](double x, double y) {
+    const int column = static_cast<int>(std::floor(x / cell + 0.5 * cells.cols));
+    const int row = static_cast<int>(std::floor(0.5 * cells.rows - y / cell));
+    if (column < 0 || row < 0 || column >= cells.cols || row >= cells.rows) return Paper::kNone;
+    return cells.at<uchar>(row, column) != 0 ? Paper::kWhite : Paper::kBlack;
+  };
+  const Paper here = colour(u, v);
+  if (here != Paper::kBlack || bleed == 0) return here;
+  for (const double du : {-bleed, bleed}) {
+    for (const double dv : {-bleed, bleed}) {
+      if (colour(u + du, v + dv) == Paper::kWhite) return Paper::kWhite;
+    }
+  }
+  return here;
+}
+
+struct Coverage {
+  double white = 0, card = 0;
+};
+
+// By brute force: rays through 16 x 16 points of the pixel.
+Coverage coverageOf(const Camera& camera, const lie::SE3& X_CT, const cv::Mat& cells, int quiet,
+                    int px, int py, double bleed) {
+  constexpr int kPoints = 16;
+  int white = 0, card = 0;
+  for (int i = 0; i < kPoints * kPoints; ++i) {
+    const auto direction = camera.directionOf(
+        {px - 0.5 + (i % kPoints + 0.5) / kPoints, py - 0.5 + (i / kPoints + 0.5) / kPoints});
+    if (!direction) continue;
+    const Eigen::Vector3d ray(direction->x(), direction->y(), 1.0);
+    const Eigen::Vector3d normal = X_CT.rotation.col(2);
+    const double z = normal.dot(X_CT.translation) / normal.dot(ray);
+    const Eigen::Vector3d p_T = X_CT.inverse() * Eigen::Vector3d(z * ray);
+    const Paper paper = paperAt(cells, quiet, p_T.x(), p_T.y(), bleed);
+    white += paper == Paper::kWhite;
+    card += paper != Paper::kNone;
+  }
+  constexpr double kAll = kPoints * kPoints;
+  return {white / kAll, card / kAll};
+}
+
+// Pixels wholly on the card are black + (white - black) * white area; both levels are taken from
+// the picture. The sampled areas are good to half a row of points, 1/32.
+void expectExactPixels(const Camera& camera, const lie::SE3& X_CT, double bleed) {
+  const vision::TagFamily family("36h11");
+  const cv::Mat cells = family.cells(0);
+  auto config = sharpConfig();
+  config.bleed = bleed;
+  const cv::Mat picture = photograph(studio(camera, {X_CT}), config);
+  const auto middle = camera.project(X_CT.translation);
+  ASSERT_TRUE(middle);
+  const int reach = static_cast<int>(camera.fx * kTagSize / X_CT.translation.z());
+  std::vector<std::pair<double, double>> inside;  // white area, gray level
+  int edges = 0;
+  double darkest = 255, brightest = 0;
+  for (int y = std::max(0, static_cast<int>(middle->y()) - reach);
+       y < std::min(camera.height, static_cast<int>(middle->y()) + reach); ++y) {
+    for (int x = std::max(0, static_cast<int>(middle->x()) - reach);
+         x < std::min(camera.width, static_cast<int>(middle->x()) + reach); ++x) {
+      const Coverage c = coverageOf(camera, X_CT, cells, family.quietCells(), x, y, bleed);
+      if (c.card < 1) continue;
+      inside.emplace_back(c.white, picture.at<uchar>(y, x));
+      if (c.white > 0.1 && c.white < 0.9) ++edges;
+      if (c.white == 0) darkest = std::min(darkest, inside.back().second);
+      if (c.white == 1) brightest = std::max(brightest, inside.back().second);
+    }
+  }
+  ASSERT_GT(edges, 200);
+  ASSERT_GT(brightest - darkest, 80);
+  double sum = 0, squares = 0, worst = 0;
+  for (const auto& [white, gray] : inside) {
+    const double difference = (gray - darkest) / (brightest - darkest) - white;
+    sum += difference;
+    squares += difference * difference;
+    worst = std::max(worst, std::abs(difference));
+  }
+  const double n = static_cast<double>(inside.size());
+  EXPECT_LT(std::abs(sum / n), 0.001);
+  EXPECT_LT(std::sqrt(squares / n), 0.008);
+  EXPECT_LT(worst, 0.05);
+}
+
+TEST(Picture, EveryPixelIsTheMeanOfTheCardThatItShows) {
+  Random random(5);
+  for (const Camera& camera : {plainCamera(), distortingCamera()}) {
+    for (int i = 0; i < 2; ++i) {
+      expectExactPixels(camera, randomTagPose(random, 0.35, 0.6), 0.0);
+      expectExactPixels(camera, randomTagPose(random, 0.35, 0.6), random.uniform(1e-4, 1e-3));
+    }
+  }
+}
+
+TEST(Picture, EdgesAlongTheRowsOfPixelsAreAsExact) {
+  Camera camera = plainCamera();
+  camera.fx = camera.fy = 800;
+  expectExactPixels(camera, {facingCamera(), {0.0123, -0.0077, 0.37}}, 0.0);
+}
+
+TEST(Picture, TagsThatReachOutOfThePictureAreDrawnAsFarAsTheyAreIn) {
+  expectExactPixels(plainCamera(), {facingCamera(), {-0.161, 0.01, 0.4}}, 0.0);
+  expectExactPixels(distortingCamera(), {facingCamera(), {0.02, 0.119, 0.4}}, 0.0);
 }
 
 }  // namespace

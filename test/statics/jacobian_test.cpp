@@ -1,7 +1,244 @@
-#include "statics/derivatives.hpp"
+// Derivatives of an arm against differences of tightly converged solutions, in any tier.
+#include "helix_arm/statics/jacobian.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
+#include "lie/jacobian_slope.hpp"
+#include "support/linked_arm.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::statics {
 namespace {
+
+using lie::Vector6;
+using test::Random;
+
+constexpr double kAgreement = 1e-8;  // relative to the largest column of the same kind
+// Of one step of the differences [rad], which the exact tier's tolerance makes longer.
+constexpr double kAngle = 4e-3, kLeastAngle = 5e-4, kExactAngle = 1e-2;
+constexpr double kRounding = 1e-13;  // of solutions [m, rad]
+constexpr double kEntryStep = 0.01;  // of an entry of the stiffness, relative to it
+
+TierSetting loadedTier(int order) { return {Tier::kLoaded, order}; }
+constexpr TierSetting kExactTier{Tier::kExact, 0}, kLinearTier{Tier::kLinear, 0};
+
+struct There {
+  lie::SE3 tip;
+  Eigen::VectorXd twists;
+};
+
+// A loaded arm, its free lengths and a tier.
+struct Case {
+  std::string name;
+  model::Arm arm;
+  Load load;
+  TierSetting setting;
+  Eigen::VectorXd q;
+
+  // Solved to the last digits: by a last step of Newton's method, or with the finest tolerance.
+  There at(const model::Arm& there, const Load& under, const Eigen::VectorXd& lengths) const {
+    const model::Unloaded unloaded = unloadedUnderOfLengths(there, under, lengths);
+    Solution found;
+    if (setting.tier == Tier::kLinear) {
+      found = ArmModel(there, std::nullopt, under, setting).solveLengths(lengths);
+    } else if (setting.tier == Tier::kExact) {
+      ExactOptions options;
+      options.tolerance = 1e-13;
+      found = ExactArm(there, under, options).solve(unloaded);
+    } else {
+      const ActuatorChange<lie::SE3> change(there, &under, lengths,
+                                            ActuatorChange<lie::SE3>::By::kLengths);
+      found = LoadedArm(there, under, setting.order).differentiate(unloaded, change).at;
+    }
+    EXPECT_TRUE(found.converged()) << name;
+    return {found.tip, found.shape.twists().reshaped()};
+  }
+};
+
+using Changed = std::function<There(double change)>;
+
+// One column by differences: velocity and angular velocity of the tip, base frame; twists.
+struct Column {
+  Vector6 tip;
+  Eigen::VectorXd twists;
+};
+
+Column columnFrom(const std::vector<std::pair<double, double>>& terms, const Changed& at,
+                  double step) {
+  const There here = at(0.0);
+  Column out{Vector6::Zero(), Eigen::VectorXd::Zero(here.twists.size())};
+  for (const auto& [place, weight] : terms) {
+    const There there = at(place * step);
+    const lie::SE3 turned{there.tip.rotation * here.tip.rotation.transpose(),
+                          Eigen::Vector3d::Zero()};
+    out.tip.head<3>() += weight / step * (there.tip.translation - here.tip.translation);
+    out.tip.tail<3>() += weight / step * turned.log().tail<3>();
+    out.twists += weight / step * (there.twists - here.twists);
+  }
+  return out;
+}
+
+// Of sixth order.
+const std::vector<std::pair<double, double>> kCentral = {
+    {-3, -1.0 / 60}, {-2, 0.15}, {-1, -0.75}, {1, 0.75}, {2, -0.15}, {3, 1.0 / 60}};
+// Of an entry that cannot be less.
+const std::vector<std::pair<double, double>> kForward = {{1, 6},     {2, -7.5}, {3, 20.0 / 3},
+                                                         {4, -3.75}, {5, 1.2},  {6, -1.0 / 6}};
+
+double largest(const Eigen::MatrixXd& by, const std::vector<int>& columns, int row, int period) {
+  double out = 0.0;
+  for (const int column : columns) {
+    double square = 0.0;
+    for (Eigen::Index r = row; r < by.rows(); r += period) {
+      square += by.col(column).segment<3>(r).squaredNorm();
+    }
+    out = std::max(out, std::sqrt(square));
+  }
+  return out;
+}
+
+// Compares a column with differences, relative to the largest of `alike` columns, in metres and in
+// radians. Columns that vanish are as good as the solutions are.
+// @param step  of the differences.
+void expectColumn(const ShapeDerivative& by, int column, const std::vector<int>& alike,
+                  const Column& expected, double tolerance, double step, const std::string& what) {
+  const double noise = kRounding / step;
+  for (const int row : {0, 3}) {
+    EXPECT_LT((by.tip.col(column) - expected.tip).segment<3>(row).norm(),
+              tolerance * largest(by.tip, alike, row, 6) + noise)
+        << what << " " << column << ", tip, row " << row;
+    double square = 0.0;
+    for (Eigen::Index r = row; r < by.twists.rows(); r += 6) {
+      square += (by.twists.col(column) - expected.twists).segment<3>(r).squaredNorm();
+    }
+    EXPECT_LT(std::sqrt(square), tolerance * largest(by.twists, alike, row, 6) + noise)
+        << what << " " << column << ", twists, row " << row;
+  }
+}
+
+double stepOf(const ShapeDerivative& by, int column, double size, double angle) {
+  double turn =
+      std::max(by.tip.col(column).tail<3>().norm(), by.tip.col(column).head<3>().norm() / size);
+  for (Eigen::Index r = 3; r < by.twists.rows(); r += 6) {
+    turn = std::max(turn, by.twists.col(column).segment<3>(r).norm());
+  }
+  return angle / turn;
+}
+
+double& entry(model::Stiffness& stiffness, int component) {
+  return component == 0 ? stiffness.gamma : component == 1 ? stiffness.tau : stiffness.kappa;
+}
+
+// Forces and moments at the tip. The linear tier has the response of the exact one to them.
+void expectLoadColumns(const Case& c, const ShapeDerivative& by_load, double tolerance,
+                       double angle, int stride) {
+  const Eigen::VectorXd lengths = c.arm.lengths(c.q);
+  const double size = c.arm.restLength();
+  Case under = c;
+  if (c.setting.tier == Tier::kLinear) under.setting = kExactTier;
+  for (int j = 0; j < 6; j += stride) {
+    const auto changed = [&](double change) {
+      Load with = c.load;
+      PointLoad tip;
+      tip.section = c.arm.sectionCount() - 1;
+      tip.offset = c.arm.link(tip.section).translation;
+      (j < 3 ? tip.force : tip.moment)[j % 3] = change;
+      with.points.push_back(tip);
+      return under.at(c.arm, with, lengths);
+    };
+    // A force along the arm must be as small as one that bends it, or it would buckle.
+    const std::vector<int> alike = j < 3 ? std::vector<int>{0, 1, 2} : std::vector<int>{3, 4, 5};
+    double step = stepOf(by_load, j, size, angle);
+    for (const int other : alike) step = std::min(step, stepOf(by_load, other, size, angle));
+    expectColumn(by_load, j, alike, columnFrom(kCentral, changed, step), tolerance, step,
+                 c.name + ": load");
+  }
+}
+
+// @param stride  of the columns that are compared.
+// @param shorter  factor on the steps of the differences.
+void expectDerivatives(const Case& c, double tolerance = kAgreement, double shorter = 1.0,
+                       int stride = 1) {
+  // The lowest order extrapolates its steps, which is far from linear in the load.
+  const double loaded = c.setting.order == kLeastOrder ? kLeastAngle : kAngle;
+  const double angle = shorter * (c.setting.tier == Tier::kExact ? kExactAngle : loaded);
+  const ArmModel model(c.arm, std::nullopt, c.load, c.setting);
+  const ShapeJacobian found = jacobianAt(model, c.q);
+  ASSERT_EQ(found.status, SolveStatus::kConverged) << c.name;
+  const Eigen::VectorXd lengths = c.arm.lengths(c.q);
+  const double size = c.arm.restLength();
+  const int n = c.arm.actuatorCount();
+  std::vector<int> all;
+  for (int i = 0; i < n; ++i) all.push_back(i);
+  for (int i = 0; i < n; i += stride) {
+    const auto changed = [&](double change) {
+      Eigen::VectorXd there = lengths;
+      there[i] += change;
+      return c.at(c.arm, c.load, there);
+    };
+    const double step = stepOf(found.by_lengths, i, size, angle);
+    expectColumn(found.by_lengths, i, all, columnFrom(kCentral, changed, step), tolerance, step,
+                 c.name + ": length");
+    const double slope = c.arm.actuator(i).contraction.slope(c.q[i]);
+    EXPECT_LT((found.by_inputs.tip.col(i) - slope * found.by_lengths.tip.col(i)).norm(), 1e-15);
+    EXPECT_LT((found.by_inputs.twists.col(i) - slope * found.by_lengths.twists.col(i)).norm(),
+              1e-15);
+  }
+  for (int component = 0; component < 3; ++component) {
+    std::vector<int> alike;
+    for (int i = 0; i < n; ++i) alike.push_back(3 * i + component);
+    for (int i = component % stride; i < n; i += stride) {
+      model::Stiffness own = c.arm.actuator(i).stiffness;
+      const double value = entry(own, component);
+      const auto changed = [&](double change) {
+        model::Stiffness there = c.arm.actuator(i).stiffness;
+        entry(there, component) += change;
+        return c.at(c.arm.withStiffness(i, there), c.load, lengths);
+      };
+      double step = stepOf(*found.by_stiffness, alike[i], size, angle);
+      if (value > 0) step = std::min(step, kEntryStep * value);
+      if (value == 0) step = std::min(0.1 * step, kEntryStep * own.kappa);
+      expectColumn(*found.by_stiffness, alike[i], alike,
+                   columnFrom(value > 0 ? kCentral : kForward, changed, step), tolerance, step,
+                   c.name + ": stiffness");
+    }
+  }
+  if (c.setting.tier == Tier::kLinear && c.arm.tapered()) return;
+  ASSERT_TRUE(found.by_load);
+  expectLoadColumns(c, *found.by_load, tolerance, angle, stride);
+}
+
+// Rings whose muscles all differ.
+model::Arm variedArm(int sections, int count, bool resists_torsion, Random& random) {
+  std::vector<model::Section> parts;
+  for (int k = 0; k < sections; ++k) {
+    test::Ring ring = test::helicalRing(count);
+    ring.tilt = random.uniform(-0.3, 0.3);
+    model::Section section = test::ringSection(ring, test::fig3Muscle());
+    for (model::Actuator& actuator : section.actuators) {
+      actuator.stiffness = {random.uniform(5, 50),
+                            resists_torsion ? random.uniform(1e-5, 1e-4) : 0.0,
+                            random.uniform(5e-5, 2e-4)};
+    }
+    section.plate = random.uniform(0, 0.02);
+    parts.push_back(section);
+  }
+  return model::Arm(parts, test::tool());
+}
+
+Eigen::VectorXd innerInput(const model::Arm& arm, Random& random) {
+  return (0.9 * test::randomInput(arm, random).array() + 1e4).matrix();
+}
 
 using namespace test;
 
@@ -176,23 +413,169 @@ TEST(Jacobian, HasTheShapeOfTheSolution) {
   }
 }
 
-TEST(Jacobian, WithoutTheColumnsOfALoadTheOthersAreTheSame) {
-  const model::Arm arm = softHelicalArm();
-  const Load load = weight(Posture::kHorizontal, 0.15, 1000);
-  const Eigen::VectorXd lengths = arm.lengths(arm.inputAt(0.4));
-  const ActuatorChange<lie::SE3> change(arm, &load, lengths,
-                                        ActuatorChange<lie::SE3>::By::kLengths);
-  const model::Unloaded unloaded = arm.unloadedOfLengths(lengths);
-  const auto expectSame = [&](const auto& solver) {
-    const ShapeDerivative with = solver.differentiate(unloaded, change).by;
-    const ShapeDerivative without = solver.differentiate(unloaded, change, false).by;
-    ASSERT_EQ(without.tip.cols(), 3);
-    ASSERT_EQ(with.tip.cols(), 9);
-    EXPECT_LT((with.tip.leftCols<3>() - without.tip).norm(), 1e-12 * without.tip.norm());
-    EXPECT_LT((with.twists.leftCols<3>() - without.twists).norm(), 1e-12 * without.twists.norm());
-  };
-  expectSame(LoadedArm(arm, load, 5));
-  expectSame(ExactArm(arm, load));
+// Derivatives under load against differences of tightly converged solutions, in every tier and
+// order.
+
+TEST(LoadedJacobian, TheSlopeOfASolvedRightJacobianIsItsDerivative) {
+  Random random(300);
+  for (int sample = 0; sample < 300; ++sample) {
+    // Both sides of the coefficients' switch, and near 0.
+    const double angle = sample % 3 == 0 ? random.logUniform(1e-9, 1e-2) : random.uniform(0.1, 5.5);
+    Vector6 xi, eta;
+    xi << random.direction<3>(), angle * random.direction<3>();
+    eta << random.direction<3>(), random.direction<3>();
+    const auto checkGroup = [&](auto group, const auto& at, const auto& of) {
+      using Group = decltype(group);
+      const auto slope = lie::solvedRightJacobianSlope(at, of);
+      for (int i = 0; i < Group::kDof; ++i) {
+        typename Group::Tangent expected = Group::Tangent::Zero();
+        for (const auto& [place, weight] : kCentral) {
+          constexpr double kStep = 5e-3;
+          const typename Group::Tangent there = at + place * kStep * Group::Tangent::Unit(i);
+          expected += weight / kStep * Group::solveRightJacobian(there, of);
+        }
+        EXPECT_LT((slope.col(i) - expected).norm(), 1e-9 * (1.0 + slope.norm())) << angle;
+      }
+    };
+    checkGroup(lie::SE3(), xi, eta);
+    checkGroup(lie::SE2(), lie::project(xi), lie::project(eta));
+  }
+}
+
+TEST(LoadedJacobian, EveryOrderAndTheExactTierAgreeWithDifferencesOfTheirOwnSolutions) {
+  Random random(301);
+  for (int order = kLeastOrder; order <= kMostOrder + 1; ++order) {
+    const int sections = 1 + order % 2;
+    const model::Arm arm = variedArm(sections, 3, true, random);
+    Load load = test::randomLoad(sections, random);
+    const TierSetting setting = order > kMostOrder ? kExactTier : loadedTier(order);
+    expectDerivatives({setting.name(), arm, load, setting, innerInput(arm, random)});
+  }
+}
+
+TEST(LoadedJacobian, HoldsForTaperedSections) {
+  Random random(303);
+  model::Section lower =
+      test::taperedSection(test::helicalRing(), {0.05, 0.04, 0.025}, {0.0, 0.25, 0.25});
+  lower.plate = 0.01;
+  const model::Arm two({lower, test::ringSection(test::helicalRing(), test::fig3Muscle())});
+  const model::Arm one = test::taperedArm(0.26);
+  for (const TierSetting& setting : {loadedTier(2), loadedTier(5), loadedTier(7), kExactTier}) {
+    Load load = test::randomLoad(1, random);
+    expectDerivatives({"one, " + setting.name(), one, load, setting, innerInput(one, random)},
+                      kAgreement, 1.0, 2);
+    load = test::randomLoad(2, random);
+    expectDerivatives({"two, " + setting.name(), two, load, setting, innerInput(two, random)},
+                      kAgreement, 1.0, 3);
+  }
+}
+
+TEST(LoadedJacobian, HoldsWhereTheStiffnessDependsOnThePressure) {
+  Random random(304);
+  const model::Arm arm = variedArm(2, 3, true, random);
+  Load load = test::randomLoad(2, random);
+  load.tables = {{{0, 1e5, 2e5, test::kMaxPressure}, {3.2, 1, 2.6, 3.7}}, {}};
+  Eigen::VectorXd q(6);
+  // Away from the kinks of the table.
+  for (double& one : q) one = random.uniform(1.2e5, 1.8e5);
+  for (const TierSetting& setting : {loadedTier(4), kExactTier}) {
+    expectDerivatives({"table, " + setting.name(), arm, load, setting, q});
+  }
+}
+
+TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
+  const model::PlanarArm plane = test::planarArm(2);
+  const model::Arm arm = model::embed(plane);
+  Load load;
+  load.gravity = {1, -9, 0};
+  load.mass = {0.05, 0.05};
+  load.K_eps = {900, 1100};
+  const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.2, 0.7, 0.5, 0.3)));
+  ASSERT_TRUE(staysInPlane(arm, load));
+  expectDerivatives({"in space", arm, load, loadedTier(5), q});
+  const ArmModel planar(arm, plane, load, loadedTier(5)),
+      space(arm, std::nullopt, load, loadedTier(5));
+  EXPECT_EQ(jacobianAt(planar, q).by_load->tip, jacobianAt(space, q).by_load->tip);
+  // The tip's response alone, solved in the plane.
+  using In = ActuatorChange<lie::SE2>;
+  using Space = ActuatorChange<lie::SE3>;
+  const Eigen::VectorXd lengths = arm.lengths(q);
+  for (const int order : {2, 5}) {
+    const auto flat = PlanarLoadedArm(plane, load, order)
+                          .tipBy(plane.unloadedOfLengths(lengths),
+                                 In(plane, &load, lengths, In::By::kLengthsAndStiffness));
+    const auto found = LoadedArm(arm, load, order)
+                           .tipBy(arm.unloadedOfLengths(lengths),
+                                  Space(arm, &load, lengths, Space::By::kLengthsAndStiffness));
+    ASSERT_EQ(flat.by.cols(), found.by.cols());
+    for (int i = 0; i < flat.by.cols(); ++i) {
+      EXPECT_LT((lie::embed(lie::SE2::Tangent(flat.by.col(i))) - found.by.col(i)).norm(),
+                1e-9 * (1e-3 + found.by.col(i).norm()))
+          << i;
+    }
+  }
+}
+
+TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {
+  Random random(305);
+  const model::Arm plated = variedArm(2, 4, true, random), tapered = test::taperedArm(0.26);
+  Load table = test::randomLoad(2, random);
+  table.tables = {{{0, test::kMaxPressure}, {1, 3}}, {}};
+  const std::pair<model::Arm, Load> cases[] = {{plated, test::randomLoad(2, random)},
+                                               {plated, table},
+                                               {tapered, test::randomLoad(1, random)}};
+  for (const auto& [arm, load] : cases) {
+    const Eigen::VectorXd q = innerInput(arm, random);
+    for (const TierSetting& setting : {kLinearTier, loadedTier(2), loadedTier(5), kExactTier}) {
+      // The lowest order, and few actuators, take differences.
+      const bool differences = setting.order == kLeastOrder || arm.actuatorCount() < 8;
+      const double tolerance = differences ? 1e-5 : 1e-9;
+      const ArmModel model(arm, std::nullopt, load, setting);
+      const TipResponse tip = model.tipResponse(arm.lengths(q));
+      const ShapeJacobian whole = jacobianAt(model, q);
+      Eigen::MatrixXd turned = tip.by_lengths;
+      for (const int half : {0, 3}) {
+        turned.middleRows<3>(half) = tip.tip.rotation * tip.by_lengths.middleRows<3>(half);
+      }
+      EXPECT_LT((turned - whole.by_lengths.tip).norm(), tolerance * turned.norm())
+          << setting.name();
+    }
+  }
+}
+
+// A slender column under a share of Euler's load: small changes swing it far, and the errors of the
+// solution and of the differences grow with that.
+TEST(LoadedJacobian, HoldsNearABucklingLoad) {
+  const test::Ring ring{3, 1e-3, 0.0, {1e4, 1e-5, 1e-5}};
+  const model::Arm arm = test::ringArm(ring);
+  constexpr double kEps = 1000.0;
+  const double bending =
+      kEps * ring.count * (ring.stiffness.kappa + 0.5 * ring.radius * ring.radius);
+  const double critical = test::kPi * test::kPi / 4 * bending / std::pow(arm.freeLength(0), 2);
+  const Eigen::VectorXd q = arm.inputAt(0.0);
+  for (const double share : {0.5, 0.9, 0.97}) {
+    Load load;
+    load.mass = {0.0};
+    load.K_eps = {kEps};
+    load.points.resize(1);
+    load.points[0].force = share * critical * Eigen::Vector3d(-1, 0.01, -0.02);
+    for (const TierSetting& setting : {loadedTier(8), kExactTier}) {
+      // Steps shrink with the distance to the branching point, where the response is not linear.
+      expectDerivatives({"share " + std::to_string(share), arm, load, setting, q},
+                        kAgreement / std::pow(1 - share, 1.5), 1 - share);
+    }
+  }
+}
+
+TEST(LoadedJacobian, ForcesAndDisplacementsAreReciprocal) {
+  Random random(306);
+  const model::Arm arm = variedArm(2, 3, true, random);
+  Load load = test::randomLoad(2, random);
+  for (PointLoad& point : load.points) point.moment.setZero();  // it has no potential
+  const ArmModel model(arm, std::nullopt, load, kExactTier);
+  const auto by_force =
+      jacobianAt(model, innerInput(arm, random)).by_load->tip.topLeftCorner<3, 3>().eval();
+  EXPECT_LT((by_force - by_force.transpose()).norm(), 1e-9 * by_force.norm());
 }
 
 }  // namespace

@@ -129,41 +129,6 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorUpToBuckling) {
   }
 }
 
-// Two muscles as long as 8 arms, under a weight in their plane that moves the tip by up to half the
-// length.
-TEST(LoadedError, ConvergedIsWithinTheStatedErrorInThePlane) {
-  test::Random random(43);
-  Tally tally;
-  for (int i = 0; i < 150; ++i) {
-    model::PlanarSection section;
-    const model::Contraction muscle = test::fig3Muscle().scaledBy(random.logUniform(0.5, 8));
-    for (const double y : {0.02, -0.02}) {
-      section.actuators.push_back({y > 0 ? "left" : "right",
-                                   {Eigen::Matrix2d::Identity(), {0, y}},
-                                   {10, 0, 1.4e-4},
-                                   muscle,
-                                   muscle.inputRange()});
-    }
-    const model::PlanarArm plane({section});
-    const model::Arm space = model::embed(plane);
-    const Eigen::VectorXd q = test::randomInput(space, random);
-    const model::PlanarTwists planar = plane.twists(q);
-    const double direction = random.uniform(0, 2 * test::kPi);
-    Load load = test::weight(Posture::kHanging, 0.0, 900);
-    load.gravity = test::kGravity * Eigen::Vector3d(std::cos(direction), std::sin(direction), 0);
-    load.mass[0] = random.logUniform(0.01, 1) / (space.restLength() * space.restLength());
-    tally.add(
-        space, load, space.twists(q),
-        [&](int order) { return PlanarLoadedArm(plane, load, order).solve(planar); },
-        "in the plane");
-  }
-  tally.print("in the plane");
-  EXPECT_GT(tally.cases, 60);
-  for (int order = kLeastOrder; order <= kMostOrder; ++order) {
-    EXPECT_GT(tally.share(order), 0.5) << order;
-  }
-}
-
 // A ring of long muscles, under a weight that moves the tip by 0.3 to 30 % of the length.
 TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
   test::Random random(31);
@@ -387,25 +352,6 @@ TEST(Curve, IsAsGoodAsTheTipBetweenThePieces) {
               between);
   EXPECT_GT(between, 1e-5);
   EXPECT_LT(between, 1e-4);
-}
-
-TEST(Curve, GoesOverSectionsAndPointsOfAllTiers) {
-  test::Random random(41);
-  for (int i = 0; i < 10; ++i) {
-    const model::Arm arm = test::ringArm(test::helicalRing(), 3);
-    const Load load = test::randomLoad(3, random);
-    const model::Twists twists = arm.twists(test::randomInput(arm, random));
-    ExactOptions many;
-    many.pieces_per_section = 40;
-    const model::Shape truth = ExactArm(arm, load, many).solve(twists).shape;
-    const auto exact = ExactArm(arm, load).curve(twists, 121);
-    const auto loaded = LoadedArm(arm, load, kMostOrder).curve(twists, 121);
-    for (int j = 0; j <= 120; ++j) {
-      const Eigen::Vector3d x = poseAt(truth, 3.0 * j / 120).translation;
-      EXPECT_LT((exact[j].X.translation - x).norm(), 1e-9) << j;
-      EXPECT_LT((loaded[j].X.translation - x).norm(), 1e-5) << j;
-    }
-  }
 }
 
 TEST(Curve, WithoutAShapeIsThatOfThePieces) {

@@ -178,26 +178,6 @@ TEST(Loaded, KnowsLoadsThatLeaveThePlane) {
   }
 }
 
-TEST(Loaded, TheTipMovesWithTheTwistsAsShootingSays) {
-  test::Random random(13);
-  for (int i = 0; i < 10; ++i) {
-    const model::Arm arm = randomArm(2, random);
-    const Load load = test::randomLoad(2, random);
-    const model::Twists twists = arm.twists(test::randomInput(arm, random));
-    Eigen::MatrixXd directions = Eigen::MatrixXd::Random(12, 3);
-    const auto J = LoadedArm(arm, load, kMostOrder).tipByUnloaded(twists, directions).by;
-    const ExactArm exact(arm, load);
-    for (int d = 0; d < 3; ++d) {
-      constexpr double kStep = 1e-4;
-      const model::Twists change = kStep * directions.col(d).reshaped(6, 2);
-      const lie::SE3 above = exact.solve(twists + change).tip,
-                     below = exact.solve(twists - change).tip;
-      const lie::Vector6 expected = (below.inverse() * above).log() / (2 * kStep);
-      EXPECT_LT((J.col(d) - expected).norm(), 1e-5 * expected.norm());
-    }
-  }
-}
-
 TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
   test::Random random(17);
   const model::Arm arm = randomArm(2, random);

@@ -54,17 +54,6 @@ TEST(StiffnessTable, TwistAndComplianceAreTheEquilibriumOfThatStiffness) {
   }
 }
 
-TEST(StiffnessTable, WithoutItNothingChanges) {
-  const ArmModel plain = modelWith(loadWith(std::nullopt));
-  const model::Arm& arm = plain.arm();
-  const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector3d(0.7, 0.1, 0.4)));
-  EXPECT_EQ(unloadedUnder(arm, *plain.load(), q).twists, arm.twists(q));
-  EXPECT_EQ(unloadedUnder(arm, *plain.load(), q).compliance.size(), 0);
-  // Factors of 1 give the same but for rounding.
-  const ArmModel ones = modelWith(loadWith(StiffnessTable{{0, 4e5}, {1, 1}}));
-  EXPECT_LT((ones.tip(q).tip.translation - plain.tip(q).tip.translation).norm(), 1e-11);
-}
-
 TEST(StiffnessTable, WhatItNeedsIsRefused) {
   const model::Arm arm = test::softHelicalArm();
   EXPECT_THROW(LoadedArm(arm, loadWith(kTable), 5).solve(arm.twists(arm.inputAt(0.1))),

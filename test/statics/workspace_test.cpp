@@ -237,20 +237,6 @@ void expectTrue(const ArmModel& model, const WorkspaceExtremes& sampled,
   }
 }
 
-TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
-  // Without pressure every muscle has its free length, and a curve is no longer than that.
-  for (const int sections : {1, 3, 5}) {
-    const ArmModel model(test::ringArm(test::straightRing(), sections));
-    const double vented = sections * test::fig3Muscle().length(0);
-    const WorkspaceExtremes sampled = sampledExtremes(model, 2000);
-    ASSERT_LT(sampled.reach(), vented - 1e-4) << "samples miss it";
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_NEAR(found.reach(), vented, 1e-12);
-    EXPECT_NEAR(found.bounds().max().x(), vented, 1e-12);
-  }
-}
-
 TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGrid) {
   // The last curls to more than a circle: some of its extremes lie inside the limits.
   const test::Ring curling{3, 0.006, 0.0, {10.0, 0.0, 1e-6}};
@@ -274,21 +260,6 @@ TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGri
       EXPECT_GE(extent, grid[k] - 1e-9) << k;
       EXPECT_LE(extent, grid[k] + 1e-3) << k;
     }
-  }
-}
-
-TEST(WorkspaceExtremes, UnderLoadTheyAreTipsOfTheLoadedArmBeyondItsSamples) {
-  const model::Arm helical = test::softHelicalArm();
-  const Load load = test::weight(test::Posture::kHorizontal, 0.2, 900);
-  for (const auto& [tier, count] : {std::pair{Tier::kLoaded, 2000}, {Tier::kExact, 4}}) {
-    TierRequest request;
-    request.tier = tier;
-    const ArmModel model(helical, {}, load, request);
-    const WorkspaceExtremes sampled = sampledExtremes(model, count);
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_GT(found.reach(), sampled.reach());
-    EXPECT_GT(found.bounds().volume(), sampled.bounds().volume());
   }
 }
 

@@ -23,10 +23,7 @@ namespace helix_arm::test {
 namespace {
 
 using estimation::Corners;
-using vision::ArmLocalizer;
-using vision::Observation;
-using vision::ObservationState;
-using vision::TagDetection;
+using namespace vision;
 
 constexpr double kTagSize = 0.031;  // that of an arm: the rooms shrink to its scale [m]
 constexpr double kWrong = 0.03;     // of the tip; tags are at least 0.1 m apart [m]

@@ -17,9 +17,7 @@ namespace helix_arm::vision {
 namespace {
 
 using estimation::Camera;
-using test::boardPicture;
-using test::boardPose;
-using test::Random;
+using namespace test;
 
 Camera plainCamera() { return {1280, 720, 931.5, 929.8, 644.2, 357.6, {}}; }
 

@@ -19,11 +19,7 @@ namespace helix_arm::test {
 namespace {
 
 namespace fs = std::filesystem;
-using vision::Frame;
-using vision::FrameSource;
-using vision::FrameStatus;
-using vision::VideoDevice;
-using vision::WebcamConfig;
+using namespace vision;
 
 void write(const TemporaryFolder& folder, const std::string& name, const Bytes& bytes) {
   std::ofstream(folder / name, std::ios::binary)
@@ -79,7 +75,7 @@ TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
   Frame frame;
   for (const char* size : {"32768 x 8 px", "8 x 32768 px"}) {
     EXPECT_EQ(source->next(frame), FrameStatus::kFault) << size;
-    EXPECT_NE(frame.fault.find(size), std::string::npos) << frame.fault;
+    EXPECT_TRUE(has(frame.fault, size));
     EXPECT_TRUE(frame.gray.empty());
   }
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
@@ -148,8 +144,7 @@ TEST(PictureFiles, TheHeaderIsEnoughToRefuseAPictureThatIsTooLarge) {
     EXPECT_FALSE(frame.wrong_size) << "none was expected";
   }
   ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_NE(frame.fault.find("16384 x 16384 px; expected at most"), std::string::npos)
-      << frame.fault;
+  EXPECT_TRUE(has(frame.fault, "16384 x 16384 px; expected at most"));
 }
 
 TEST(PictureFiles, APictureThatIsNotOfTheCamerasSizeIsRefusedByItsHeader) {
@@ -244,7 +239,7 @@ TEST(VideoFile, ABrokenVideoIsAFaultAndThenTheEnd) {
     const auto source = FrameSource::files(folder / name);
     Frame frame;
     EXPECT_EQ(source->next(frame), FrameStatus::kFault);
-    EXPECT_NE(frame.fault.find(folder / name), std::string::npos) << frame.fault;
+    EXPECT_TRUE(has(frame.fault, folder / name));
     EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
   }
 }
@@ -334,15 +329,6 @@ TEST_F(Camera, AnUnpluggedOneIsAFaultUntilItIsBack) {
   EXPECT_EQ(socket.opened, 2);
 }
 
-TEST_F(Camera, OneThatIsAbsentAtFirstIsWaitedFor) {
-  socket.plugged = false;
-  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, "/dev/video7: the device does not exist");
-  socket.plugged = true;
-  time += 2.0;
-  EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
-}
-
 TEST_F(Camera, ABrokenPictureDoesNotCloseIt) {
   socket.sound = false;
   ASSERT_EQ(source->next(frame), FrameStatus::kFault);
@@ -369,7 +355,7 @@ TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
   write(folder, "video0", {});
   const auto wrong = FrameSource::webcam(config);
   ASSERT_EQ(wrong->next(frame), FrameStatus::kFault);
-  EXPECT_NE(frame.fault.find("it does not open as a camera"), std::string::npos) << frame.fault;
+  EXPECT_TRUE(has(frame.fault, "it does not open as a camera"));
 }
 
 TEST(WebcamConfig, EveryRuleIsNamed) {

@@ -15,9 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using estimation::Corners;
-using vision::DetectorConfig;
-using vision::TagDetection;
-using vision::TagDetector;
+using namespace vision;
 
 std::vector<TagDetection> detect(const cv::Mat& picture, double decimate, bool refine) {
   DetectorConfig config;

@@ -13,10 +13,7 @@ namespace helix_arm::test {
 namespace {
 
 using estimation::Corners;
-using vision::DetectorConfig;
-using vision::TagDetection;
-using vision::TagDetector;
-using vision::TagFamily;
+using namespace vision;
 
 cv::Mat paper(int width = 240, int height = 200) {
   return cv::Mat(height, width, CV_8UC1, cv::Scalar(230));
@@ -114,19 +111,14 @@ CornerError cornerError(double decimate, bool refine) {
 }
 
 // libapriltag puts pixel centres at halves, this library at whole numbers.
-TEST(TagDetector, CornersAreNotBiased) {
+TEST(TagDetector, CornersAreGoodToAFewHundredthsOfAPixelAndNotBiased) {
   for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
-    const CornerError error = cornerError(decimate, true);
-    EXPECT_GE(error.found, decimate < 3 ? 60 : 50) << "decimate " << decimate;
-    EXPECT_LT(error.mean.cwiseAbs().maxCoeff(), 0.01) << "decimate " << decimate;
-  }
-}
-
-TEST(TagDetector, RefinedCornersAreGoodToAFewHundredthsOfAPixel) {
-  for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
+    SCOPED_TRACE(decimate);
     const CornerError refined = cornerError(decimate, true), plain = cornerError(decimate, false);
-    EXPECT_LT(refined.rms, 0.03) << "decimate " << decimate;
-    EXPECT_LT(refined.rms, plain.rms / 3) << "decimate " << decimate;
+    EXPECT_GE(refined.found, decimate < 3 ? 60 : 50);
+    EXPECT_LT(refined.mean.cwiseAbs().maxCoeff(), 0.01);
+    EXPECT_LT(refined.rms, 0.03);
+    EXPECT_LT(refined.rms, plain.rms / 3);
   }
 }
 

@@ -19,13 +19,7 @@ namespace {
 
 using Eigen::Vector2d;
 using estimation::Corners;
-using vision::DetectorConfig;
-using vision::ExpectedTag;
-using vision::TagDetection;
-using vision::TagFamily;
-using vision::TagTracker;
-using vision::TrackingMode;
-using vision::TrackResult;
+using namespace vision;
 
 using basics::kPi;
 constexpr double kFalseLock = 0.5;  // [px]
@@ -290,24 +284,6 @@ TEST(EdgeTracking, DoesNotAllocate) {
   EXPECT_EQ(counter.count(), 0U);
 }
 
-TEST(Tracking, TagsThatJumpAreFoundInTheSamePicture) {
-  Random random(9);
-  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
-    TagTracker regions = tracker(mode);
-    const Corners truth = randomTag(random, {400, 300}, 50);
-    cv::Mat gray = picture({{3, truth}}, {800, 600});
-    spoil(gray, random);
-    const TrackResult& near = regions.track(gray, {{3, moved(truth, {22, 16}), true}});
-    EXPECT_EQ(near.by_regions, 1);
-    EXPECT_FALSE(near.whole_picture);
-    EXPECT_LT(error(near.tags.at(0).corners, truth), 0.2);
-    const TrackResult& far = regions.track(gray, {{3, moved(truth, {-250, 100}), true}});
-    EXPECT_EQ(far.by_edges + far.by_regions, 0);
-    EXPECT_TRUE(far.whole_picture);
-    EXPECT_LT(error(far.tags.at(0).corners, truth), 0.2);
-  }
-}
-
 TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
   Random random(10);
   const Corners truth = randomTag(random, {400, 300}, 50);
@@ -334,21 +310,6 @@ TEST(Tracking, TheWholePictureDoesNotRepeatWhatTheEdgesFound) {
   ASSERT_EQ(result.tags.size(), 2U);
   EXPECT_EQ(result.tags[0].id, 1);
   EXPECT_EQ(result.tags[1].id, 2);
-}
-
-TEST(Tracking, ACopyOfATagIsSeenOnlyInTheWholePicture) {
-  Random random(12);
-  const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
-                                   {5, randomTag(random, {500, 300}, 50)}};
-  cv::Mat gray = picture(tags, {640, 480});
-  spoil(gray, random);
-  TagTracker edges = tracker();
-  for (const Drawn& tag : tags) {
-    const TrackResult& result = edges.track(gray, {{5, tag.corners, true}});
-    ASSERT_EQ(result.tags.size(), 1U);
-    EXPECT_LT(error(result.tags[0].corners, tag.corners), 0.2);
-  }
-  EXPECT_EQ(edges.search(gray).tags.size(), 2U);
 }
 
 TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
@@ -397,26 +358,6 @@ TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
   }
   EXPECT_NE(by_regions[0], by_regions[1]);
   EXPECT_EQ(by_regions[0], by_regions[2]);
-}
-
-TEST(Tracking, ABumpMovesTagsThatWereHiddenAlike) {
-  Random random(17);
-  std::vector<Drawn> tags;
-  std::vector<ExpectedTag> expected;
-  for (int i = 0; i < 6; ++i) {
-    tags.push_back({i, randomTag(random, {150 + 100.0 * (i % 3), 120 + 100.0 * (i / 3)}, 50)});
-    expected.push_back({i, moved(tags[i].corners, {22, -16}), i == 0});
-  }
-  cv::Mat gray = picture(tags, {500, 350});
-  spoil(gray, random);
-  TagTracker edges = tracker();
-  edges.search(gray);
-  const TrackResult& result = edges.track(gray, expected);
-  EXPECT_EQ(result.tags.size(), 6U);
-  EXPECT_FALSE(result.whole_picture);
-  for (const TagDetection& tag : result.tags) {
-    EXPECT_LT(error(tag.corners, tags[tag.id].corners), kFalseLock);
-  }
 }
 
 TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {

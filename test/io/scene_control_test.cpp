@@ -1,10 +1,11 @@
-// What a scene says of the pressure path: regulators, their profiles, and safety.
+// What a scene says of the pressure path and of the loop over vision; every rule broken once.
 
 #include <cmath>
 #include <fstream>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "scene_faults.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
@@ -12,15 +13,8 @@
 namespace helix_arm::io {
 namespace {
 
-using test::BrokenRule;
-using test::BrokenValue;
-using test::Faults;
-using test::faultsOf;
-using test::kPlanarScene;
-using test::kSpatialScene;
-using test::replaced;
-using test::sceneOf;
-using test::TemporaryFolder;
+using follow::OnContact;
+using namespace test;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
@@ -40,120 +34,26 @@ std::string faultsOfFile(const std::string& path) {
   return test::refusal<DocumentError>([&path] { loadScene(path); });
 }
 
-const BrokenValue kSafetyValues[] = {
-    {"safety.", "target_timeout_s: 2", "-1", "a finite value >= 0"},
-    {"safety.", "target_timeout_s: 2", "1000000", "0 to 3600 s"},
-    {"safety.", "reading_timeout_s: 0.4", "0", "a finite value > 0"},
-    {"safety.", "slew_kpa_s: 200", "0", "a finite value > 0"},
-    {"safety.", "slew_kpa_s: 200", ".inf", "a finite value > 0"},
-    {"safety.", "trip_margin_kpa: 20", "-1", "a finite value >= 0"},
-    {"safety.", "trip_margin_kpa: 20, ", "20, trip_margin_kpa: 20, ",
-     " is given twice; expected it once"},
-    {"safety.", "spike_time_s: 0.2", "-0.1", "a finite value >= 0"},
-    {"safety.", "min_supply_kpa: 300", "0", "a finite value > 0"},
-    {"safety.follow.", "tolerance_kpa: 50", "0", "a finite value > 0"},
-    {"safety.follow.", "time_s: 1.5", "0", "a finite value > 0"},
-    {"safety.follow.", "time_constant_s: 0.3", "fast", "a finite value > 0"},
-    {"safety.follow.", "tolerance_kpa: 50", "tolerance_kp: 50",
-     " is not a known key; did you mean tolerance_kpa?"},
-    {"safety.", "leak_drop_kpa: 15", "0", "a finite value > 0"},
-    {"safety.", "fault_action: hold", "stop", "vent, hold or close"},
-    {"safety.", "fault_action: hold", "[hold]", " is a list; expected vent, hold or close"},
-    {"safety.", "fault_action: hold", "{muscle_9: hold}",
-     ".muscle_9 is not a known key; did you mean muscle_1?"},
-    {"safety.", "fault_action: hold", "{left: stay}",
-     ".left is stay; expected vent, hold or close"},
-    {"safety.", "hold_time_s: 5", "-1", "a finite value >= 0"},
-    {"safety.", "vented_below_kpa: 12", "0", "a finite value > 0"},
-    {"safety.", "vented_below_kpa: 12", "110",
-     "less than 110, where muscle_5 is beyond its limits by safety.trip_margin_kpa"},
-    {"safety.", "vent_time_s: 4", "0", "a finite value > 0"},
-    {"safety.", "vent_time_s: 4", "vent_tme_s: 4",
-     " is not a known key; did you mean vent_time_s?"},
-};
+// Every key, from line 73 on.
+const std::string kFollowScene = kSpatialScene + R"(follow:
+  smoothing_s: 0.4
+  mode_hz: 4
+  mode_damping: 0.2
+  stale_s: 0.5
+  coast_s: 5
+  hysteresis: 0.1
+  creep: 0.3
+  bias_translation_m: 0.004
+  bias_rotation_deg: 3
+  on_contact: stop
+  contact_limit: 40
+  reading_noise_kpa: 1.5
+)";
 
-const BrokenRule kSafetyRules[] = {
-    {"time_constant_s: 0.3",
-     "time_constant_s: 0.3, fall_time_constant_s: 0",
-     {":34 safety.follow.fall_time_constant_s is 0; expected a finite value > 0"}},
-    {"  simulated: {",
-     "  simulated: {}\n  ascii_serial: {",
-     {":32 regulator has simulated and ascii_serial; expected exactly one of simulated, "
-      "ascii_serial or modbus_tcp"}},
-    {"  simulated: {",
-     "  simulatd: {",
-     {":33 regulator.simulatd is not a known key; did you mean simulated?",
-      ":32 regulator has none; expected exactly one of simulated, ascii_serial or modbus_tcp"}},
-};
-
-const BrokenValue kSerialValues[] = {
-    {"regulator.ascii_serial.", "profile: generic", "generik",
-     "alicat, ctrl_p, festo_mpa, festo_vtem or generic, or a path (with a / or ending in .yaml) "
-     "from the scene's folder"},
-    {"regulator.ascii_serial.", "device: /dev/ttyUSB0", "''",
-     " is \"\"; expected a serial port like /dev/ttyUSB0"},
-    {"regulator.ascii_serial.", "addresses: [a, b]", "[a, b, c]",
-     " has 3 entries; expected 2 entries, one per actuator"},
-    {"regulator.ascii_serial.", "addresses: [a, b]", "a", "a list of words, one per actuator"},
-    {"regulator.ascii_serial.", "addresses: [a, b]", "[a, a]",
-     "[1] is a; expected one that no other actuator has"},
-    {"regulator.ascii_serial.", "addresses: [a, b]", "[a, b c]",
-     "[1] is b c; expected a word without spaces"},
-    {"safety.fault_action.", "muscle_2: close", "muscle_3: close",
-     " is not a known key; did you mean muscle_1?"},
-    {"safety.", "fault_action: {muscle_2: close}", "target_timeout_s: 0",
-     "a finite value > 0: only a simulated regulator may wait for targets without limit"},
-};
-
-const BrokenRule kSerialRules[] = {
-    {"profile: generic, ",
-     "",
-     {":11 regulator.ascii_serial.profile is missing; expected alicat, ctrl_p, festo_mpa, "
-      "festo_vtem or generic, or a path (with a / or ending in .yaml) from the scene's folder"}},
-    {"device: /dev/ttyUSB0, ",
-     "",
-     {":11 regulator.ascii_serial.device is missing; expected a serial port like /dev/ttyUSB0"}},
-    {", addresses: [a, b]",
-     "",
-     {":11 regulator.ascii_serial.addresses is missing; profile generic addresses each channel: "
-      "expected 2 entries, one per actuator"}},
-    {"profile: generic",
-     "profile: ctrl_p",
-     {":11 regulator.ascii_serial.addresses is not used: the lines of profile ctrl_p have no "
-      "{address}; expected none"}},
-};
-
-const BrokenValue kModbusValues[] = {
-    {"regulator.modbus_tcp.", "port: 1502", "0", "a whole number from 1 to 65535"},
-    {"regulator.modbus_tcp.", "slots: [3, 1]", "[3]",
-     " has 1 entries; expected a list of 2 numbers, each a finite value >= 0"},
-    {"regulator.modbus_tcp.", "slots: [3, 1]", "[3, 3]",
-     " is a list; expected distinct whole numbers"},
-    {"regulator.modbus_tcp.", "slots: [3, 1]", "[3, 0.5]",
-     " is a list; expected distinct whole numbers"},
-    {"regulator.modbus_tcp.", "slots: [3, 1]", "[3, -1]",
-     "[1] is -1; expected a finite value >= 0"},
-};
-
-const BrokenRule kModbusRules[] = {
-    {"host: terminal, ",
-     "",
-     {":11 regulator.modbus_tcp.host is missing; expected a name or address"}},
-    {"pressure_kpa: [0, 400]",
-     "pressure_kpa: [-50, 400]",
-     {":11 regulator.modbus_tcp.profile is festo_vtem, which accepts 0 to 700 kPa; expected limits "
-      "within that, not muscle_1's of -50 to 400 kPa",
-      ":11 regulator.modbus_tcp.profile is festo_vtem, which accepts 0 to 700 kPa; expected limits "
-      "within that, not muscle_2's of -50 to 400 kPa"}},
-};
-
-TEST(PressureRules, BreakingOneIsReported) {
-  test::expectFaults(kSpatialScene, kSafetyValues);
-  test::expectFaults(kSpatialScene, kSafetyRules);
-  test::expectFaults(kSerialScene, kSerialValues);
-  test::expectFaults(kSerialScene, kSerialRules);
-  test::expectFaults(kModbusScene, kModbusValues);
-  test::expectFaults(kModbusScene, kModbusRules);
+TEST(ControlRules, BreakingOneIsReported) {
+  expectFaults("serial", kSerialScene);
+  expectFaults("modbus", kModbusScene);
+  expectFaults("follow", kFollowScene);
 }
 
 TEST(PressureScene, SafetyIsInSi) {
@@ -335,8 +235,78 @@ TEST(PressureScene, FaultsOfAProfileNameItsOwnFileAndLine) {
       said +
           ":2 modbus_tcp is not the scene's kind of regulator; expected a profile of ascii_serial");
   write(board, "ascii_serial:\n  baud: fast\n");
-  EXPECT_NE(faultsOfFile(file).find("/board.yaml:2 ascii_serial.baud is fast"), std::string::npos)
-      << faultsOfFile(file);
+  EXPECT_TRUE(has(faultsOfFile(file), "/board.yaml:2 ascii_serial.baud is fast"));
+}
+
+TEST(FollowScene, IsInSi) {
+  const follow::VisualServoConfig config = sceneOf(kFollowScene).follow;
+  const follow::VisualServoConfig& loop = config;
+  EXPECT_EQ(loop.smoothing, 0.4);
+  EXPECT_EQ(loop.stale_after, 0.5);
+  EXPECT_EQ(loop.coast_time, 5);
+  EXPECT_EQ(loop.time_constant, 0.3) << "of safety.follow";
+  EXPECT_EQ(loop.reading_noise, 1500);
+  EXPECT_EQ(loop.filter.hysteresis, 0.1);
+  EXPECT_EQ(loop.filter.creep, 0.3);
+  EXPECT_NEAR(loop.watch_creep, 0.03, 1e-15);
+  EXPECT_EQ(loop.filter.bias_translation, 0.004);
+  EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
+  EXPECT_NEAR(loop.filter.settling_time, 1 / (2 * basics::kPi * 4 * 0.2), 1e-15);
+  EXPECT_EQ(config.on_contact, OnContact::kStop);
+  EXPECT_EQ(config.contact.limit, 40);
+  EXPECT_NO_THROW(loop.validate());
+}
+
+TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
+  const follow::VisualServoConfig usual{};
+  const follow::VisualServoConfig config = sceneOf(kPlanarScene).follow;
+  EXPECT_EQ(config.smoothing, usual.smoothing);
+  EXPECT_EQ(config.stale_after, usual.stale_after);
+  EXPECT_EQ(config.coast_time, usual.coast_time);
+  EXPECT_EQ(config.watch_creep, usual.watch_creep);
+  EXPECT_EQ(config.filter.hysteresis, usual.filter.hysteresis);
+  EXPECT_EQ(config.filter.creep, usual.filter.creep);
+  EXPECT_EQ(config.filter.settling_time, usual.filter.settling_time);
+  EXPECT_EQ(config.time_constant, control::SafetyRules().time_constant);
+  EXPECT_EQ(config.contact.limit, 32);
+  EXPECT_NO_THROW(config.validate());
+}
+
+TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
+  EXPECT_EQ(sceneOf(kSpatialScene).follow.reading_noise, 2e3);
+  EXPECT_EQ(sceneOf(kPlanarScene + "regulator: {simulated: {noise_kpa: 7}}\n").follow.reading_noise,
+            7e3);
+  EXPECT_EQ(sceneOf(kSerialScene).follow.reading_noise, 2e3);
+  const Scene silent = sceneOf(kPlanarScene + "regulator: {simulated: {noise_kpa: 0}}\n");
+  EXPECT_NO_THROW(silent.follow.validate()) << "an observer needs some";
+}
+
+TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
+  EXPECT_EQ(sceneOf(kPlanarScene).follow.on_contact, OnContact::kReport);
+  EXPECT_EQ(sceneOf(kSpatialScene).follow.on_contact, OnContact::kReport);
+  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kYield);
+  EXPECT_EQ(sceneOf(kSerialScene, {{"follow.on_contact", "report"}}).follow.on_contact,
+            OnContact::kReport);
+}
+
+// The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.
+TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
+  const auto smoothing = [](const std::vector<Override>& changes) {
+    return sceneOf(kPlanarScene, changes).follow.smoothing;
+  };
+  const double least = follow::smoothingFor(1.5, 0.1, 0.2);
+  ASSERT_GT(least, 0.2);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}}), least);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.mode_damping", "0.1"}}), least);
+  ASSERT_LT(follow::smoothingFor(20, 0.1, 0.2), 0.2);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "20"}}), 0.2) << "a fast mode needs no more than usual";
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.smoothing_s", "3"}}), 3);
+  const std::vector<std::string> faults =
+      faultsOf(kPlanarScene + "follow: {mode_hz: 1.5, smoothing_s: 0.3}\n");
+  ASSERT_EQ(faults.size(), 1u);
+  EXPECT_EQ(faults[0].find(":11 follow.smoothing_s is 0.3; expected at least 0.49 s, "), 0u)
+      << faults[0];
+  EXPECT_TRUE(has(faults[0], "leave out smoothing_s"));
 }
 
 }  // namespace
