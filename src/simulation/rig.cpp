@@ -180,6 +180,22 @@ SimulatedRig::SimulatedRig(const statics::ArmModel& model,
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);
 }
 
+void SimulatedRig::setTipForce(const Eigen::Vector3d& force) {
+  if (!plant_) return arm_.setTipForce(force);
+  basics::require(force.allFinite(), "simulated rig: the force at the tip is ", text(force),
+                  " N; expected finite numbers");
+  plant_force_ = force;
+}
+
+void SimulatedRig::step(double dt) {
+  regulator_.step(dt);
+  if (plant_) {
+    plant_->step(dt, regulator_.pressure(), plant_force_);
+  } else {
+    response_.step(regulator_.pressure(), dt);
+  }
+}
+
 const cv::Mat& SimulatedRig::render() {
   if (!camera_) throw std::logic_error("simulated rig: there is no camera to render with");
   return camera_->render(shape());

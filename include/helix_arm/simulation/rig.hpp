@@ -2,7 +2,9 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <utility>
 
 #include <opencv2/core.hpp>
 
@@ -11,6 +13,7 @@
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/plant.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
@@ -114,19 +117,21 @@ class SimulatedRig {
                const ArmDeviation& deviation,
                const std::optional<CameraSetup>& camera = std::nullopt);
 
+  /// From now on the true arm is this plant: it gets the regulators' true pressures and the force
+  /// at the tip, and tells the shape.
+  void takeArm(std::unique_ptr<Plant> plant) { plant_ = std::move(plant); }
+
+  /// Of the scene, if no plant stands in for it.
   const TrueArm& trueArm() const { return arm_; }
   bool hasCamera() const { return camera_.has_value(); }
 
   /// Sets the set points: (n) gauge, finite [Pa]. Throws as SimulatedRegulator::command() does.
   void command(const model::InputRef& set_point) { regulator_.command(set_point); }
   /// Sets a dead force at the true tip; as TrueArm::setTipForce(), and throws as it does.
-  void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
+  void setTipForce(const Eigen::Vector3d& force);
   /// Advances time by dt >= 0 [s]; a lag of the arm sees the pressures at the end of the step.
-  /// Throws as SimulatedRegulator::step() does.
-  void step(double dt) {
-    regulator_.step(dt);
-    response_.step(regulator_.pressure(), dt);
-  }
+  /// Throws as SimulatedRegulator::step() and Plant::step() do.
+  void step(double dt);
 
   /// True pressures (n), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
@@ -134,7 +139,9 @@ class SimulatedRig {
   Eigen::VectorXd measure() { return regulator_.measure(); }
   /// The current shape, at the effective pressures. Throws as TrueArm::shape() does if no
   /// shape is found.
-  model::Shape shape() const { return arm_.shape(response_.effective()); }
+  model::Shape shape() const {
+    return plant_ ? plant_->shape() : arm_.shape(response_.effective());
+  }
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.
@@ -145,6 +152,8 @@ class SimulatedRig {
   TrueArm arm_;
   regulator::SimulatedRegulator regulator_;
   model::ArmResponse response_;
+  std::unique_ptr<Plant> plant_;  // null: arm_ and response_
+  Eigen::Vector3d plant_force_ = Eigen::Vector3d::Zero();
   std::optional<SimulatedCamera> camera_;
 };
 
