@@ -24,7 +24,7 @@ constexpr int kEndPatience = 200;                      // for how it ended [ms]
 constexpr std::size_t kLongestLine = 1U << 20U;
 constexpr double kUnitError = 1e-3;                  // of a quaternion's norm
 constexpr double kFarthest = 1e3;                    // of a pose from the base [m]
-constexpr int kFewestPieces = 12, kMostPieces = 24;  // of a section
+constexpr int kFewestPieces = 12, kMostPieces = 25;  // of a section
 constexpr double kSamePlace = 1e-9;
 constexpr const char* kRemedy = "; run it alone to see why (protocol: docs/closed_loop.md)";
 

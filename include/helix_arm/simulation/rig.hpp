@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -47,6 +48,12 @@ estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::
 estimation::ArmView deviate(const estimation::ArmView& view, const model::Arm& arm,
                             const MountDeviation& deviation);
 
+/// A vibration of the true arm about its shape at rest, alike in every entry of the twists.
+struct SwingMode {
+  double frequency = 0.0;  ///< of the free arm without damping, > 0 [Hz]
+  double damping = 0.0;    ///< ratio, in (0, 1)
+};
+
 /// Difference between the true arm and the arm of its scene.
 struct ArmDeviation {
   double K_gamma_scale = 1.0;  ///< > 0
@@ -58,6 +65,15 @@ struct ArmDeviation {
   /// How the true actuators follow their pressures; absent: as the scene's. A TrueArm has no memory
   /// and ignores it, a SimulatedRig does not.
   std::optional<model::Response> response = std::nullopt;
+  /// (n) factors on the stroke of each actuator (how far it is from its rest length), > 0; empty: 1
+  /// each.
+  Eigen::VectorXd stroke_scales = {};
+  /// (n) factors on K_gamma, K_tau and K_kappa of each actuator, > 0; empty: 1 each.
+  Eigen::VectorXd stiffness_scales = {};
+  /// Of a SimulatedRig, as the response: how it swings, and the time by which it follows its
+  /// pressures late, >= 0 [s].
+  std::optional<SwingMode> mode = std::nullopt;
+  double dead_time = 0.0;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -95,6 +111,22 @@ class TrueArm {
   std::optional<statics::ArmModel> pulled_;  // with it, unless it is zero
   Eigen::Vector3d tip_force_ = Eigen::Vector3d::Zero();
   Eigen::VectorXd length_scale_;  // (n)
+  Eigen::VectorXd stroke_scale_;  // (n)
+};
+
+/// Second-order motion of an arm about its shape at rest.
+class Swing {
+ public:
+  explicit Swing(const SwingMode& mode) : mode_(mode) {}
+  /// Advances by dt >= 0 [s] while the arm tends to this shape. The first one is where it starts.
+  void step(const model::Shape& rest, double dt);
+  /// After the first step.
+  const model::Shape& shape() const { return shape_; }
+
+ private:
+  SwingMode mode_;
+  model::Shape shape_;
+  model::Twists rate_;  // (6 x sections) per second
 };
 
 /// Configuration of the camera of a simulated rig.
@@ -139,9 +171,7 @@ class SimulatedRig {
   Eigen::VectorXd measure() { return regulator_.measure(); }
   /// The current shape, at the effective pressures. Throws as TrueArm::shape() does if no
   /// shape is found.
-  model::Shape shape() const {
-    return plant_ ? plant_->shape() : arm_.shape(response_.effective());
-  }
+  model::Shape shape() const;
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.
@@ -152,7 +182,11 @@ class SimulatedRig {
   TrueArm arm_;
   regulator::SimulatedRegulator regulator_;
   model::ArmResponse response_;
-  std::unique_ptr<Plant> plant_;  // null: arm_ and response_
+  double dead_time_;
+  double time_ = 0.0;                                          // [s]
+  std::deque<std::pair<double, Eigen::VectorXd>> on_the_way_;  // pressures that the arm has not yet
+  std::optional<Swing> swing_;
+  std::unique_ptr<Plant> plant_;  // null: arm_, response_ and swing_
   Eigen::Vector3d plant_force_ = Eigen::Vector3d::Zero();
   std::optional<SimulatedCamera> camera_;
 };
