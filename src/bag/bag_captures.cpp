@@ -1,22 +1,19 @@
 #include "bag_captures.hpp"
 
 #include <array>
-#include <cerrno>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <map>
+#include <optional>
+#include <system_error>
 #include <utility>
 
 #include <dlfcn.h>
-#include <fcntl.h>
-#include <poll.h>
-#include <spawn.h>
-#include <sys/types.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include "bag_records.hpp"
+#include "helix_arm/basics/child_process.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -55,44 +52,17 @@ class BagProcess {
   /// @throws io::DocumentError where no process can be started.
   BagProcess(const basics::RegularFile& file, std::string path) : path_(std::move(path)) {
     const std::string program = readerProgram();
-    int ends[2];
-    if (pipe2(ends, O_CLOEXEC) != 0) refuse(std::string("cannot be read: ") + std::strerror(errno));
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_adddup2(&actions, file.descriptor(), STDIN_FILENO);
-    posix_spawn_file_actions_adddup2(&actions, ends[1], STDOUT_FILENO);
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-#if __GLIBC_PREREQ(2, 34)
-    posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-#endif
-    // The child starts with default signals, whatever this process has set.
-    sigset_t all, none;
-    sigfillset(&all);
-    sigemptyset(&none);
-    posix_spawnattr_t attributes;
-    posix_spawnattr_init(&attributes);
-    posix_spawnattr_setsigdefault(&attributes, &all);
-    posix_spawnattr_setsigmask(&attributes, &none);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
-    char* const arguments[] = {const_cast<char*>(program.c_str()), nullptr};
-    const int error =
-        posix_spawn(&process_, program.c_str(), &actions, &attributes, arguments, environ);
-    posix_spawnattr_destroy(&attributes);
-    posix_spawn_file_actions_destroy(&actions);
-    ::close(ends[1]);
-    pipe_ = ends[0];
-    if (error == 0) return;
-    ::close(pipe_);
-    process_ = -1;
-    refuse("cannot be read: " + program + " does not start: " + std::strerror(error) +
-           "; install helix_arm again");
+    try {
+      process_.emplace(std::vector<std::string>{program},
+                       basics::ChildProcess::Options{file.descriptor(), true});
+    } catch (const std::system_error& error) {
+      refuse("cannot be read: " + program + " does not start: " + error.code().message() +
+             "; install helix_arm again");
+    }
   }
 
   ~BagProcess() {
-    ::close(pipe_);
-    if (process_ < 0) return;
-    kill(process_, SIGKILL);
-    while (waitpid(process_, nullptr, 0) < 0 && errno == EINTR) continue;
+    if (process_) process_->kill();
   }
 
   BagProcess(const BagProcess&) = delete;
@@ -107,7 +77,7 @@ class BagProcess {
     const bool sound =
         head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
     if (!sound) {
-      kill(process_, SIGKILL);  // it may wait for the rest of its output to be read
+      process_->kill();
       refuse("is damaged: its content is not valid; expected an intact bag");
     }
     BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
@@ -124,31 +94,23 @@ class BagProcess {
   void read(void* bytes, std::size_t size) {
     auto* place = static_cast<char*>(bytes);
     while (size > 0) {
-      pollfd waited{pipe_, POLLIN, 0};
-      const int ready = poll(&waited, 1, kSilence);
-      if (ready < 0 && errno == EINTR) continue;
-      if (ready == 0) refuse("takes too long to read; expected an intact bag");
-      const ssize_t count = ::read(pipe_, place, size);
-      if (count < 0 && errno == EINTR) continue;
-      if (count <= 0) failed();
-      place += count;
-      size -= static_cast<std::size_t>(count);
+      const auto count = process_->read(place, size, kSilence);
+      if (!count) refuse("takes too long to read; expected an intact bag");
+      if (*count == 0) failed();
+      place += *count;
+      size -= *count;
     }
   }
 
   [[noreturn]] void failed() {
-    int status = 0;
-    pid_t ended = 0;
-    while ((ended = waitpid(process_, &status, 0)) < 0 && errno == EINTR) continue;
-    process_ = -1;
-    if (ended > 0 && WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
+    const int status = process_->status(kSilence).value_or(0);
+    if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
       refuse("takes more than " + std::to_string(kMostReaderTime) +
              " s of processor time to read; expected a shorter or an intact bag");
     }
     const std::string reason =
-        ended > 0 && WIFSIGNALED(status)
-            ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
-            : "reading it did not end";
+        WIFSIGNALED(status) ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
+                            : "reading it did not end";
     refuse("is damaged: " + reason +
            "; expected an intact bag (rosbag check examines it, rosbag reindex "
            "may repair it)");
@@ -159,8 +121,7 @@ class BagProcess {
   }
 
   const std::string path_;
-  pid_t process_ = -1;
-  int pipe_ = -1;
+  std::optional<basics::ChildProcess> process_;
 };
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;

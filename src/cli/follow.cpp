@@ -159,6 +159,7 @@ json reportOf(const FollowReport& report) {
   for (const std::optional<double>& time : figures.settle) settle.push_back(toJson(time));
   return {{"scene", report.scene.name},
           {"rig", textOrNull(report.rig)},
+          {"plant", textOrNull(report.plan.plant)},
           {"seed", report.plan.seed},
           {"sight", visionName(report.plan)},
           {"open", report.plan.open},
@@ -167,6 +168,7 @@ json reportOf(const FollowReport& report) {
           {"reason", textOrNull(failureOf(report))},
           {"path_rms_m", toJson(figures.path_rms)},
           {"path_max_m", toJson(figures.path_max)},
+          {"last_turn_rms_m", toJson(figures.last_turn_rms)},
           {"steady_rms_m", figures.steady_rms},
           {"settle_s", settle},
           {"unreachable", figures.unreachable},
@@ -229,7 +231,7 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
 }
 
 struct FollowArguments {
-  std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
+  std::string scene, rig, plant, tip, path, vision = "corners", force, blind, out, png;
   double seconds = 0.0, latency = 0.06;
   bool open = false;
   std::uint32_t seed = 1;
@@ -288,6 +290,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   FollowPlan plan;
   plan.seconds = arguments.seconds;
   plan.open = arguments.open;
+  plan.plant = arguments.plant;
   if (arguments.vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
   plan.latency = arguments.latency;
   plan.seed = arguments.seed;
@@ -365,6 +368,9 @@ Subcommand addFollow(CLI::App& app) {
            "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
            "--set does not apply to it)")
       ->type_name("FILE");
+  addOption(*command, "--plant", arguments->plant,
+            "command that simulates the true arm in place of the rig's: docs/closed_loop.md",
+            TypeName{"COMMAND"});
   addOption(*command, "--tip", arguments->tip,
             "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
   addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
@@ -396,8 +402,9 @@ A path begins when the tip has moved to its first point, at most at 0.1 m/s. It 
 where the model misses it by more than 2 mm or a pressure needs more than 80 % of
 safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and one
 every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
-json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
+json: scene, rig (file, or null), plant (command, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
 figures), path_rms_m and path_max_m (from the path's start to its end; null without),
+last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,

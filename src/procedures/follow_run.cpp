@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <memory>
 #include <stdexcept>
 #include <utility>
 #include <variant>
@@ -58,25 +59,51 @@ FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips) {
   return out;
 }
 
-// @param duration  of the path [s].
-FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration) {
+constexpr double kTurn = 0.01;           // [s]
+constexpr double kProgressPeriod = 1.0;  // [s]
+constexpr double kClosed = 1e-6;         // largest distance of a closed path's ends [m]
+// Parts of a closed path's extent: beyond the first it has left its end, within the second it
+// passes.
+constexpr double kLeft = 0.25, kPasses = 0.02;
+
+// When a closed path last passed its end before; its begin if it has one turn; absent if it is
+// open.
+std::optional<double> lastTurnOf(const control::TipPath& path) {
+  const double begin = path.firstTime(), end = path.lastTime();
+  const Eigen::Vector3d goal = path.at(end).position;
+  const auto distance = [&](double time) { return (path.at(time).position - goal).norm(); };
+  if (distance(begin) > kClosed) return std::nullopt;
+  double extent = 0.0;
+  for (double time = begin; time < end; time += kTurn) extent = std::max(extent, distance(time));
+  bool left = false;
+  for (double time = end; time > begin + kTurn; time -= kTurn) {
+    const double here = distance(time);
+    left |= here > kLeft * extent;
+    if (left && here <= kPasses * extent && here <= distance(time - kTurn)) return time;
+  }
+  return begin;
+}
+
+FollowFigures pathFigures(const std::vector<FollowRow>& rows, const control::TipPath& path) {
   FollowFigures out;
-  const Rows begin = std::find_if(rows.begin(), rows.end(), [](const FollowRow& row) {
-    return row.path_time && *row.path_time >= 0;
-  });
-  const Rows end = std::find_if(begin, rows.end(), [duration](const FollowRow& row) {
-    return !row.path_time || *row.path_time > duration;
+  const auto isFrom = [](double time) {
+    return [time](const FollowRow& row) { return row.path_time && *row.path_time >= time; };
+  };
+  const Rows begin = std::find_if(rows.begin(), rows.end(), isFrom(0.0));
+  const Rows end = std::find_if(begin, rows.end(), [&path](const FollowRow& row) {
+    return !row.path_time || *row.path_time > path.lastTime();
   });
   if (begin == end) return out;
   out.path_rms = rms(begin, end);
   double most = 0.0;
   for (Rows row = begin; row != end; ++row) most = std::max(most, errorOf(*row));
   out.path_max = most;
+  const auto last_turn = lastTurnOf(path);
+  const Rows turn = last_turn ? std::find_if(begin, end, isFrom(*last_turn)) : end;
+  const bool ran = end != rows.end() || *rows.back().path_time >= path.lastTime() - kTurn;
+  if (turn != end && ran) out.last_turn_rms = rms(turn, end);
   return out;
 }
-
-constexpr double kTurn = 0.01;           // [s]
-constexpr double kProgressPeriod = 1.0;  // [s]
 
 constexpr double kPicturePeriod = 1.0 / 30;  // [s]
 constexpr double kRounding = 1e-9;           // of times [s]
@@ -233,14 +260,17 @@ Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPl
   auto camera = rig.cameraSetup();
   camera->config.seed = plan.seed;
   const simulation::SimulatedVisionConfig vision{plan.vision, 0.3, plan.seed};
-  return {
-      {scene.model,
-       simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
-       simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
-       control::SafetyCore(scene.safety.channels, scene.safety.rules),
-       follow::VisualServo(scene.model, loopConfigOf(scene))},
-      plan.latency,
-      plan.blind};
+  simulation::SimulatedRig true_rig(rig.model, simulatedConfigOf(rig, plan.seed),
+                                    rig.simulation.arm);
+  if (!plan.plant.empty()) {
+    true_rig.takeArm(std::make_unique<simulation::Plant>(plan.plant, rig.arm, rig.tags->tags));
+  }
+  return {{scene.model, std::move(true_rig),
+           simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
+           control::SafetyCore(scene.safety.channels, scene.safety.rules),
+           follow::VisualServo(scene.model, loopConfigOf(scene))},
+          plan.latency,
+          plan.blind};
 }
 
 void requireSound(const FollowPlan& plan) {
@@ -282,13 +312,13 @@ class FollowRun {
         out_.vented = lockstep_.core().reason();
         return std::move(out_);
       }
-      if (progress && lockstep_.time() >= told + kProgressPeriod) {
+      if (progress && (!plan_.plant.empty() || lockstep_.time() >= told + kProgressPeriod)) {
         told = lockstep_.time();
         if (!progress(told)) return std::move(out_);
       }
     }
     out_.budget = loop_.budget();
-    out_.figures = plan_.path ? pathFigures(out_.rows, plan_.path->lastTime())
+    out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
     return std::move(out_);
   }

@@ -1,10 +1,12 @@
 #include "helix_arm/simulation/rig.hpp"
 
+#include <cmath>
 #include <random>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
@@ -42,21 +44,27 @@ std::optional<statics::Load> deviate(std::optional<statics::Load> load,
   return load;
 }
 
+// One factor per actuator.
+Eigen::VectorXd scalesOf(const Eigen::VectorXd& each, const char* what, int actuators) {
+  if (each.size() == 0) return Eigen::VectorXd::Ones(actuators);
+  basics::requireValue(each.size() == actuators, "true arm", what, each.size(), "one per actuator");
+  return each;
+}
+
 statics::ArmModel deviate(const model::Arm& arm, const std::optional<statics::Load>& load,
                           const ArmDeviation& deviation) {
   model::Arm deviating =
       arm.scaledStiffness({deviation.K_gamma_scale, 1.0, deviation.K_kappa_scale});
+  const Eigen::VectorXd scales =
+      scalesOf(deviation.stiffness_scales, "the number of stiffness scales", arm.actuatorCount());
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (scales[i] == 1) continue;
+    const model::Stiffness& known = deviating.actuator(i).stiffness;
+    deviating = deviating.withStiffness(
+        i, {scales[i] * known.gamma, scales[i] * known.tau, scales[i] * known.kappa});
+  }
   if (!load || load->empty()) return statics::ArmModel(std::move(deviating));
   return {std::move(deviating), std::nullopt, load, kExact};
-}
-
-// One factor per actuator.
-Eigen::VectorXd lengthScalesOf(const ArmDeviation& deviation, int actuators) {
-  const Eigen::VectorXd& each = deviation.length_scales;
-  if (each.size() == 0) return Eigen::VectorXd::Constant(actuators, deviation.length_scale);
-  basics::requireValue(each.size() == actuators, "true arm", "the number of length scales",
-                       each.size(), "one per actuator");
-  return deviation.length_scale * each;
 }
 
 std::string text(const Eigen::Vector3d& vector) {
@@ -124,13 +132,24 @@ void ArmDeviation::validate() const {
   check("the factor on the lengths", length_scale);
   check("the factor on K_eps", K_eps_scale);
   for (const double scale : length_scales) check("the factor on a length", scale);
+  for (const double scale : stroke_scales) check("the factor on a stroke", scale);
+  for (const double scale : stiffness_scales) check("the factor on a stiffness", scale);
   if (response) response->validate();
+  basics::requireNotNegative("true arm", "the dead time [s]", dead_time);
+  if (!mode) return;
+  check("the frequency of its mode [Hz]", mode->frequency);
+  basics::requireValue(mode->damping > 0 && mode->damping < 1, "true arm",
+                       "the damping of its mode", mode->damping, "a value between 0 and 1");
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
     : load_(deviate(model.load(), deviation)),
       model_(deviate(model.arm(), load_, deviation)),
-      length_scale_(lengthScalesOf(deviation, model.arm().actuatorCount())) {}
+      length_scale_(deviation.length_scale * scalesOf(deviation.length_scales,
+                                                      "the number of length scales",
+                                                      model.arm().actuatorCount())),
+      stroke_scale_(scalesOf(deviation.stroke_scales, "the number of stroke scales",
+                             model.arm().actuatorCount())) {}
 
 void TrueArm::setTipForce(const Eigen::Vector3d& force) {
   basics::require(force.allFinite(), "true arm: the force at the tip is ", text(force),
@@ -154,8 +173,12 @@ void TrueArm::setTipForce(const Eigen::Vector3d& force) {
 
 model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   const Eigen::VectorXd clamped = arm().clamped(pressure);
-  const statics::Solution solution =
-      model().solveLengths(length_scale_.cwiseProduct(arm().lengths(clamped)));
+  Eigen::VectorXd lengths = arm().lengths(clamped);
+  for (int i = 0; i < arm().actuatorCount(); ++i) {
+    const double rest = arm().actuator(i).contraction.restLength();
+    lengths[i] = length_scale_[i] * (rest + stroke_scale_[i] * (lengths[i] - rest));
+  }
+  const statics::Solution solution = model().solveLengths(lengths);
   if (!solution.converged()) {
     std::ostringstream message;
     message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape balances "
@@ -166,18 +189,63 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   return solution.shape;
 }
 
+void Swing::step(const model::Shape& rest, double dt) {
+  if (shape_.sectionCount() == 0) {
+    shape_ = rest;
+    rate_ = model::Twists::Zero(6, rest.sectionCount());
+  }
+  const double turn = 2 * basics::kPi * mode_.frequency, decay = mode_.damping * turn;
+  const double damped = turn * std::sqrt(1 - mode_.damping * mode_.damping);
+  const double c = std::cos(damped * dt), s = std::sin(damped * dt) / damped;
+  const double shrinks = std::exp(-decay * dt);
+  const model::Twists goal = rest.twists(), offset = shape_.twists() - goal;
+  const model::Twists moved = shrinks * (c * offset + s * (rate_ + decay * offset));
+  rate_ = shrinks * (c * rate_ - s * (decay * rate_ + turn * turn * offset));
+  shape_ = rest.about(goal + moved);
+}
+
 SimulatedRig::SimulatedRig(const statics::ArmModel& model,
                            const regulator::SimulatedRegulatorConfig& regulator_config,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
     : arm_(model, deviation),
       regulator_(model.arm().actuatorCount(), regulator_config),
-      response_(model.arm(), deviation.response) {
-  response_.step(regulator_.pressure(), 0);  // vented
+      response_(model.arm(), deviation.response),
+      dead_time_(deviation.dead_time) {
+  if (deviation.mode) swing_.emplace(*deviation.mode);
+  step(0.0);  // vented
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                        "the number of sections in the camera's view", camera->view.sections,
                        "as many as the arm has");
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);
+}
+
+void SimulatedRig::setTipForce(const Eigen::Vector3d& force) {
+  if (!plant_) return arm_.setTipForce(force);
+  basics::require(force.allFinite(), "simulated rig: the force at the tip is ", text(force),
+                  " N; expected finite numbers");
+  plant_force_ = force;
+}
+
+void SimulatedRig::step(double dt) {
+  regulator_.step(dt);
+  if (plant_) return plant_->step(dt, regulator_.pressure(), plant_force_);
+  time_ += dt;
+  if (dead_time_ > 0) {
+    on_the_way_.emplace_back(time_, regulator_.pressure());
+    while (on_the_way_.size() > 1 && on_the_way_[1].first <= time_ - dead_time_) {
+      on_the_way_.pop_front();
+    }
+    response_.step(on_the_way_.front().second, dt);
+  } else {
+    response_.step(regulator_.pressure(), dt);
+  }
+  if (swing_) swing_->step(arm_.shape(response_.effective()), dt);
+}
+
+model::Shape SimulatedRig::shape() const {
+  if (plant_) return plant_->shape();
+  return swing_ ? swing_->shape() : arm_.shape(response_.effective());
 }
 
 const cv::Mat& SimulatedRig::render() {

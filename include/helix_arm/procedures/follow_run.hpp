@@ -36,6 +36,8 @@ struct FollowPlan {
   std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
   double seconds = 10.0;                 ///< > 0 [s]
   bool open = false;                     ///< the loop stays open
+  /// Command of a simulation::Plant that stands in for the rig's true arm; empty: none does.
+  std::string plant;
   simulation::VisionKind vision = simulation::VisionKind::kCorners;
   std::optional<TimedForce> force;
   std::optional<model::Range> blind;  ///< pictures of these times are lost [s]
@@ -69,6 +71,9 @@ inline constexpr double kLeastTipTime = 1.0;
 struct FollowFigures {
   /// From the path's start to its end, or to that of the run [m]; nothing if it did not start.
   std::optional<double> path_rms, path_max;
+  /// Of the last turn of a closed path, from where it last passed its end before; its whole if it has
+  /// one turn [m].
+  std::optional<double> last_turn_rms;
   std::vector<double> steady_rms;             ///< of each tip's last second [m]
   std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]
   std::vector<bool> unreachable;              ///< tips that are out of the arm's reach at their end
@@ -106,8 +111,6 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
 
 /// Simulates the scene's rig with its visual servo. The same plan and scene give the same result.
 /// @param plan  a path should have passed checkPath().
-/// @param progress  called with the simulated time once a simulated second, may be empty; false
-///     ends the run.
 /// @throws std::invalid_argument naming what the scene lacks or the plan breaks; std::runtime_error
 ///     if no shape of the true arm holds its load.
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,

@@ -23,6 +23,12 @@ struct MountDeviation {
   void validate() const;
 };
 
+/// A vibration of the true arm about its shape at rest, alike in every entry of the twists.
+struct SwingMode {
+  double frequency = 0.0;  ///< of the free arm without damping, > 0 [Hz]
+  double damping = 0.0;    ///< ratio, in (0, 1)
+};
+
 /// Difference between the true arm and the arm of its scene.
 struct ArmDeviation {
   double K_gamma_scale = 1.0;  ///< > 0
@@ -34,6 +40,15 @@ struct ArmDeviation {
   /// How the true actuators follow their pressures; absent: as the scene's. A TrueArm has no memory
   /// and ignores it, a SimulatedRig does not.
   std::optional<model::Response> response = std::nullopt;
+  /// (n) factors on the stroke of each actuator (how far it is from its rest length), > 0; empty: 1
+  /// each.
+  Eigen::VectorXd stroke_scales = {};
+  /// (n) factors on K_gamma, K_tau and K_kappa of each actuator, > 0; empty: 1 each.
+  Eigen::VectorXd stiffness_scales = {};
+  /// Of a SimulatedRig, as the response: how it swings, and the time by which it follows its
+  /// pressures late, >= 0 [s].
+  std::optional<SwingMode> mode = std::nullopt;
+  double dead_time = 0.0;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

@@ -2,7 +2,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <deque>
+#include <memory>
 #include <optional>
+#include <utility>
 
 #include <opencv2/core.hpp>
 
@@ -11,6 +14,7 @@
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/plant.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
@@ -63,6 +67,22 @@ class TrueArm {
   std::optional<statics::ArmModel> pulled_;  // with it, unless it is zero
   Eigen::Vector3d tip_force_ = Eigen::Vector3d::Zero();
   Eigen::VectorXd length_scale_;  // (n)
+  Eigen::VectorXd stroke_scale_;  // (n)
+};
+
+/// Second-order motion of an arm about its shape at rest.
+class Swing {
+ public:
+  explicit Swing(const SwingMode& mode) : mode_(mode) {}
+  /// Advances by dt >= 0 [s] while the arm tends to this shape. The first one is where it starts.
+  void step(const model::Shape& rest, double dt);
+  /// After the first step.
+  const model::Shape& shape() const { return shape_; }
+
+ private:
+  SwingMode mode_;
+  model::Shape shape_;
+  model::Twists rate_;  // (6 x sections) per second
 };
 
 /// Configuration of the camera of a simulated rig.
@@ -85,19 +105,21 @@ class SimulatedRig {
                const ArmDeviation& deviation,
                const std::optional<CameraSetup>& camera = std::nullopt);
 
+  /// From now on the true arm is this plant: it gets the regulators' true pressures and the force
+  /// at the tip, and tells the shape.
+  void takeArm(std::unique_ptr<Plant> plant) { plant_ = std::move(plant); }
+
+  /// Of the scene, if no plant stands in for it.
   const TrueArm& trueArm() const { return arm_; }
   bool hasCamera() const { return camera_.has_value(); }
 
   /// Sets the set points: (n) gauge, finite [Pa]. Throws as SimulatedRegulator::command() does.
   void command(const model::InputRef& set_point) { regulator_.command(set_point); }
   /// Sets a dead force at the true tip; as TrueArm::setTipForce(), and throws as it does.
-  void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
+  void setTipForce(const Eigen::Vector3d& force);
   /// Advances time by dt >= 0 [s]; a lag of the arm sees the pressures at the end of the step.
-  /// Throws as SimulatedRegulator::step() does.
-  void step(double dt) {
-    regulator_.step(dt);
-    response_.step(regulator_.pressure(), dt);
-  }
+  /// Throws as SimulatedRegulator::step() and Plant::step() do.
+  void step(double dt);
 
   /// True pressures (n), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
@@ -105,7 +127,7 @@ class SimulatedRig {
   Eigen::VectorXd measure() { return regulator_.measure(); }
   /// The current shape, at the effective pressures. Throws as TrueArm::shape() does if no
   /// shape is found.
-  model::Shape shape() const { return arm_.shape(response_.effective()); }
+  model::Shape shape() const;
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.
@@ -116,6 +138,12 @@ class SimulatedRig {
   TrueArm arm_;
   regulator::SimulatedRegulator regulator_;
   model::ArmResponse response_;
+  double dead_time_;
+  double time_ = 0.0;                                          // [s]
+  std::deque<std::pair<double, Eigen::VectorXd>> on_the_way_;  // pressures that the arm has not yet
+  std::optional<Swing> swing_;
+  std::unique_ptr<Plant> plant_;  // null: arm_, response_ and swing_
+  Eigen::Vector3d plant_force_ = Eigen::Vector3d::Zero();
   std::optional<SimulatedCamera> camera_;
 };
 

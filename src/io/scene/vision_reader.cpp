@@ -132,28 +132,43 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
           {"bleed_prior_m", kSmallLength, fit.bleed_prior}};
 }
 
+constexpr double kUsualDamping = 0.1;  // of muscles and bellows
 constexpr NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 constexpr NumberRule kScaleOfLength = within(kPositive, 0.5, 2);
 constexpr NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
 constexpr NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 
-// @param actuators  0 if the arm has faults: the number of length scales is then not checked.
+// @param actuators  0 if the arm has faults: the number of scales is then not checked.
 std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, int actuators) {
-  return {{"K_gamma_scale", kStiffnessScale, arm.K_gamma_scale},
-          {"K_kappa_scale", kStiffnessScale, arm.K_kappa_scale},
-          {"length_scale", kScaleOfLength, arm.length_scale},
-          {"length_scales",
-           [&arm, actuators](const MapReader& keys, const std::string& key) {
-             if (const auto scales =
-                     keys.numbers(key, static_cast<std::size_t>(actuators), kScaleOfLength)) {
-               arm.length_scales = Eigen::Map<const Eigen::VectorXd>(
-                   scales->data(), static_cast<Eigen::Index>(scales->size()));
-             }
-           }},
-          {"K_eps_scale", kStiffnessScale, arm.K_eps_scale},
-          {"response", [&arm](const MapReader& keys, const std::string& key) {
-             arm.response = readResponse(keys, key);
-           }}};
+  const auto each = [actuators](NumberRule rule, Eigen::VectorXd& scales) {
+    return [actuators, rule, &scales](const MapReader& keys, const std::string& key) {
+      if (const auto found = keys.numbers(key, static_cast<std::size_t>(actuators), rule)) {
+        scales = Eigen::Map<const Eigen::VectorXd>(found->data(),
+                                                   static_cast<Eigen::Index>(found->size()));
+      }
+    };
+  };
+  return {
+      {"K_gamma_scale", kStiffnessScale, arm.K_gamma_scale},
+      {"K_kappa_scale", kStiffnessScale, arm.K_kappa_scale},
+      {"length_scale", kScaleOfLength, arm.length_scale},
+      {"length_scales", each(kScaleOfLength, arm.length_scales)},
+      {"K_eps_scale", kStiffnessScale, arm.K_eps_scale},
+      {"stroke_scales", each(kScaleOfLength, arm.stroke_scales)},
+      {"stiffness_scales", each(kStiffnessScale, arm.stiffness_scales)},
+      {"dead_time_s", within(kNotNegative, 0, 1, " s"), arm.dead_time},
+      {"mode",
+       [&arm](const MapReader& keys, const std::string& key) {
+         simulation::SwingMode mode{1.0, kUsualDamping};
+         keys.map(
+             key,
+             {Key("frequency_hz", within(kPositive, 0.01, 1000, " Hz"), mode.frequency).required(),
+              {"damping", within(kPositive, 1e-3, 0.999), mode.damping}});
+         arm.mode = mode;
+       }},
+      {"response", [&arm](const MapReader& keys, const std::string& key) {
+         arm.response = readResponse(keys, key);
+       }}};
 }
 
 std::vector<Key> mountKeys(simulation::MountDeviation& mounts) {
@@ -177,7 +192,6 @@ std::vector<Key> pictureKeys(simulation::SimulatedCameraConfig& camera) {
 
 constexpr NumberRule kFollowTime = within(kPositive, 1e-3, 3600, " s");
 
-constexpr double kUsualDamping = 0.1;        // of muscles and bellows
 constexpr double kHardwareNoise = 2e3;       // [Pa]
 constexpr double kLeastReadingNoise = 10.0;  // of a simulated regulator without noise [Pa]
 constexpr double kWatchedCreep = 0.1;  // relative to the creep, in the filter that detects loads
