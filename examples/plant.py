@@ -14,19 +14,18 @@ LAG_S, FREQUENCY_HZ, DAMPING = 0.1, 3.0, 0.2
 STEP_S = 1e-3
 
 
+def cross(p, q):
+    return [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
+
+
 def pose(twist, s):
     """Position and quaternion at s of a curve with a constant twist [v; w]: Rodrigues' formula."""
     v, w = [s * x for x in twist[:3]], [s * x for x in twist[3:]]
-    angle = math.sqrt(sum(x * x for x in w))
-    a = math.sin(angle) / angle if angle > 1e-9 else 1.0
-    b, c = ((1 - math.cos(angle)) / angle**2, (1 - a) / angle**2) if angle > 1e-9 else (0.5, 1 / 6)
-
-    def cross(p, q):
-        return [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
-
+    angle = max(math.hypot(*w), 1e-6)
+    b, c = (1 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
     wv = cross(w, v)
     position = [x + b * y + c * z for x, y, z in zip(v, wv, cross(w, wv))]
-    half = math.sin(angle / 2) / angle if angle > 1e-9 else 0.5
+    half = math.sin(angle / 2) / angle
     return {"position_m": position, "quaternion_xyzw": [half * x for x in w] + [math.cos(angle / 2)]}
 
 

@@ -204,6 +204,7 @@ class FollowRun(Result):
     load_scores: np.ndarray  #: (T,) of a force on the arm
     path_rms_m: Optional[float]  #: error of the true tip from the path's start to its end
     path_max_m: Optional[float]
+    last_turn_rms_m: Optional[float]  #: of a closed path's last turn
     steady_rms_m: List[float]  #: of each tip's last second
     settle_s: List[Optional[float]]  #: of each tip: time until within 2 mm + 5 % for good
     alarms: List[Alarm]

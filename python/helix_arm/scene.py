@@ -247,13 +247,15 @@ class Scene(_core.Scene):
 
     def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: float, open: bool = False,
                sight: str = "corners", force: Optional[Numbers] = None, blind: Optional[Numbers] = None,
-               latency_s: float = 0.06, seed: int = 1, rig: Optional["Scene"] = None) -> results.FollowRun:
+               latency_s: float = 0.06, seed: int = 1, rig: Optional["Scene"] = None,
+               plant: Optional[str] = None) -> results.FollowRun:
         """The simulated arm follows tips or a path, with the loop closed over vision. In one thread, with a simulated time.
 
         tips: (3,) or (N, 3) [m], which share the seconds evenly. path: (N, 4) times [s] and positions x, y, z [m].
         open: the model alone commands. sight: "corners" (with noise, fast) or "rendered" (pictures). force: (4,) a time [s]
         and the force on the true tip from then on [N], base frame. blind: (2,) times between which pictures are lost [s].
-        rig: scene of the true arm, if it is another one.
+        rig: scene of the true arm, if it is another one. plant: command of a program that is the true arm (docs/closed_loop.md);
+        RuntimeError names it if it fails.
         """
         seconds = arguments.number(seconds, "seconds", 0.1, 3600)
         latency_s = arguments.number(latency_s, "latency_s", 0, 1)
@@ -263,6 +265,7 @@ class Scene(_core.Scene):
                 f"sight is \"{sight[:40]}\"; expected corners or rendered")
         if rig is not None and not isinstance(rig, _core.Scene):
             arguments.refuse_type(rig, "rig", "a Scene or None")
+        plant = "" if plant is None else arguments.text(plant, "plant")
         require((tips is None) != (path is None), "follow() needs either tips or path; expected exactly one")
         targets, path = arguments.rows(tips, "tips", 3, most=1000), arguments.rows(path, "path", 4, 2, 100_000)
         if targets is not None:
@@ -277,7 +280,7 @@ class Scene(_core.Scene):
             require(times[0] <= times[1],
                     f"blind ends at {times[1]:g} before it begins at {times[0]:g}; expected from, to [s]")
         found = self._follow(targets, path, seconds, open, sight == "rendered", push, times, latency_s, seed,
-                             self if rig is None else rig)
+                             self if rig is None else rig, plant)
         numbers, states, unreachable, alarms, others = found
         columns, end = {}, 0
         for name, width in FOLLOW_COLUMNS.items():

@@ -276,8 +276,9 @@ Eigen::MatrixXd numbersOf(const std::vector<FollowRow>& rows, int actuators) {
 py::tuple follow(const Scene& self, const py::object& tips, const py::object& path, double seconds,
                  bool open, bool rendered, const std::optional<std::array<double, 4>>& force,
                  const std::optional<std::array<double, 2>>& blind, double latency,
-                 std::uint32_t seed, const Scene& rig) {
+                 std::uint32_t seed, const Scene& rig, const std::string& plant) {
   procedures::FollowPlan plan;
+  plan.plant = plant;
   plan.seconds = seconds;
   plan.open = open;
   if (rendered) plan.vision = simulation::VisionKind::kRendered;
@@ -324,6 +325,7 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
   return py::make_tuple(
       arrayOf(numbersOf(result.rows, self.arm().actuatorCount())), states, unreachable, alarms,
       py::dict("path_rms_m"_a = figures.path_rms, "path_max_m"_a = figures.path_max,
+               "last_turn_rms_m"_a = figures.last_turn_rms,
                "steady_rms_m"_a = figures.steady_rms, "settle_s"_a = figures.settle,
                "pictures"_a = result.pictures, "vented"_a = result.vented));
 }
@@ -337,7 +339,7 @@ void bindMeasurements(py::class_<Scene>& scene) {
            py::arg("noises"), py::arg("errors"))
       .def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"), py::arg("open"),
            py::arg("rendered"), py::arg("force"), py::arg("blind"), py::arg("latency_s"),
-           py::arg("seed"), py::arg("rig"));
+           py::arg("seed"), py::arg("rig"), py::arg("plant"));
 }
 
 }  // namespace helix_arm::python

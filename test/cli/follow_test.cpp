@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "support/has.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -43,9 +44,11 @@ TEST(Follow, TipsGiveAFigureEach) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
   EXPECT_EQ(keysOf(result),
-            (std::set<std::string>{"scene", "rig", "seed", "sight", "open", "seconds", "pictures",
-                                   "reason", "path_rms_m", "path_max_m", "steady_rms_m", "settle_s",
-                                   "unreachable", "states", "alarms", "budget", "out", "png"}));
+            (std::set<std::string>{"scene",        "rig",        "plant",       "seed",
+                                   "sight",        "open",       "seconds",     "pictures",
+                                   "reason",       "path_rms_m", "path_max_m",  "last_turn_rms_m",
+                                   "steady_rms_m", "settle_s",   "unreachable", "states",
+                                   "alarms",       "budget",     "out",         "png"}));
   EXPECT_EQ(result["scene"], "demo");
   EXPECT_EQ(result["rig"], nullptr);
   EXPECT_EQ(result["seed"], 3);
@@ -53,6 +56,8 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_EQ(result["open"], false);
   EXPECT_EQ(result["path_rms_m"], nullptr);
   EXPECT_EQ(result["path_max_m"], nullptr);
+  EXPECT_EQ(result["last_turn_rms_m"], nullptr);
+  EXPECT_EQ(result["plant"], nullptr);
   EXPECT_EQ(result["reason"], nullptr);
   EXPECT_EQ(result["unreachable"], json({false, false}));
   EXPECT_EQ(result["alarms"], json::array());
@@ -92,6 +97,34 @@ TEST(Follow, TheRigMayBeThatOfAnotherScene) {
       follow({"--tip", kTips, "--seconds", "6", "--rig", scenePath("spatial_101")});
   EXPECT_EQ(unlike.exit_code, 2);
   EXPECT_NE(unlike.err.find("spatial_101"), std::string::npos) << unlike.err;
+}
+
+// examples/plant.py knows nothing of the scene, and swings.
+TEST(Follow, APlantStandsInForTheTrueArm) {
+  const std::string plant = fs::path(scenePath("demo")).parent_path() / "../../examples/plant.py";
+  const Outcome open =
+      follow({"--plant", plant, "--tip", "0.38,0.03,0.02", "--seconds", "8", "--open"});
+  const Outcome closed = follow({"--plant", plant, "--tip", "0.38,0.03,0.02", "--seconds", "8"});
+  ASSERT_EQ(closed.exit_code, 0) << closed.err;
+  EXPECT_EQ(closed.json()["plant"], plant);
+  EXPECT_GT(open.json()["steady_rms_m"][0], 3e-3);
+  EXPECT_LT(closed.json()["steady_rms_m"][0], 1e-3);
+  const Outcome dead = follow({"--plant", "exit 3", "--tip", "0.38,0.03,0.02", "--seconds", "8"});
+  EXPECT_EQ(dead.exit_code, 1);
+  EXPECT_TRUE(has(dead.err, "plant \"exit 3\" ended with exit code 3")) << dead.err;
+}
+
+TEST(Follow, TheLastTurnOfAClosedPathHasItsOwnFigure) {
+  const TemporaryFolder folder;
+  const json one = follow({"--path", circle(folder, "4"), "--seconds", "6"}).json();
+  EXPECT_EQ(one["last_turn_rms_m"], one["path_rms_m"]);
+  const std::string twice = folder / "twice.csv";
+  ASSERT_EQ(runCommand({"path", "circle", "--centre", kCentre, "--radius", "0.02", "--period", "4",
+                        "--turns", "2", "--out", twice})
+                .exit_code,
+            0);
+  const json two = follow({"--path", twice, "--seconds", "10"}).json();
+  EXPECT_LT(two["last_turn_rms_m"], two["path_rms_m"]) << "the first turn is unlearned";
 }
 
 TEST(Follow, TheSameSeedGivesTheSameBytes) {

@@ -146,6 +146,14 @@ class FollowTest(unittest.TestCase):
         again = scene.follow(tip, seconds=6)
         np.testing.assert_array_equal(again.true_tips, closed.true_tips)
 
+    def test_a_plant_stands_in_for_the_true_arm(self):
+        plant = pathlib.Path(__file__).parents[2] / "examples/plant.py"
+        run = helix_arm.Scene.load("demo").follow([0.38, 0.03, 0.02], seconds=3, plant=str(plant))
+        self.assertLess(run.steady_rms_m[0], 5e-3)
+        self.assertIsNone(run.last_turn_rms_m)
+        with self.assertRaisesRegex(RuntimeError, 'plant "exit 3" ended with exit code 3'):
+            helix_arm.Scene.load("demo").follow([0.38, 0.03, 0.02], seconds=3, plant="exit 3")
+
     def test_interrupt_ends_a_run(self):
         code = ("import os, signal, threading, helix_arm, numpy\n"
                 "threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
