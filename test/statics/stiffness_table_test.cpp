@@ -17,10 +17,6 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-ArmModel modelWith(const Load& load, int order = 5) {
-  return {test::softHelicalArm(), std::nullopt, load, TierSetting{Tier::kLoaded, order}};
-}
-
 TEST(StiffnessTable, IsLinearBetweenItsInputsAndConstantBeyond) {
   EXPECT_EQ(kTable.at(-1), 45 / 14.);
   EXPECT_EQ(kTable.at(0), 45 / 14.);

@@ -288,7 +288,7 @@ constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not an
 
 template <class Message>
 void CockpitLink::hear(const char* topic, bool (CockpitLink::*take)(const Message&)) {
-  subscribers_.push_back(subscribeGuarded<Message>(
+  subscribers_.push_back(listen<Message>(
       node_, topic, kQueue, [this, topic, take](const ros::MessageEvent<const Message>& event) {
         const basics::MutexLock lock(mutex_);
         if ((this->*take)(*event.getConstMessage())) came_[topic] = now();

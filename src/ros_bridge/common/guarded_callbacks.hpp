@@ -176,25 +176,31 @@ Message contentOf(const ros::MessageEvent<const Message>& event);
 template <class Message>
 Message contentOf(const boost::shared_ptr<const Message>& message);
 
-/// Subscribes with TCP_NODELAY. The callback takes the message, or the event, which also has its
-/// sender.
+/// Subscribes with TCP_NODELAY.
+template <class Message>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       std::function<void(const ros::MessageEvent<const Message>&)> callback) {
+  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
+                                ros::message_traits::datatype<Message>());
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(node.resolveName(topic),
+                                                                    std::move(callback));
+  options.transport_hints = ros::TransportHints().tcpNoDelay();
+  return node.subscribe(options);
+}
+
+/// The same for a method that takes the message, or the event, which also has its sender.
 template <class Node, class Taken>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
                        void (Node::*callback)(const Taken&), Node* owner) {
   using Message = decltype(contentOf(std::declval<const Taken&>()));
   using Event = ros::MessageEvent<const Message>;
-  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
-                                ros::message_traits::datatype<Message>());
-  options.helper = boost::make_shared<GuardedSubscription<Message>>(
-      node.resolveName(topic), [owner, callback](const Event& event) {
-        if constexpr (std::is_same_v<Taken, Event>) {
-          (owner->*callback)(event);
-        } else {
-          (owner->*callback)(event.getConstMessage());
-        }
-      });
-  options.transport_hints = ros::TransportHints().tcpNoDelay();
-  return node.subscribe(options);
+  return listen<Message>(node, topic, queue, [owner, callback](const Event& event) {
+    if constexpr (std::is_same_v<Taken, Event>) {
+      (owner->*callback)(event);
+    } else {
+      (owner->*callback)(event.getConstMessage());
+    }
+  });
 }
 
 /// Advertises a service. The callback takes request and response, after the name of the calling
