@@ -3,6 +3,7 @@
 
 #include <tf2_msgs/TFMessage.h>
 
+#include "helix_arm/simulation/rig.hpp"
 #include "support/process.hpp"
 #include "support/vision_rig.hpp"
 
