@@ -325,9 +325,9 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
   return py::make_tuple(
       arrayOf(numbersOf(result.rows, self.arm().actuatorCount())), states, unreachable, alarms,
       py::dict("path_rms_m"_a = figures.path_rms, "path_max_m"_a = figures.path_max,
-               "last_turn_rms_m"_a = figures.last_turn_rms,
-               "steady_rms_m"_a = figures.steady_rms, "settle_s"_a = figures.settle,
-               "pictures"_a = result.pictures, "vented"_a = result.vented));
+               "last_turn_rms_m"_a = figures.last_turn_rms, "steady_rms_m"_a = figures.steady_rms,
+               "settle_s"_a = figures.settle, "pictures"_a = result.pictures,
+               "vented"_a = result.vented));
 }
 
 }  // namespace

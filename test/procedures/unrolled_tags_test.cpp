@@ -1,3 +1,5 @@
+#include "helix_arm/procedures/unrolled_tags.hpp"
+
 #include <Eigen/Geometry>
 #include <cmath>
 
@@ -5,7 +7,6 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/unrolled_tags.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"
 

@@ -111,7 +111,9 @@ TEST(Possibility, FollowsFromTheStateAndNamesWhatPreventsIt) {
   const auto calibrating = [](View& v) { v.calibration.there = v.calibration.running = true; };
   const auto aiming = [](View& v) { v.calibration.there = true, v.goal = CockpitGoal::kTip; };
   const auto ended = [](View& v) { v.calibration.ended = true; };
-  const auto good = [](View& v) { v.calibration.ended = true, v.calibration.result.success = true; };
+  const auto good = [](View& v) {
+    v.calibration.ended = true, v.calibration.result.success = true;
+  };
   const auto loaded = [=](View& v) { good(v), v.calibration.is_loaded = true; };
   const auto again = [=](View& v) { good(v), v.calibration.running = true; };
   const struct {

@@ -7,7 +7,6 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/vision/frame_source.hpp"
-
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"

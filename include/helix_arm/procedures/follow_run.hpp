@@ -71,8 +71,8 @@ inline constexpr double kLeastTipTime = 1.0;
 struct FollowFigures {
   /// From the path's start to its end, or to that of the run [m]; nothing if it did not start.
   std::optional<double> path_rms, path_max;
-  /// Of the last turn of a closed path, from where it last passed its end before; its whole if it has
-  /// one turn [m].
+  /// Of the last turn of a closed path, from where it last passed its end before; its whole if it
+  /// has one turn [m].
   std::optional<double> last_turn_rms;
   std::vector<double> steady_rms;             ///< of each tip's last second [m]
   std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]
