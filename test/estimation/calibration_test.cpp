@@ -593,6 +593,36 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   EXPECT_DOUBLE_EQ(*found.K_eps, parameter(found, "K_eps").value);
 }
 
+TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
+  const ArmView view = test::sampleView();
+  Random random(33);
+  const test::RigErrors errors{0.2, 0.3, 0.01, 0.01, 0.02, 0.002, 0.05, 0.0002};
+  LoadedRig rig;
+  const test::RigTruth truth = test::drawRig(rig.known, view, errors, random);
+  rig.stiffness = truth.arm.actuator(0).stiffness;
+  rig.length_scale = truth.length_scale;
+  rig.exact = false;
+  ArmCaptures data = rig.captures(view.layout);
+  data.X_CB = view.X_CB;
+  data.focal = view.camera.fx;
+  ArmView shrunk = truth.view;
+  shrunk.layout.size -= 2 * truth.bleed;
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
+    const auto observations = visibleTags(shrunk, rig.shape(pressure), 0.3);
+    test::addCapture(data, pressure, test::observe(truth.view, observations, 0.0, random));
+  }
+  CalibrationOptions options = test::everythingFromExactReadings(1e-4);
+  options.next_pressures = 0;
+  const Calibration found = calibrated({data}, options);
+  for (const Parameter& one : found.parameters) {
+    if (!one.identifiable) continue;
+    const double expected = truth.parameters.at(one.name);
+    EXPECT_NEAR(one.value, expected, 1e-3 * std::max(std::abs(expected), 0.1)) << one.name;
+  }
+  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  EXPECT_LT(found.rms, 1e-2);
+}
+
 TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNot) {
   // Its weight pulls an arm that hangs straight: who knows of none takes it for stiffer.
   Random random(31);
