@@ -284,6 +284,24 @@ TEST(EdgeTracking, DoesNotAllocate) {
   EXPECT_EQ(counter.count(), 0U);
 }
 
+TEST(Tracking, TagsThatJumpAreFoundInTheSamePicture) {
+  Random random(9);
+  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
+    TagTracker regions = tracker(mode);
+    const Corners truth = randomTag(random, {400, 300}, 50);
+    cv::Mat gray = picture({{3, truth}}, {800, 600});
+    spoil(gray, random);
+    const TrackResult& near = regions.track(gray, {{3, moved(truth, {22, 16}), true}});
+    EXPECT_EQ(near.by_regions, 1);
+    EXPECT_FALSE(near.whole_picture);
+    EXPECT_LT(error(near.tags.at(0).corners, truth), 0.2);
+    const TrackResult& far = regions.track(gray, {{3, moved(truth, {-250, 100}), true}});
+    EXPECT_EQ(far.by_edges + far.by_regions, 0);
+    EXPECT_TRUE(far.whole_picture);
+    EXPECT_LT(error(far.tags.at(0).corners, truth), 0.2);
+  }
+}
+
 TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
   Random random(10);
   const Corners truth = randomTag(random, {400, 300}, 50);
