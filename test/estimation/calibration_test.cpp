@@ -45,6 +45,15 @@ TEST(Calibration, FindsTheStiffnessThatMadeExactTwists) {
   EXPECT_LT(found.by_pressure->error, 1e-6);
 }
 
+void expectFound(const Calibration& found, const test::RigTruth& truth, double tolerance) {
+  for (const Parameter& one : found.parameters) {
+    if (!one.identifiable) continue;
+    const double expected = truth.parameters.at(one.name);
+    EXPECT_NEAR(one.value, expected, tolerance * std::max(std::abs(expected), 0.1)) << one.name;
+  }
+  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+}
+
 TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView();
@@ -53,12 +62,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
   const CalibrationOptions options = test::everythingFromExactReadings(1e-6);
   const Calibration found = calibrated({corners(known, view, truth, 0, random)}, options);
-  for (const Parameter& one : found.parameters) {
-    if (!one.identifiable) continue;
-    const double expected = truth.parameters.at(one.name);
-    EXPECT_NEAR(one.value, expected, 1e-4 * std::max(std::abs(expected), 0.1)) << one.name;
-  }
-  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  expectFound(found, truth, 1e-4);
   EXPECT_TRUE(parameter(found, "K_gamma").identifiable);
   EXPECT_LT(found.rms, 1e-3);
   EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
@@ -614,12 +618,7 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   CalibrationOptions options = test::everythingFromExactReadings(1e-4);
   options.next_pressures = 0;
   const Calibration found = calibrated({data}, options);
-  for (const Parameter& one : found.parameters) {
-    if (!one.identifiable) continue;
-    const double expected = truth.parameters.at(one.name);
-    EXPECT_NEAR(one.value, expected, 1e-3 * std::max(std::abs(expected), 0.1)) << one.name;
-  }
-  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  expectFound(found, truth, 1e-3);
   EXPECT_LT(found.rms, 1e-2);
 }
 
