@@ -167,14 +167,13 @@ TEST(Buckling, ColumnsGiveWayAtTheirCriticalLoadsAndTiersFindTheStableShapeOrSay
        {std::tuple{"pressed at its tip", false, 1},
         {"under its own weight", true, 1},
         {"of 3 sections, under its own weight", true, 3}}) {
-    Family wrong(std::string("0.5 to 2 of its load, ") + name, 1e-2, "of the length");
     const model::Arm arm = test::ringArm(ring, sections);
     const model::Twists straight = arm.twists(arm.inputAt(0));
     const double length = sections * arm.freeLength(0);
     const double EI = kEps_N * 3 * (ring.stiffness.kappa + 0.5 * ring.radius * ring.radius);
     const double critical =
         (by_weight ? 7.837 : test::kPi * test::kPi / 4) * EI / (length * length);
-    int all_under = 0, found_under = 0, refused_past = 0;
+    int found_under = 0, refused_past = 0;
     for (const double share : {0.5, 0.8, 0.95, 0.99, 1.01, 1.05, 1.2, 1.5, 2.0}) {
       const double force = share * critical, angle = random.uniform(0, 2 * test::kPi);
       Load load;
@@ -191,15 +190,13 @@ TEST(Buckling, ColumnsGiveWayAtTheirCriticalLoadsAndTiersFindTheStableShapeOrSay
       EXPECT_TRUE(share < 1 ? swing < 0.05 : swing > 0.1) << name << " " << share << ": " << swing;
       for (int order = kLeastOrder; order <= kMostOrder; ++order) {
         const Solution found = LoadedArm(arm, load, order).solve(straight);
-        all_under += share < 1;
         found_under += share < 1 && found.converged();
         refused_past += share > 1 && !found.converged();
-        if (!found.converged()) continue;
-        wrong.add((found.tip.translation - truth.tip.translation).norm() / arm.restLength(),
-                  text("order %d at %g of it", order, share));
+        const double off = (found.tip.translation - truth.tip.translation).norm();
+        EXPECT_TRUE(!found.converged() || off < 1e-2 * arm.restLength()) << order << " " << share;
       }
     }
-    EXPECT_GT(found_under, 3 * all_under / 4) << name;
+    EXPECT_GT(found_under, 21) << name << ": of 4 shares in 7 orders";
     EXPECT_GT(refused_past, 0) << name;
   }
 }

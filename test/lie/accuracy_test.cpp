@@ -89,10 +89,9 @@ TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
 
 TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
   Worst worst;
-  const double limit = std::sqrt(kSeriesLimit);
-  for (int ulps = -50; ulps <= 50; ++ulps) {
-    const double angle = limit * (1 + ulps * kEps);
-    for (int i = 0; i < 10; ++i) worst.add(this->errorOfExp(this->twist(angle)));
+  for (int i = 0; i < 1010; ++i) {
+    const double angle = std::sqrt(kSeriesLimit) * (1 + (i / 10 - 50) * kEps);
+    worst.add(this->errorOfExp(this->twist(angle)));
   }
   EXPECT_LE(worst.rotation, 8.0);
   EXPECT_LE(worst.translation, 8.0);

@@ -284,24 +284,6 @@ TEST(EdgeTracking, DoesNotAllocate) {
   EXPECT_EQ(counter.count(), 0U);
 }
 
-TEST(Tracking, TagsThatJumpAreFoundInTheSamePicture) {
-  Random random(9);
-  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
-    TagTracker regions = tracker(mode);
-    const Corners truth = randomTag(random, {400, 300}, 50);
-    cv::Mat gray = picture({{3, truth}}, {800, 600});
-    spoil(gray, random);
-    const TrackResult& near = regions.track(gray, {{3, moved(truth, {22, 16}), true}});
-    EXPECT_EQ(near.by_regions, 1);
-    EXPECT_FALSE(near.whole_picture);
-    EXPECT_LT(error(near.tags.at(0).corners, truth), 0.2);
-    const TrackResult& far = regions.track(gray, {{3, moved(truth, {-250, 100}), true}});
-    EXPECT_EQ(far.by_edges + far.by_regions, 0);
-    EXPECT_TRUE(far.whole_picture);
-    EXPECT_LT(error(far.tags.at(0).corners, truth), 0.2);
-  }
-}
-
 TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
   Random random(10);
   const Corners truth = randomTag(random, {400, 300}, 50);
@@ -378,8 +360,12 @@ TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
   EXPECT_EQ(by_regions[0], by_regions[2]);
 }
 
-TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
-  TagTracker edges = tracker();
+class TrackingIn : public ::testing::TestWithParam<TrackingMode> {};
+INSTANTIATE_TEST_SUITE_P(Modes, TrackingIn,
+                         ::testing::Values(TrackingMode::kRegions, TrackingMode::kEdges));
+
+TEST_P(TrackingIn, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
+  TagTracker finder = tracker(GetParam());
   Random random(14);
   const cv::Size size(1280, 720);
   cv::Mat background = cluttered(random, size);
@@ -415,7 +401,7 @@ TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
     for (std::size_t i = 0; i < tags.size(); ++i) {
       expected.push_back({tags[i].id, moved(tags[i].corners, last), seen[i]});
     }
-    const TrackResult& result = edges.track(gray, expected);
+    const TrackResult& result = finder.track(gray, expected);
     for (const TagDetection& tag : result.tags) {
       const auto truth = std::find_if(now.begin(), now.end(),
                                       [&tag](const Drawn& drawn) { return drawn.id == tag.id; });
