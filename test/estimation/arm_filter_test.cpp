@@ -66,6 +66,37 @@ class HelicalArmFilter : public ::testing::Test {
   const ArmModel model_ = helicalModel();
 };
 
+// The prediction's covariance covers its error: the normalised error of the twists has a mean of 6
+// where the assumptions hold, and less where the arm is better than assumed.
+TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
+  constexpr unsigned kRuns = 100;
+  double nees = 0;
+  for (unsigned run = 0; run < kRuns; ++run) {
+    test::Random random(100 + run);
+    Correction truth(model_.arm());
+    truth.stiffness_factors = {std::exp(0.3 * random.normal()), 1.0,
+                               std::exp(0.3 * random.normal())};
+    for (double& scale : truth.length_scale) scale = std::exp(0.02 * random.normal());
+    for (int i = 0; i < 6; ++i) truth.offset(i, 0) = (i < 3 ? 0.002 : 0.03) * random.normal();
+    Bench bench(model_, truth, 1000 + run);
+    ArmFilterOptions options;
+    options.hysteresis = options.creep = 0.05;
+    ArmFilter filter(model_, options);
+    for (int k = 0; k < 20; ++k) {
+      filter.see(bench.at(k + 1.0, test::randomInput(bench.arm(), bench.random())));
+    }
+    const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
+    Eigen::MatrixXd H(6, filter.parameterCount() + 6);
+    H << filter.linearise(pressure)->by_theta, Eigen::MatrixXd::Identity(6, 6);
+    const Eigen::MatrixXd P = H * filter.state().covariance * H.transpose();
+    const Eigen::VectorXd error =
+        (bench.twists(pressure) - filter.shape(pressure)->twists()).reshaped();
+    nees += error.dot(P.ldlt().solve(error)) / kRuns;
+  }
+  EXPECT_GT(nees, 1.0);
+  EXPECT_LT(nees, 8.0);
+}
+
 // Without growth of the bias the filter is recursive least squares.
 TEST_F(HelicalArmFilter, EqualsLeastSquaresOverAllPictures) {
   ArmFilterOptions options;

@@ -45,6 +45,15 @@ TEST(Calibration, FindsTheStiffnessThatMadeExactTwists) {
   EXPECT_LT(found.by_pressure->error, 1e-6);
 }
 
+void expectFound(const Calibration& found, const test::RigTruth& truth, double tolerance) {
+  for (const Parameter& one : found.parameters) {
+    if (!one.identifiable) continue;
+    const double expected = truth.parameters.at(one.name);
+    EXPECT_NEAR(one.value, expected, tolerance * std::max(std::abs(expected), 0.1)) << one.name;
+  }
+  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+}
+
 TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView();
@@ -53,12 +62,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
   const CalibrationOptions options = test::everythingFromExactReadings(1e-6);
   const Calibration found = calibrated({corners(known, view, truth, 0, random)}, options);
-  for (const Parameter& one : found.parameters) {
-    if (!one.identifiable) continue;
-    const double expected = truth.parameters.at(one.name);
-    EXPECT_NEAR(one.value, expected, 1e-4 * std::max(std::abs(expected), 0.1)) << one.name;
-  }
-  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  expectFound(found, truth, 1e-4);
   EXPECT_TRUE(parameter(found, "K_gamma").identifiable);
   EXPECT_LT(found.rms, 1e-3);
   EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
@@ -591,6 +595,31 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   EXPECT_NEAR(parameter(found, "length_scale").value, 1.01, 1e-5);
   ASSERT_TRUE(found.K_eps.has_value());
   EXPECT_DOUBLE_EQ(*found.K_eps, parameter(found, "K_eps").value);
+}
+
+TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
+  const ArmView view = test::sampleView();
+  Random random(33);
+  const test::RigErrors errors{0.2, 0.3, 0.01, 0.01, 0.02, 0.002, 0.05, 0.0002};
+  LoadedRig rig;
+  const test::RigTruth truth = test::drawRig(rig.known, view, errors, random);
+  rig.stiffness = truth.arm.actuator(0).stiffness;
+  rig.length_scale = truth.length_scale;
+  rig.exact = false;
+  ArmCaptures data = rig.captures(view.layout);
+  data.X_CB = view.X_CB;
+  data.focal = view.camera.fx;
+  ArmView shrunk = truth.view;
+  shrunk.layout.size -= 2 * truth.bleed;
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
+    const auto observations = visibleTags(shrunk, rig.shape(pressure), 0.3);
+    test::addCapture(data, pressure, test::observe(truth.view, observations, 0.0, random));
+  }
+  CalibrationOptions options = test::everythingFromExactReadings(1e-4);
+  options.next_pressures = 0;
+  const Calibration found = calibrated({data}, options);
+  expectFound(found, truth, 1e-3);
+  EXPECT_LT(found.rms, 1e-2);
 }
 
 TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNot) {

@@ -1,6 +1,7 @@
 #include "helix_arm/tracking/error_budget.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -294,6 +295,63 @@ TEST(ErrorBudget, OfAPlanarArmKnowsNoErrorAcrossThePlane) {
       (out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance).topLeftCorner<2, 2>();
   const Eigen::Vector2d error = out.error.head<2>();
   EXPECT_NEAR(out.distance2, error.dot(plane.inverse() * error), 1e-9 * out.distance2);
+}
+
+// Ten pictures of a true arm at rest, at pressures that are not quite the readings. Of truths as
+// the calibration claims them the distance is a chi-square of three degrees.
+TEST(ErrorBudget, IsOutsideAsRarelyAsChiSquareSaysAndWhereLengthsAreOffByTenStandardErrors) {
+  ArmFilterOptions options;  // a careful calibration: hardly any hysteresis
+  options.stiffness_deviation = {0.01, 0.01, 0.01};
+  options.length_deviation = 0.001;
+  options.bias_translation = 0.0003;
+  options.bias_rotation = 0.003;
+  const ArmModel model = helicalModel();
+  const auto seen = [&](const Correction& correction, Random& random) {
+    CorrectedModel truth(model);
+    truth.set(correction);
+    ArmFilter filter(model, options);
+    ErrorBudget budget(model, options);
+    const Eigen::VectorXd pressure = test::randomInput(model.arm(), random);
+    Eigen::VectorXd reading = pressure;
+    for (double& p : reading) p += kPressureNoise * random.normal();
+    const model::Twists twists = truth.shape(model.arm().lengths(pressure))->twists();
+    for (int k = 0; k < 10; ++k) {
+      ArmFilter::Input picture = pictureOf(reading, twists, k / 30.0);
+      picture.twists.reshaped() += test::drawNormal(picture.covariance, random);
+      filter.see(picture);
+      EXPECT_TRUE(budget.update(filter, picture));
+    }
+    return *budget.current();
+  };
+  constexpr int kRuns = 200;
+  int outside = 0, above_median = 0, above_95 = 0, longer = 0, shorter = 0;
+  double sum = 0;
+  const ArmFilter claim(model, options);
+  for (unsigned seed = 1; seed <= kRuns; ++seed) {
+    Random random(1000 + seed);
+    const auto draw = [&random](double deviation) { return deviation * random.normal(); };
+    const Eigen::VectorXd theta = claim.parameterPrior().unaryExpr(draw),
+                          bias = claim.biasDeviation().unaryExpr(draw);
+    const TipErrorBudget budget = seen(correctionOf(model, theta, bias), random);
+    outside += budget.state == BudgetState::kOutside;
+    above_median += budget.distance2 > 2.366;
+    above_95 += budget.distance2 > 7.815;
+    sum += budget.distance2;
+    Correction off(model.arm());
+    off.length_scale.setConstant(1.01);
+    longer += seen(off, random).state == BudgetState::kOutside;
+    off.length_scale.setConstant(0.99);
+    shorter += seen(off, random).state == BudgetState::kOutside;
+  }
+  std::printf(
+      "[  FIGURE  ] of %d: mean %.2f of 3, %d above the median, %d above the 95 %% point, %d "
+      "outside; lengths 1 %% longer %d, shorter %d outside\n",
+      kRuns, sum / kRuns, above_median, above_95, outside, longer, shorter);
+  EXPECT_LE(outside, 2);  // 0.2 expected
+  EXPECT_NEAR(sum / kRuns, 3.0, 0.6);
+  EXPECT_NEAR(above_median, 0.5 * kRuns, 0.1 * kRuns);
+  EXPECT_NEAR(above_95, 0.05 * kRuns, 0.04 * kRuns);
+  EXPECT_GE(std::min(longer, shorter), 0.9 * kRuns);
 }
 
 }  // namespace

@@ -216,6 +216,19 @@ TEST_F(TwistFitTest, AMovedBaseIsFoundAndLeavesTheTwistsAlone) {
   EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-5);
 }
 
+TEST_F(TwistFitTest, ATightPriorHoldsTheBase) {
+  const model::Twists twists = arm_.twists(arm_.inputAt(0.2));
+  TwistFitOptions options;
+  options.free_base = true;
+  options.base_prior = {1e-9, 1e-9};
+  Random random(8);
+  const auto seen = test::observe(view_, visibleTags(view_, twists, 0.3), 0.5, random);
+  TwistFitter held(view_.layout, 1, options), fixed(view_.layout, 1, {});
+  const model::Twists with = held.fit(seen, view_.X_CB, view_.camera.fx, twists).twists;
+  const TwistFit& without = fixed.fit(seen, view_.X_CB, view_.camera.fx, twists);
+  EXPECT_LT((with - without.twists).cwiseAbs().maxCoeff(), 1e-6);
+}
+
 TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {
   const model::Twists twists = arm_.twists(arm_.inputAt(0.2));
   ArmView bled = view_;

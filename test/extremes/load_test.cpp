@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
+#include <tuple>
 
 #include "extremes/extreme_arm.hpp"
 #include "extremes/family.hpp"
@@ -150,6 +152,53 @@ TEST(Extremes, LoadsFromNothingToPastWhatTheArmCarries) {
   EXPECT_GT(past, 20);
   EXPECT_GT(balanced, 200);
   EXPECT_GT(refused, 10);
+}
+
+// A column along x that hardly shortens or shears, pressed at its tip or by its own weight: Euler
+// and Greenhill say where the exact tier's shape leaves the axis, and orders find that shape or say
+// that they did not.
+TEST(Buckling, ColumnsGiveWayAtTheirCriticalLoadsAndTiersFindTheStableShapeOrSayThatTheyDidNot) {
+  const test::Ring ring{3, 1e-3, 0.0, {1e4, 1e-5, 1e-5}};
+  constexpr double kEps_N = 1000.0;  // K_eps
+  ExactOptions patient;              // from straight to bent is a sharp turn
+  patient.max_iterations = 500;
+  test::Random random(801);
+  for (const auto& [name, by_weight, sections] :
+       {std::tuple{"pressed at its tip", false, 1},
+        {"under its own weight", true, 1},
+        {"of 3 sections, under its own weight", true, 3}}) {
+    const model::Arm arm = test::ringArm(ring, sections);
+    const model::Twists straight = arm.twists(arm.inputAt(0));
+    const double length = sections * arm.freeLength(0);
+    const double EI = kEps_N * 3 * (ring.stiffness.kappa + 0.5 * ring.radius * ring.radius);
+    const double critical =
+        (by_weight ? 7.837 : test::kPi * test::kPi / 4) * EI / (length * length);
+    int found_under = 0, refused_past = 0;
+    for (const double share : {0.5, 0.8, 0.95, 0.99, 1.01, 1.05, 1.2, 1.5, 2.0}) {
+      const double force = share * critical, angle = random.uniform(0, 2 * test::kPi);
+      Load load;
+      load.gravity = {-test::kGravity, 0, 0};
+      load.mass.assign(sections, by_weight ? force / test::kGravity / sections : 0.0);
+      load.K_eps.assign(sections, kEps_N);
+      load.points.resize(1);
+      load.points[0].section = sections - 1;
+      load.points[0].force =
+          force * Vector3d(by_weight ? 0 : -1, 1e-4 * std::cos(angle), 1e-4 * std::sin(angle));
+      const Solution truth = ExactArm(arm, load, patient).solve(straight);
+      ASSERT_TRUE(truth.converged()) << name << " " << share;
+      const double swing = truth.tip.translation.tail<2>().norm() / arm.restLength();
+      EXPECT_TRUE(share < 1 ? swing < 0.05 : swing > 0.1) << name << " " << share << ": " << swing;
+      for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+        const Solution found = LoadedArm(arm, load, order).solve(straight);
+        found_under += share < 1 && found.converged();
+        refused_past += share > 1 && !found.converged();
+        const double off = (found.tip.translation - truth.tip.translation).norm();
+        EXPECT_TRUE(!found.converged() || off < 1e-2 * arm.restLength()) << order << " " << share;
+      }
+    }
+    EXPECT_GT(found_under, 21) << name << ": of 4 shares in 7 orders";
+    EXPECT_GT(refused_past, 0) << name;
+  }
 }
 
 }  // namespace

@@ -87,6 +87,16 @@ TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
   EXPECT_LE(worst.translation, 4.0);
 }
 
+TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
+  Worst worst;
+  for (int i = 0; i < 1010; ++i) {
+    const double angle = std::sqrt(kSeriesLimit) * (1 + (i / 10 - 50) * kEps);
+    worst.add(this->errorOfExp(this->twist(angle)));
+  }
+  EXPECT_LE(worst.rotation, 8.0);
+  EXPECT_LE(worst.translation, 8.0);
+}
+
 TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
   Worst worst;
   int away = 0;

@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "lie/coefficients.hpp"
 #include "support/linked_arm.hpp"
 #include "support/tapered_arm.hpp"
 
@@ -85,9 +86,9 @@ Arm thinArm(int actuators = 3, int sections = 1) {
 }
 
 // Worst distance of the batch's tips from the single call's, in eps of the arm's rest length.
-double worstDifference(const Arm& arm, std::size_t count, unsigned seed,
-                       InstructionSet set = widestInstructionSet()) {
-  const std::vector<std::vector<double>> q = randomColumns(arm, count, seed);
+double worstDifference(const Arm& arm, const std::vector<std::vector<double>>& q,
+                       InstructionSet set) {
+  const std::size_t count = q[0].size();
   std::vector<double> x(count + 1, -7), y(count + 1, -7), z(count + 1, -7);
   TipBatch(arm, set).columns(pointersTo(q).data(), count, x.data(), y.data(), z.data());
   EXPECT_EQ(x[count], -7) << "wrote past the end";
@@ -100,6 +101,10 @@ double worstDifference(const Arm& arm, std::size_t count, unsigned seed,
     worst = std::max(worst, (arm.tip(one).translation - Eigen::Vector3d(x[j], y[j], z[j])).norm());
   }
   return worst / (kEps * length);
+}
+double worstDifference(const Arm& arm, std::size_t count, unsigned seed,
+                       InstructionSet set = widestInstructionSet()) {
+  return worstDifference(arm, randomColumns(arm, count, seed), set);
 }
 
 TEST(Batch, AgreesWithTheSingleCallTo8Eps) {
@@ -165,6 +170,34 @@ void expectIndependentOfPlace(const Arm& arm, InstructionSet set) {
     EXPECT_EQ(parts, whole) << nameOf(set) << ", rows in parts of " << part;
     EXPECT_EQ(rowsOf({columns[0], columns[1], columns[2]}), whole)
         << nameOf(set) << ", columns in parts of " << part;
+  }
+}
+
+TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
+  const Arm arm = thinArm();
+  std::vector<std::vector<double>> q(3);
+  test::Random random(78);
+  int near = 0, far = 0;
+  while (q[0].size() < 2000) {
+    // Along a ray from rest, the pressures where the angle passes the limit.
+    const Eigen::VectorXd end = test::randomInput(arm, random);
+    const auto squaredAngle = [&](double part) {
+      return arm.twists(part * end).bottomRows(3).squaredNorm();
+    };
+    if (squaredAngle(1.0) < 1.001 * lie::kSeriesLimit) continue;
+    double low = 0.0, high = 1.0;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = 0.5 * (low + high);
+      (squaredAngle(middle) < lie::kSeriesLimit ? low : high) = middle;
+    }
+    const double part = low * (1.0 + random.uniform(-1e-6, 1e-6));
+    squaredAngle(part) <= lie::kSeriesLimit ? ++near : ++far;
+    for (int i = 0; i < 3; ++i) q[i].push_back(part * end[i]);
+  }
+  ASSERT_GT(near, 500);
+  ASSERT_GT(far, 500);
+  for (const InstructionSet set : setsOfThisMachine()) {
+    EXPECT_LE(worstDifference(arm, q, set), 12.0) << nameOf(set);
   }
 }
 

@@ -254,6 +254,31 @@ TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
   EXPECT_THROW(rig.step(-1), std::invalid_argument);
 }
 
+// On the way up the shape is that of a pressure which is lower by the weight of the play, on the
+// way down of one which is higher; a motion within twice the play moves it by the rest of the
+// weight.
+TEST(SimulatedRig, MusclesWithPlayStayBehindTheirPressures) {
+  constexpr double kPlay = 8e3, kWeight = 0.75;
+  ArmDeviation deviation;
+  deviation.response = model::Response{0, 0, 1, {{{kPlay, kWeight}}}};
+  SimulatedRig rig(ringArm(helicalRing()), kRegulator, deviation);
+  const TrueArm truth(ringArm(helicalRing()), deviation);
+  const Eigen::Vector3d high(2e5, 3e5, 1e5);
+  const struct {
+    double to, feels;  // plays below the highest pressure
+  } cases[] = {{0, kWeight},
+               {1.6, 1.6 * (1 - kWeight) + kWeight},
+               {5, 5 - kWeight},
+               {3.4, 3.4 * (1 - kWeight) + 4 * kWeight},
+               {0, kWeight}};
+  for (const auto& [to, feels] : cases) {
+    rig.command(high.array() - to * kPlay);
+    rig.step(100);
+    const Eigen::Vector3d felt = high.array() - feels * kPlay;
+    EXPECT_LT((rig.twists() - truth.twists(felt)).norm(), 1e-9) << to;
+  }
+}
+
 TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   model::Arm plain = ringArm(helicalRing());
   std::vector<model::Section> sections(1);

@@ -137,6 +137,38 @@ TEST(ExactArm, MomentAcrossAStraightArmBendsItIntoAnArc) {
   }
 }
 
+// Deflection of a straight, horizontal arm over that of a beam (Timoshenko, first order), less one,
+// by the exact tier; the finest order of the loaded one finds the same.
+double beamExcess(double tip_force, double weight) {
+  const test::Ring ring = test::straightRing();
+  const model::Arm arm = test::ringArm(ring);
+  const double l = arm.freeLength(0), K_eps = 700.0;
+  const double EI = K_eps * stiffnessOf(ring).bending, GA = K_eps * stiffnessOf(ring).shear;
+  Load load = weightlessLoad(arm, K_eps);
+  load.gravity = {0, 0, -10};
+  load.mass = {weight / 10};
+  load.points.push_back(tipLoad(arm, {0, 0, -tip_force}));
+  ExactOptions options;
+  options.tolerance = 1e-13;
+  const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
+  EXPECT_TRUE(solution.converged());
+  const Solution loaded = LoadedArm(arm, load, kMostOrder).solve(unpressurised(arm));
+  EXPECT_TRUE(loaded.converged());
+  EXPECT_LT(apart(loaded.tip, solution.tip), 1e-6 * -solution.tip.translation.z());
+  const double beam =
+      tip_force * (l * l * l / (3 * EI) + l / GA) + weight * (l * l * l / (8 * EI) + l / (2 * GA));
+  return -solution.tip.translation.z() / beam - 1;
+}
+
+TEST(ExactArm, SmallDeflectionsAreThoseOfABeamToTheSquareOfTheLoad) {
+  for (const auto& [force, weight] : {std::pair{0.2, 0.0}, std::pair{0.0, 0.5}}) {
+    const double whole = beamExcess(force, weight), half = beamExcess(force / 2, weight / 2);
+    EXPECT_GT(std::abs(whole), 1e-5);
+    EXPECT_NEAR(whole / half, 4.0, 0.02);
+    EXPECT_LT(std::abs(beamExcess(force / 100, weight / 100)), 1e-6);
+  }
+}
+
 // The elastica: an inextensible cantilever along x with a dead force F at its tip, at an angle
 // beta to x. Its tip turns by theta_L < beta; with theta = theta_L - u^2 the integrals of
 // EI/2 theta'^2 = F (cos(beta - theta_L) - cos(beta - theta)) are smooth.
@@ -383,6 +415,29 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
             "exact tier: the number of unloaded twists is 1; expected one per section");
   EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Constant(6, 2, std::nan(""))); }),
             "exact tier: a twist of the unloaded arm is not finite");
+}
+
+TEST(ExactArm, TurningArmAndLoadTogetherTurnsTheAnswer) {
+  // A third of a turn about x moves each muscle of a ring of three to the next one's place.
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(2 * test::kPi / 3, Vector3d::UnitX()).matrix();
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  test::Random random(504);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::Vector3d q = test::randomInput(arm, random);
+    Load load = weightlessLoad(arm);
+    load.gravity = 9.81 * random.direction<3>();
+    load.mass = {0.3};
+    load.points = {samplePoint(0, 0.4, random)};
+    Load turned = load;
+    turned.gravity = R * load.gravity;
+    for (Vector3d PointLoad::*part : {&PointLoad::force, &PointLoad::moment, &PointLoad::offset}) {
+      turned.points[0].*part = R * load.points[0].*part;
+    }
+    const Solution a = ExactArm(arm, load).solve(arm.twists(q));
+    const Solution b = ExactArm(arm, turned).solve(arm.twists(Eigen::Vector3d(q[2], q[0], q[1])));
+    ASSERT_TRUE(a.converged() && b.converged());
+    EXPECT_LT(apart({R * a.tip.rotation * R.transpose(), R * a.tip.translation}, b.tip), 1e-10);
+  }
 }
 
 }  // namespace

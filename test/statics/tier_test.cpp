@@ -53,6 +53,20 @@ TEST(TierChoice, WithoutLoadTheClosedFormsServe) {
   EXPECT_EQ(chooseTier(arm, {}, weightless, request(Tier::kExact)).setting.tier, Tier::kExact);
 }
 
+TEST(TierChoice, MoreAccuracyIsNeverCheaper) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(-Eigen::Vector3d::UnitZ());
+  int last_order = -1;
+  for (const double allowed : {0.5, 1e-2, 1e-4, 1e-6, 1e-8}) {
+    const int order = chooseTier(arm, {}, load, within(allowed)).setting.order;
+    EXPECT_GE(order, last_order);
+    last_order = order;
+  }
+  EXPECT_EQ(chooseTier(arm, {}, load, within(0.5)).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(arm, {}, load, {}).setting.tier, Tier::kLoaded);
+  EXPECT_GT(last_order, 5);
+}
+
 TEST(TierChoice, OneOrderCheaperWouldNotDo) {
   const model::Arm arm = test::softHelicalArm();
   const Load load = weightIn(-Eigen::Vector3d::UnitZ());

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -378,6 +379,31 @@ TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMoreAndNothingIsCertifie
       const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
       EXPECT_LE(farthest(model, which, 4, 1e-2, random), extent + 1e-3 * found.reach()) << which;
     }
+  }
+}
+
+TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
+  // Without pressure every muscle has its free length, and a curve is no longer than that.
+  for (const int sections : {1, 3, 5}) {
+    const ArmModel model(test::ringArm(test::straightRing(), sections));
+    const double vented = sections * test::fig3Muscle().length(0);
+    const WorkspaceExtremes sampled = sampledExtremes(model, 2000);
+    ASSERT_LT(sampled.reach(), vented - 1e-4) << "samples miss it";
+    const WorkspaceExtremes found = findExtremes(model, sampled);
+    expectTrue(model, sampled, found);
+    EXPECT_NEAR(found.reach(), vented, 1e-12);
+    EXPECT_NEAR(found.bounds().max().x(), vented, 1e-12);
+  }
+}
+
+TEST(WorkspaceExtremes, UnderLoadTheyAreTipsOfTheLoadedArmBeyondItsSamples) {
+  for (const auto& [tier, count] : {std::pair{Tier::kLoaded, 2000}, {Tier::kExact, 4}}) {
+    const ArmModel model(test::softHelicalArm(), {}, kWeight, request(tier));
+    const WorkspaceExtremes sampled = sampledExtremes(model, count);
+    const WorkspaceExtremes found = findExtremes(model, sampled);
+    expectTrue(model, sampled, found);
+    EXPECT_GT(found.reach(), sampled.reach());
+    EXPECT_GT(found.bounds().volume(), sampled.bounds().volume());
   }
 }
 

@@ -360,8 +360,12 @@ TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
   EXPECT_EQ(by_regions[0], by_regions[2]);
 }
 
-TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
-  TagTracker edges = tracker();
+class TrackingIn : public ::testing::TestWithParam<TrackingMode> {};
+INSTANTIATE_TEST_SUITE_P(Modes, TrackingIn,
+                         ::testing::Values(TrackingMode::kRegions, TrackingMode::kEdges));
+
+TEST_P(TrackingIn, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
+  TagTracker finder = tracker(GetParam());
   Random random(14);
   const cv::Size size(1280, 720);
   cv::Mat background = cluttered(random, size);
@@ -397,7 +401,7 @@ TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
     for (std::size_t i = 0; i < tags.size(); ++i) {
       expected.push_back({tags[i].id, moved(tags[i].corners, last), seen[i]});
     }
-    const TrackResult& result = edges.track(gray, expected);
+    const TrackResult& result = finder.track(gray, expected);
     for (const TagDetection& tag : result.tags) {
       const auto truth = std::find_if(now.begin(), now.end(),
                                       [&tag](const Drawn& drawn) { return drawn.id == tag.id; });
