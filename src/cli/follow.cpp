@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -411,8 +412,16 @@ steady_rms_m (of each tip's last second), settle_s (of each tip: time until with
 png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
 of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
-code 1 if the time ends before the path begins, or the safety core vents the arm.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
+code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
+fails.)");
+  return {command, [arguments](const GlobalOptions& global) {
+            try {
+              return run(*arguments, global);
+            } catch (const simulation::PlantError& error) {
+              std::cerr << basics::printable(error.what()) << "\n";
+              return kNotPossible;
+            }
+          }};
 }
 
 }  // namespace helix_arm::cli

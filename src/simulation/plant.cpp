@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <optional>
-#include <stdexcept>
 
 #include <sys/wait.h>
 
@@ -125,7 +124,7 @@ std::string Plant::ask(const std::string& line) {
 void Plant::takePoses(const std::string& answer, bool first) {
   const json given = json::parse(answer, nullptr, false);
   const auto broken = [&](const std::string& rule) {
-    refuse("answered " + basics::quoted(answer, 80) + "; expected " + rule);
+    refuse("answered \"" + basics::quoted(answer, 80) + "\"; expected " + rule);
   };
   if (!given.is_object()) broken("one JSON object in a line");
   if (first && given.value("ready", json()) != true) broken("\"ready\": true in the first line");
@@ -153,7 +152,7 @@ void Plant::takePoses(const std::string& answer, bool first) {
 }
 
 void Plant::refuse(const std::string& fault) const {
-  throw std::runtime_error("plant " + basics::quoted(command_, 200) + " " + fault + kRemedy);
+  throw PlantError("plant \"" + basics::quoted(command_, 200) + "\" " + fault + kRemedy);
 }
 
 }  // namespace helix_arm::simulation

@@ -44,7 +44,7 @@ std::string refusalOf(const std::string& command, int steps = 0) {
   try {
     Plant plant(command, ringArm(helicalRing(), 2), {});
     for (int k = 0; k < steps; ++k) plant.step(0.01, Eigen::VectorXd::Zero(6), {0, 0, 0.2});
-  } catch (const std::runtime_error& error) {
+  } catch (const simulation::PlantError& error) {
     refusal = error.what();
   }
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
@@ -95,7 +95,7 @@ TEST(Plant, OneThatDiesStallsOrTalksNonsenseIsNamed) {
       {"exit 3", "ended with exit code 3"},
       {"kill -9 $$", "ended with Killed"},
       {"/nowhere/plant 2>/dev/null", "ended with exit code 127"},
-      {"exec >&-; sleep 60", "closed its output"},
+      {"exec >&- <&-; sleep 60", "closed its output"},
       {"sleep 60", "was silent for 10 s"},
       {"while echo -n x; do sleep 0.5; done", "was silent for 10 s"},
       {"head -c 2000000 /dev/zero; sleep 60", "sent a line of more than 1 MB"},

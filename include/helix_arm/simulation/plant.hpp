@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,11 @@
 
 namespace helix_arm::simulation {
 
+/// A plant that ended, is silent or talks nonsense; what() names its command.
+struct PlantError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
 /// A true arm that another program simulates: it gets pressures and answers with poses, one line of
 /// JSON a turn, as docs/closed_loop.md says.
 class Plant {
@@ -20,8 +26,8 @@ class Plant {
   /// @param command  for /bin/sh.
   /// @param arm      of the scene: names of the actuators, number of sections, links.
   /// @param tags     poses are asked for at their places too; may be empty.
-  /// @throws std::runtime_error naming the command: it does not start, ends, is silent for 10 s, or
-  /// what it says is not of the protocol.
+  /// @throws PlantError: it does not start, ends, is silent for 10 s, or what it says is not of the
+  /// protocol.
   Plant(const std::string& command, const model::Arm& arm,
         const std::vector<estimation::TagPlacement>& tags);
 
