@@ -357,6 +357,15 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
 
+int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
+  try {
+    return run(arguments, global);
+  } catch (const simulation::PlantError& error) {
+    std::cerr << basics::printable(error.what()) << "\n";
+    return kNotPossible;
+  }
+}
+
 }  // namespace
 
 Subcommand addFollow(CLI::App& app) {
@@ -414,14 +423,8 @@ of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");
-  return {command, [arguments](const GlobalOptions& global) {
-            try {
-              return run(*arguments, global);
-            } catch (const simulation::PlantError& error) {
-              std::cerr << basics::printable(error.what()) << "\n";
-              return kNotPossible;
-            }
-          }};
+  return {command,
+          [arguments](const GlobalOptions& global) { return runOnPlant(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli
