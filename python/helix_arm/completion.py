@@ -148,4 +148,5 @@ def main(program, *words):
     print(files, *(word for word in found if word.startswith(words[-1])), sep="\n")
 
 
-main(*sys.argv[1:])
+if __name__ == "__main__":
+    main(*sys.argv[1:])
