@@ -230,6 +230,69 @@ TEST(SimulatedRig, AForceAtTheTipBendsTheTrueArmAndThePressuresStay) {
   EXPECT_GT((tipOf(rig.shape()) - tipOf(untouched.shape())).norm(), 1e-4);
 }
 
+TEST(TrueArm, StrokesAndStiffnessMayDifferFromMuscleToMuscle) {
+  const model::Arm arm = ringArm(helicalRing());
+  ArmDeviation deviation;
+  deviation.stroke_scales = Eigen::Vector3d(1.1, 0.9, 1);
+  deviation.stiffness_scales = Eigen::Vector3d(1, 1.3, 0.8);
+  const TrueArm truth(arm, deviation);
+  model::Arm expected = arm;
+  for (const int i : {1, 2}) {
+    const double scale = deviation.stiffness_scales[i];
+    const model::Stiffness& known = arm.actuator(i).stiffness;
+    expected =
+        expected.withStiffness(i, {scale * known.gamma, scale * known.tau, scale * known.kappa});
+  }
+  Random random(5);
+  for (int k = 0; k < 20; ++k) {
+    const Eigen::VectorXd q = randomInput(arm, random);
+    Eigen::VectorXd lengths = arm.lengths(q);
+    for (int i = 0; i < 3; ++i) {
+      const double rest = arm.actuator(i).contraction.restLength();
+      lengths[i] = rest + deviation.stroke_scales[i] * (lengths[i] - rest);
+    }
+    EXPECT_LT((truth.twists(q) - expected.twistsOfLengths(lengths)).cwiseAbs().maxCoeff(), 1e-11);
+  }
+  deviation.stroke_scales = Eigen::Vector2d(1, 1);
+  EXPECT_THROW(TrueArm(arm, deviation), std::invalid_argument);
+}
+
+// A step of pressure that is there at once. The largest overshoot is exp(-pi zeta / sqrt(1 -
+// zeta^2)) of the step, half a damped period after it.
+TEST(SimulatedRig, AnArmWithAModeSwingsAboutItsShapeAtRest) {
+  constexpr double kFrequency = 2.0, kDamping = 0.1, kStep = 0.001;
+  const model::Arm arm = ringArm(helicalRing());
+  ArmDeviation deviation;
+  deviation.mode = simulation::SwingMode{kFrequency, kDamping};
+  SimulatedRig rig(arm, {1e-6, 4.5e5, 0, 9}, deviation);
+  const model::Twists from = rig.twists();
+  const Eigen::Vector3d pressure(2e5, 0, 1e5);
+  const model::Twists step = TrueArm(arm, {}).twists(pressure) - from;
+  rig.command(pressure);
+  double largest = 0.0, when = 0.0;
+  for (int k = 1; k < 500; ++k) {
+    rig.step(kStep);
+    const double part = (rig.twists() - from).cwiseProduct(step).sum() / step.squaredNorm();
+    if (part > largest) largest = part, when = k * kStep;
+  }
+  const double root = std::sqrt(1 - kDamping * kDamping);
+  EXPECT_NEAR(largest, 1 + std::exp(-M_PI * kDamping / root), 1e-3);
+  EXPECT_NEAR(when, 0.5 / (kFrequency * root), 2 * kStep);
+  for (int k = 0; k < 100; ++k) rig.step(0.1);
+  EXPECT_LT((rig.twists() - from - step).norm(), 1e-5 * step.norm());
+}
+
+TEST(SimulatedRig, TheArmFollowsItsPressuresLateByTheDeadTime) {
+  const model::Arm arm = ringArm(helicalRing());
+  ArmDeviation deviation;
+  deviation.dead_time = 0.05;
+  SimulatedRig late(arm, kRegulator, deviation), prompt(arm, kRegulator, {});
+  for (SimulatedRig* rig : {&late, &prompt}) rig->command(Eigen::Vector3d(2e5, 0, 1e5));
+  for (int k = 0; k < 10; ++k) prompt.step(0.01);
+  for (int k = 0; k < 15; ++k) late.step(0.01);
+  EXPECT_LT((late.twists() - prompt.twists()).norm(), 1e-12);
+}
+
 TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
   const model::Arm arm = ringArm(helicalRing());
   const ArmDeviation deviation{1.0, 1.2, 1.01};
