@@ -170,7 +170,9 @@ class FollowPath(Node):
         self._recorder: Optional[RunRecorder] = None
         if table or figure:
             self._recorder = RunRecorder(table, figure, self._path, self._seconds, self._lock)
-        self._client = actionlib.SimpleActionClient(self._action, FollowTipPathAction)
+        # A SimpleActionClient loses an answer that comes before its send_goal() returns.
+        self._client = actionlib.ActionClient(self._action, FollowTipPathAction)
+        self._sent_goal: Optional[actionlib.ClientGoalHandle] = None
 
     def finish(self) -> int:
         """Writes the record."""
@@ -204,7 +206,7 @@ class FollowPath(Node):
             self._end_once_recorded()
         elif self._sent and not self._cancelled and end.made():
             self._cancelled = True
-            return self._client.cancel_goal
+            return self._sent_goal.cancel
         elif not self._sent and connected:
             return self._send
         elif not self._sent and time.monotonic() - self._start > self._patience:
@@ -215,7 +217,7 @@ class FollowPath(Node):
 
     def _is_connected(self) -> bool:
         """Whether the server is there: unlike wait_for_server(), where it has ended since."""
-        client = self._client.action_client
+        client = self._client
         if client.last_status_msg is None:
             return False
         server = client.last_status_msg._connection_header["callerid"]
@@ -226,7 +228,11 @@ class FollowPath(Node):
     def _send(self) -> None:
         self._sent = True
         log.info(f"{self._path}: {len(self._goal.path.points)} points, {self._seconds:.1f} s")
-        self._client.send_goal(self._goal, done_cb=self._on_done, feedback_cb=self._on_feedback)
+        self._sent_goal = self._client.send_goal(self._goal, self._on_transition, lambda _, feedback: self._on_feedback(feedback))
+
+    def _on_transition(self, goal: actionlib.ClientGoalHandle) -> None:
+        if goal.get_comm_state() == actionlib.CommState.DONE:
+            self._on_done(goal.get_goal_status(), goal.get_result())
 
     def _on_feedback(self, feedback: FollowTipPathFeedback) -> None:
         with self._lock:

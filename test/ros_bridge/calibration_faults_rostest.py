@@ -155,7 +155,7 @@ class CalibrationFaults(CalibrationRig):
             answer = self.send_pressures([0, 0, 1e5])
             # Or the answer to the run's own target, which came first.
             self.assertTrue(answer.outcome == TargetStatus.REACHED or answer.commander != rospy.get_name(), answer)
-            return self.client.simple_state == 2
+            return self.is_done()
 
         self.assert_wait(is_left)
         self.assert_ends(GoalStatus.ABORTED, "commands the arm")
