@@ -37,7 +37,8 @@ for line in sys.stdin:
 ')";
 }
 
-// What a command is refused with as plant of an arm of two sections, in less than 10 s.
+// What a command is refused with as plant of an arm of two sections; a busy machine may take longer
+// than the 10 s that are promised.
 std::string refusalOf(const std::string& command, int steps = 0) {
   const auto begin = std::chrono::steady_clock::now();
   std::string refusal;
@@ -78,7 +79,7 @@ TEST(Plant, ItGetsTheForceAtTheTipAndTheTimeOfATurn) {
   EXPECT_EQ(refusalOf(same, 3), "");
 }
 
-TEST(Plant, ARigMovesAsItsPlantIfThatIsATagFurtherOut) {
+TEST(Plant, PiecesEndWhereTagsAre) {
   estimation::TagPlacement tag{};
   tag.section = 0;
   tag.s = 1.0 / 13;  // not at the end of a piece of the usual length
