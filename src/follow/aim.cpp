@@ -104,7 +104,8 @@ const statics::InverseResult& Aim::solve(const Target& target, bool fresh) {
   return result;
 }
 
-const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_constant) {
+const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_constant,
+                                double lag_beyond) {
   led_ = pressure_;
   lie::SE3 tip;
   if (velocity.isZero() || !corrected_.tipByLengths(lengthsAt(pressure_), tip, by_lengths_)) {
@@ -120,7 +121,7 @@ const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_con
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
     const double change = by_pressure_.col(i).dot(weight);
     const model::Response& response = arm_.actuator(i).response;
-    const double lag = change > 0 ? response.rise_time : response.fall_time;
+    const double lag = lag_beyond + (change > 0 ? response.rise_time : response.fall_time);
     led_[i] = std::clamp(pressure_[i] + (1.0 + lag / time_constant) * change, lower_[i], upper_[i]);
   }
   return led_;

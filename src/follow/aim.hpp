@@ -36,9 +36,10 @@ class Aim {
   const Eigen::VectorXd& pressure() const { return pressure_; }
 
   /// Pressures (n) whose lag behind a moving target vanishes: the last solution, led by the time
-  /// constant of the regulator [s] and the lags of the actuators at a velocity of the tip (base
-  /// frame) [m/s], inside the limits.
-  const Eigen::VectorXd& led(const Eigen::Vector3d& velocity, double time_constant);
+  /// constant of the regulator [s] and the lags of the actuators, those of the scene and one beyond
+  /// them [s], at a velocity of the tip (base frame) [m/s], inside the limits.
+  const Eigen::VectorXd& led(const Eigen::Vector3d& velocity, double time_constant,
+                             double lag_beyond);
 
  private:
   const Eigen::VectorXd& lengthsAt(const Eigen::VectorXd& pressure);

@@ -11,12 +11,14 @@
 #include <vector>
 
 #include "aim.hpp"
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/mode_estimator.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::follow {
@@ -30,7 +32,13 @@ constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
-constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
+
+constexpr double kSwingLag = 0.01;  // of differences [s]
+
+constexpr double kLagStep = 0.01;  // of differences [s]
+// Error of the swing in a picture, relative to its peak; it persists, as that of a mode does.
+constexpr double kSwingError = 2.0;
+constexpr double kShortestRamp = 1e-3;  // of a step [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 
@@ -81,7 +89,7 @@ class TimeRing {
 };
 
 /// Effective pressures of actuators with lag or play while an observer estimates their pressures.
-/// Of an arm without a response it does nothing: effective pressures are the pressures themselves.
+/// Of an arm whose scene tells no lag, the lag is what a filter learns of it.
 ///
 /// All memory is allocated in the constructor.
 class ResponseTracker {
@@ -89,16 +97,40 @@ class ResponseTracker {
   explicit ResponseTracker(const model::Arm& arm)
       : arm_(arm),
         response_(arm_),
-        active_(!response_.instant()),
+        later_(arm_),
+        learns_(!lagIsKnown(arm_)),
+        active_(learns_ || !response_.instant()),
         effective_(arm_.inputAt(0.0)),
-        beyond_(Eigen::VectorXd::Zero(effective_.size())),
+        beyond_{Eigen::VectorXd::Zero(effective_.size()), 0.0,
+                Eigen::VectorXd::Zero(effective_.size())},
         lower_(lowestPressures(arm_)),
         upper_(highestPressures(arm_)),
         pressure_(effective_) {
+    if (learns_) later_.setLag(kLagStep);
     // Each entry of the ring gets its memory.
     for (int i = 0; active_ && i < kMostTurns; ++i) history_.add(i, beyond_);
     history_.clear();
   }
+
+  /// Whether the scene tells a lag of an actuator.
+  static bool lagIsKnown(const model::Arm& arm) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::Response& response = arm.actuator(i).response;
+      if (response.rise_time > 0 || response.fall_time > 0) return true;
+    }
+    return false;
+  }
+
+  /// From now on the actuators have this lag [s], if the scene tells none.
+  void setLag(double lag) {
+    if (!learns_ || lag == lag_) return;
+    lag_ = lag;
+    response_.setLag(lag_);
+    later_.setLag(lag_ + kLagStep);
+  }
+  /// Of actuators whose scene tells none [s].
+  double lag() const { return lag_; }
+  bool learns() const { return learns_; }
 
   /// Follows the newest estimate, if there is one.
   void follow(const control::PressureObserver& observer) {
@@ -106,7 +138,12 @@ class ResponseTracker {
     const Eigen::VectorXd& pressure = observer.newest().pressure;
     if (response_.follow(observer.time(), pressure)) history_.clear();
     effective_ = response_.effective();
-    beyond_ = effective_ - pressure;
+    beyond_.pressure = effective_ - pressure;
+    if (learns_) {
+      later_.follow(observer.time(), pressure);
+      beyond_.lag = lag_;
+      beyond_.by_lag = (later_.effective() - effective_) / kLagStep;
+    }
     history_.add(observer.time(), beyond_);
     response_.effectiveLimits(arm_, lower_, upper_);
   }
@@ -118,9 +155,16 @@ class ResponseTracker {
 
   /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
   /// start adds to their variance.
-  void apply(double time, control::PressureObserver::Estimate& estimate) const {
+  void apply(double time, control::PressureObserver::Estimate& estimate, double& lag,
+             Eigen::VectorXd& by_lag) const {
+    by_lag.setZero();
+    lag = lag_;
     if (!active_) return;
-    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
+    if (const Beyond* beyond = history_.find(time)) {
+      estimate.pressure += beyond->pressure;
+      lag = beyond->lag;
+      by_lag = beyond->by_lag;
+    }
     // Evenly distributed between its bounds.
     estimate.variance += response_.uncertainty().cwiseAbs2() / 3.0;
   }
@@ -140,12 +184,29 @@ class ResponseTracker {
  private:
   static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
 
+  // Effective pressures beyond the pressures, with the lag that they have.
+  struct Beyond {
+    Eigen::VectorXd pressure;  // (n) [Pa]
+    double lag = 0.0;          // [s]
+    Eigen::VectorXd by_lag;    // (n) [Pa/s]
+  };
+
   const model::Arm arm_;
-  model::ArmResponse response_;
-  const bool active_;  // an actuator has a response
-  Eigen::VectorXd effective_, beyond_, lower_, upper_, pressure_;
-  TimeRing<Eigen::VectorXd, kMostTurns> history_;  // of effective pressure beyond the pressure
+  model::ArmResponse response_, later_;  // with lag_, and with a little more
+  const bool learns_, active_;           // the lag; an actuator has a response
+  double lag_ = 0.0;
+  Eigen::VectorXd effective_;
+  Beyond beyond_;
+  Eigen::VectorXd lower_, upper_, pressure_;
+  TimeRing<Beyond, kMostTurns> history_;
 };
+
+// A lag that the scene tells is not estimated.
+VisualServoConfig knownOf(const model::Arm& arm, const VisualServoConfig& config) {
+  VisualServoConfig out = checked(config);
+  if (ResponseTracker::lagIsKnown(arm)) out.filter.lag_deviation = 0;
+  return out;
+}
 
 // Pictures with other tags until these are the usual ones.
 constexpr int kUsual = 15;
@@ -160,6 +221,39 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
   return std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
 }
+
+/// Lengths of the actuators behind the mode of an arm that vibrates.
+class Swing {
+ public:
+  void step(const Eigen::VectorXd& goal, double time, const std::optional<estimation::Mode>& mode) {
+    if (!mode || x_.size() == 0 || time < time_ || time - time_ > kLongestPause) {
+      x_ = goal;
+      v_.setZero(goal.size());
+    } else {
+      const double dt = time - time_, turn = 2 * basics::kPi * mode->frequency;
+      v_ += dt * (turn * turn * (goal - x_) - 2 * mode->damping * turn * v_);
+      x_ += dt * v_;
+    }
+    const double fades =
+        mode ? std::exp((time_ - time) * 2 * basics::kPi * mode->frequency * mode->damping) : 0.0;
+    if (peak_.size() == 0) peak_.setZero(goal.size());
+    time_ = time;
+    beyond_ = x_ - goal;
+    peak_ = (fades * peak_).cwiseMax(beyond_.cwiseAbs());
+  }
+  /// (n) [m].
+  const Eigen::VectorXd& lengths() const { return x_; }
+  /// What they are more than at rest (n) [m].
+  const Eigen::VectorXd& beyond() const { return beyond_; }
+  /// Its largest size, which fades as the mode does (n) [m].
+  const Eigen::VectorXd& peak() const { return peak_; }
+
+ private:
+  static constexpr double kLongestPause = 1.0;  // [s]
+
+  double time_ = 0.0;
+  Eigen::VectorXd x_, v_, beyond_, peak_;  // (n)
+};
 
 /// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
 class ContactWatch {
@@ -229,21 +323,27 @@ class ContactWatch {
 };
 
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
-/// the model bends in the wrong direction.
+/// the model bends in the wrong direction. The error is averaged, so that an arm which swings about
+/// its target is none.
 class DivergenceWatch {
  public:
-  /// @param patience  time in which the loop corrects an error that a load causes at once [s].
-  explicit DivergenceWatch(double patience) : patience_(patience) {}
+  /// @param correction  time constant with which the loop corrects an error [s].
+  explicit DivergenceWatch(double correction) : patience_(correction + 2 * kAveraged) {}
 
   void clear() {
     errors_.clear();
     suspicion_.reset();
+    mean_.reset();
   }
 
-  /// @param error  of the measured tip [m]. @param corrected  whether the loop corrects it, at a
-  ///     constant target within the model's reach.
+  /// @param offset  of the measured tip from the target [m]. @param corrected  whether the loop
+  ///     corrects it, at a constant target within the model's reach.
   /// @return whether the arm diverges.
-  bool add(double now, double error, bool corrected) {
+  bool add(double now, const Eigen::Vector3d& offset, bool corrected) {
+    if (!mean_) mean_ = {now, offset};
+    mean_->second -= std::expm1((mean_->first - now) / kAveraged) * (offset - mean_->second);
+    mean_->first = now;
+    const double error = mean_->second.norm();
     errors_.add(now, error);
     const auto earlier = errors_.before(now - kDoublingTime);
     const bool grows = earlier && error > kDiverged && error > 2 * *earlier;
@@ -262,6 +362,7 @@ class DivergenceWatch {
  private:
   static constexpr double kDiverged = 0.02;     // [m]
   static constexpr double kDoublingTime = 1.0;  // within which the error doubles [s]
+  static constexpr double kAveraged = 0.7;  // time constant of the mean; of 1.5 Hz 15 % stay [s]
   // An error that a load causes at once shrinks to this part while the loop corrects it.
   static constexpr double kCorrectedPart = 0.75;
   static constexpr int kMostErrors = 512;  // of pictures
@@ -273,6 +374,7 @@ class DivergenceWatch {
 
   double patience_;
   TimeRing<double, kMostErrors> errors_;
+  std::optional<std::pair<double, Eigen::Vector3d>> mean_;  // at the last time [s]
   std::optional<Suspicion> suspicion_;
 };
 
@@ -280,7 +382,7 @@ class DivergenceWatch {
 
 struct VisualServo::Workspace {
   Workspace(const statics::ArmModel& given, const VisualServoConfig& given_config)
-      : config(checked(given_config)),
+      : config(knownOf(given.arm(), given_config)),
         arm(given.arm()),
         tracker(given, config.filter),
         watch(given, config.watchFilter()),
@@ -292,12 +394,18 @@ struct VisualServo::Workspace {
         response(arm),
         aim(given),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
-        divergence(config.smoothing + config.time_constant + kCorrectingTime),
+        divergence(config.smoothing + config.time_constant),
+        by_lag(Eigen::VectorXd::Zero(arm.actuatorCount())),
+        vibration(arm, !response.learns()),
+        mode(config.mode),
+        smoothing(config.smoothing),
         lengths(arm.actuatorCount()) {
     accepted_at.fill(-std::numeric_limits<double>::infinity());
     turn.pressure = arm.inputAt(0.0);
     turn.limits.assign(static_cast<std::size_t>(arm.actuatorCount()), statics::Limit::kNone);
-    at_picture = {turn.pressure, turn.pressure};
+    at_picture = moment = {turn.pressure, turn.pressure};
+    commanded = turn.pressure;
+    held_back = Eigen::VectorXd::Zero(arm.actuatorCount());
   }
 
   bool doubts() const { return contact.drift().doubtful; }
@@ -355,7 +463,21 @@ struct VisualServo::Workspace {
     turn.residual = result.residual;
     turn.position_error = result.position_error;
     turn.limits = result.limits;
-    turn.pressure = response.pressureFor(aim.led(velocity, config.time_constant));
+    commanded = aim.led(velocity, config.time_constant, response.lag());
+    if (mode) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
+    turn.pressure = response.pressureFor(commanded);
+  }
+
+  // Of a step in three ramps, half a period of the mode apart, which leave it at rest: the zero
+  // vibration and derivative shaper (Singer and Seering 1990).
+  double shareHeldBack(double since) const {
+    const double root = std::sqrt(1 - mode->damping * mode->damping);
+    const double half = 0.5 / (mode->frequency * root);
+    const double K = std::exp(-mode->damping * basics::kPi / root), all = (1 + K) * (1 + K);
+    const auto waits = [&](double begin) {
+      return std::clamp(1 - (since - begin) / ramp, 0.0, 1.0);
+    };
+    return (waits(0) + 2 * K * waits(half) + K * K * waits(2 * half)) / all;
   }
 
   std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure) {
@@ -386,7 +508,11 @@ struct VisualServo::Workspace {
     if (!target && observer.started()) aim.startAt(response.effective(observer));
     reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
     target = next;
+    held_back = aim.pressure() - commanded;
+    ramp = std::max(held_back.cwiseAbs().maxCoeff() / config.slew, kShortestRamp);
+    if (observer.started()) begun_at = observer.time();
     divergence.clear();
+    diverged = false;
     if (observer.started()) aimed_at = observer.time();
     error.reset();
   }
@@ -436,24 +562,79 @@ struct VisualServo::Workspace {
                                                           : ObservationFault::kNone;
     if (fault != ObservationFault::kNone) return false;
     if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-      response.apply(stamp, at_picture);
+      response.apply(stamp, at_picture, at_lag, by_lag);
       return true;
     }
     fault = ObservationFault::kTooOld;
     return false;
   }
 
+  // Advances the estimate of the mode to a picture.
+  void swingTo(double stamp) {
+    double lag = 0.0;
+    const auto at = [&](double time) -> const Eigen::VectorXd& {
+      if (!observer.at(time, moment)) moment = observer.newest();
+      raw = moment.pressure;
+      response.apply(time, moment, lag, by_lag);
+      swing.step(arm.lengths(arm.clamped(moment.pressure)), time, mode);
+      later.step(arm.lengths(arm.clamped(moment.pressure + kLagStep * by_lag)), time, mode);
+      return response.learns() ? raw : moment.pressure;
+    };
+    vibration.moveTo(stamp, at);
+    by_lag = (later.lengths() - swing.lengths()) / kLagStep;
+  }
+
+  // Measured twists without what the mode adds to them.
+  model::Twists atRest(const model::Twists& measured) const {
+    model::Twists out = measured;
+    const auto& step = tracker.lastStep();
+    if (!mode || !step) return out;
+    const Eigen::VectorXd swings = step->model.by_lengths * swing.beyond();
+    for (std::size_t i = 0; i < tracker.rows().size(); ++i) {
+      out.reshaped()[tracker.rows()[i]] -= swings[static_cast<Eigen::Index>(i)];
+    }
+    return out;
+  }
+
+  // What the swing may err in a picture (6 sections x 6 sections).
+  Eigen::MatrixXd swingNoise() const {
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
+    const auto& step = tracker.lastStep();
+    if (!mode || !step) return out;
+    const Eigen::MatrixXd by_peak =
+        kSwingError * step->model.by_lengths * swing.peak().asDiagonal();
+    out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
+    return out;
+  }
+
+  void learnMode(const model::Twists& measured) {
+    const auto& step = tracker.lastStep();
+    const Eigen::VectorXd unit = tracker.biasDeviation().cwiseInverse();
+    const Eigen::VectorXd picked = measured.reshaped()(tracker.rows());
+    vibration.compare(unit.cwiseProduct(picked), unit.asDiagonal() * step->model.by_lengths);
+    const auto& found = vibration.mode();
+    if (!found) return;
+    const bool changed = !mode || std::abs(std::log(found->frequency / mode->frequency)) > 0.02 ||
+                         std::abs(std::log(found->damping / mode->damping)) > 0.2;
+    if (!changed) return;
+    mode = found;
+    smoothing = std::max(config.smoothing,
+                         smoothingFor(mode->frequency, mode->damping, config.time_constant));
+  }
+
   // The measured tip with the wanted one at the time of the picture.
-  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture) {
+  void compare(double stamp, double now, const Eigen::VectorXd& pressure,
+               const model::Twists& twists) {
     error.reset();
     const auto place = wanted.before(stamp);
-    const auto shape = tracker.shape(picture.pressure);
+    const auto shape = tracker.shape(pressure);
     if (!place || !shape) return;
-    const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
-    error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
+    const lie::SE3 tip = model::tipPose(shape->about(twists));
+    const Eigen::Vector3d offset = tip.translation + contact.load().tip_beyond_fit - *place;
+    error = offset.norm();
     if (stamp <= aimed_at) return;  // says nothing of the present target
     const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
-    diverged |= divergence.add(now, *error, corrected);
+    diverged |= divergence.add(now, offset, corrected);
   }
 
   const VisualServoConfig config;
@@ -491,6 +672,18 @@ struct VisualServo::Workspace {
   bool within_reach = false;  // it did when the target was set
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
+  double at_lag = 0.0;     // of the pressures at the picture [s]
+  Eigen::VectorXd by_lag;  // derivative of the lengths then (n) [m/s]
+  estimation::ModeEstimator vibration;
+  std::optional<estimation::Mode> mode;  // told or found
+  Swing swing, later;                    // at the lag, and a little more
+  control::PressureObserver::Estimate moment;
+  Eigen::VectorXd raw;
+  double smoothing;             // of the correction [s]
+  Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
+  Eigen::VectorXd held_back;    // of the last step (n) [Pa]
+  double ramp = kShortestRamp;  // duration of each part of the step [s]
+  double begun_at = 0.0;        // [s]
   Eigen::VectorXd lengths;
   Turn turn;
 };
@@ -556,6 +749,9 @@ void VisualServo::reset() {
   w.watch.reset();
   w.budget.reset();
   w.contact.reset();
+  w.vibration.reset();
+  w.mode = w.config.mode;
+  w.smoothing = w.config.smoothing;
   w.estimated.set(w.tracker.correction());
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
@@ -594,7 +790,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
   if (w.tracks(time) || w.fades) {
     const bool slow = !w.closed || time < w.slow_until;
-    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing));
+    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.smoothing));
     w.aim.approach(share);
     w.beyond += share * (w.beyond_goal - w.beyond);
   }
@@ -606,6 +802,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
     w.aim.startAt(w.response.effective(w.observer));
+    w.commanded = w.aim.pressure();
   }
   w.turn.predicted =
       w.observer.started() ? w.tipAt(w.response.effective(w.observer)) : std::nullopt;
@@ -619,24 +816,32 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   estimation::Observation out;
   if (!w.findPressures(stamp, now, out.fault)) return out;
   w.arrived_at = now;
-  const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
-                                           twists, covariance};
+  w.swingTo(stamp);
+  const estimation::ArmFilter::Input input{stamp,
+                                           w.at_picture.pressure,
+                                           w.at_picture.variance,
+                                           w.atRest(twists),
+                                           covariance + w.swingNoise(),
+                                           w.at_lag,
+                                           w.by_lag};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.watch);
   if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
+  w.learnMode(twists);
   if (!w.contact.load().contact || w.doubts()) {
     w.budget.update(w.watch, input, tags, w.doubts());
   }
   w.estimated.set(w.tracker.correction());
+  w.response.setLag(w.tracker.lag());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
   const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.tip_deviation = largestDeviation(tip_covariance);
   if (w.tracks(now)) w.learn();
-  w.compare(stamp, now, input);
+  w.compare(stamp, now, input.pressure, twists);
   return out;
 }
 
@@ -645,6 +850,7 @@ const Turn& VisualServo::turn() const { return work_->turn; }
 const control::PressureObserver& VisualServo::observer() const { return work_->observer; }
 const estimation::ArmFilter& VisualServo::tracker() const { return work_->tracker; }
 const estimation::ArmFilter& VisualServo::watch() const { return work_->watch; }
+const std::optional<estimation::Mode>& VisualServo::mode() const { return work_->mode; }
 const std::optional<estimation::TipErrorBudget>& VisualServo::budget() const {
   return work_->budget.current();
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -12,6 +13,11 @@ namespace helix_arm::follow {
 namespace {
 
 constexpr char kCulprit[] = "visual servo";
+// Of smoothingFor(): least distance of the open loop from -1, delay of the pictures [s], bounds and
+// steps of what is searched.
+constexpr double kMargin = 0.4, kLatency = 0.1;
+constexpr double kShortestSmoothing = 0.01, kLongestSmoothing = 10.0, kSmoothingStep = 1.05;  // [s]
+constexpr double kLowest = 0.02, kHighest = 20.0, kFrequencyStep = 1.01;  // of the mode's frequency
 
 }  // namespace
 
@@ -40,10 +46,28 @@ void VisualServoConfig::validate() const {
 }
 
 double smoothingFor(double frequency, double damping, double time_constant) {
+  using Complex = std::complex<double>;
   const double turn = 2 * basics::kPi * frequency;
-  const double lagged = turn * time_constant;
-  const double gain2 = 1 / (damping * damping) / (1 + lagged * lagged);
-  return std::sqrt(std::max(0.0, gain2 - 1)) / turn;
+  // Open loop L of the correction at an angular frequency w: the difference of arm and model,
+  // (gain * mode - 1), behind regulator, latency and smoothing.
+  const auto isStable = [&](double smoothing) {
+    for (double w = kLowest * turn; w < kHighest * turn; w *= kFrequencyStep) {
+      const Complex s(0, w);
+      const Complex mode = turn * turn / (s * s + 2 * damping * turn * s + turn * turn);
+      const Complex path =
+          std::exp(-kLatency * s) / ((1.0 + s * time_constant) * (1.0 + s * smoothing));
+      for (const double gain : {0.5, 1.0, 1.5}) {
+        if (std::abs(1.0 + path * (gain * mode - 1.0)) < kMargin) return false;
+      }
+    }
+    return true;
+  };
+  // L of a long smoothing encircles nothing, and stays away from -1 on the way to a shorter one.
+  double smoothing = kLongestSmoothing;
+  while (smoothing > kShortestSmoothing && isStable(smoothing / kSmoothingStep)) {
+    smoothing /= kSmoothingStep;
+  }
+  return smoothing;
 }
 
 }  // namespace helix_arm::follow

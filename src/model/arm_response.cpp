@@ -36,6 +36,14 @@ void ArmResponse::adopt(const Arm& arm) {
   }
 }
 
+void ArmResponse::setLag(double lag) {
+  for (ResponseState& state : states_) {
+    Response response = state.response();
+    response.rise_time = response.fall_time = lag;
+    state.adopt(response);
+  }
+}
+
 void ArmResponse::restart() {
   for (ResponseState& state : states_) state.restart();
   std::fill(times_.begin(), times_.end(), kNotRead);

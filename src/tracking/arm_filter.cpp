@@ -2,9 +2,11 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,6 +47,9 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 }
 
 constexpr int kMostLengthScales = 12;  // with more actuators, one per section
+constexpr int kMostStrokes = 6;        // of an arm with more actuators they are not estimated
+constexpr double kLongestLag = 1.0;    // [s]
+constexpr double kLagCreep = 0.03;     // of the lag, so that a first guess is left [s^1/2]
 
 bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -75,17 +80,30 @@ class ArmParameters {
       for (int i = 0; i < n; ++i) {
         addLengths({i, i + 1}, "length of " + arm.actuator(i).name, options.length_deviation);
       }
-      return;
+    } else {
+      for (int k = 0; k < arm.sectionCount(); ++k) {
+        addLengths({arm.firstActuator(k), arm.firstActuator(k + 1)},
+                   "lengths of section " + std::to_string(k + 1), options.length_deviation);
+      }
     }
-    for (int k = 0; k < arm.sectionCount(); ++k) {
-      addLengths({arm.firstActuator(k), arm.firstActuator(k + 1)},
-                 "lengths of section " + std::to_string(k + 1), options.length_deviation);
+    const bool learns_strokes = n <= kMostStrokes && options.stroke_deviation > 0;
+    for (int i = 0; learns_strokes && i < n; ++i) {
+      addNamed("stroke of " + arm.actuator(i).name, options.stroke_deviation);
+      rest_.push_back(arm.actuator(i).contraction.restLength());
     }
+    if (options.lag_deviation == 0) return;
+    lag_ = count();
+    addNamed("lag", options.lag_deviation);
   }
 
   int count() const { return static_cast<int>(names_.size()); }
-  /// The first ones are on the stiffness; the others are length scales.
+  /// The first ones are on the stiffness; then come length scales, strokes of all actuators or
+  /// none, and the lag.
   int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
+  int strokesBegin() const { return stiffnessCount() + static_cast<int>(spans_.size()); }
+  int strokeCount() const { return static_cast<int>(rest_.size()); }
+  /// Its index; absent if it is known.
+  const std::optional<int>& lag() const { return lag_; }
   const std::vector<std::string>& names() const { return names_; }
   const Eigen::VectorXd& deviations() const { return deviations_; }
   /// (stiffnessCount())^2; length scales are not correlated with anything.
@@ -100,7 +118,7 @@ class ArmParameters {
 
   /// Sets the factors of a correction; its offset stays.
   void apply(const Eigen::VectorXd& theta, statics::Correction& correction) const {
-    for (int j = 0; j < count(); ++j) {
+    for (int j = 0; j < strokesBegin(); ++j) {
       const double factor = std::exp(theta[j]);
       if (j >= stiffnessCount()) {
         const Span span = actuatorsOf(j);
@@ -122,6 +140,12 @@ class ArmParameters {
           break;
       }
     }
+    for (int i = 0; i < strokeCount(); ++i) {
+      const double stroke = std::exp(theta[strokesBegin() + i]),
+                   length = correction.length_scale[i];
+      correction.length_scale[i] = length * stroke;
+      correction.length_shift[i] = length * (1 - stroke) * rest_[static_cast<std::size_t>(i)];
+    }
   }
 
  private:
@@ -136,6 +160,10 @@ class ArmParameters {
 
   void addLengths(Span span, const std::string& name, double deviation) {
     spans_.push_back(span);
+    addNamed(name, deviation);
+  }
+
+  void addNamed(const std::string& name, double deviation) {
     names_.push_back(name);
     deviations_.conservativeResize(count());
     deviations_[count() - 1] = deviation;
@@ -143,6 +171,8 @@ class ArmParameters {
 
   std::vector<Entry> stiffness_;
   std::vector<Span> spans_;
+  std::vector<double> rest_;  // lengths of the actuators with a stroke [m]
+  std::optional<int> lag_;
   std::vector<std::string> names_;
   Eigen::VectorXd deviations_;
   Eigen::MatrixXd correlation_;
@@ -161,6 +191,8 @@ void ArmFilterOptions::validate() const {
                                      {"the deviation of K_kappa", stiffness_deviation.kappa},
                                      {"the deviation of K_eps", K_eps_deviation},
                                      {"the deviation of lengths", length_deviation}});
+  basics::requireNotNegative(kCulprit, "the deviation of strokes", stroke_deviation);
+  basics::requireNotNegative(kCulprit, "the deviation of the lag [s]", lag_deviation);
   basics::require(
       (stiffness_correlation.diagonal().array() == 1).all() &&
           isPositiveDefinite(stiffness_correlation),
@@ -247,7 +279,7 @@ struct ArmFilter::Workspace {
     auto twists = twistsAt(model, lengths);
     if (!twists) return std::nullopt;
     Linearisation out{
-        std::move(*twists), Eigen::MatrixXd::Zero(biasCount(), parameters.count()), {}};
+        std::move(*twists), Eigen::MatrixXd::Zero(biasCount(), parameters.count()), {}, {}};
     statics::Correction moved(arm);
     for (int j = 0; j < parameters.stiffnessCount(); ++j) {
       Eigen::VectorXd ends[2];
@@ -265,11 +297,19 @@ struct ArmFilter::Workspace {
     Eigen::MatrixXd by_lengths;
     model.twistsByLengths(lengths, by_lengths);
     const Eigen::MatrixXd picked = by_lengths(rows, Eigen::all);
-    for (int j = parameters.stiffnessCount(); j < parameters.count(); ++j) {
+    const Eigen::VectorXd shift =
+        model.correction().length_shift.cwiseQuotient(model.correction().length_scale);
+    for (int j = parameters.stiffnessCount(); j < parameters.strokesBegin(); ++j) {
       const ArmParameters::Span span = parameters.actuatorsOf(j);
-      for (int i = span.begin; i < span.end; ++i) out.by_theta.col(j) += picked.col(i) * lengths[i];
+      for (int i = span.begin; i < span.end; ++i) {
+        out.by_theta.col(j) += picked.col(i) * (lengths[i] + shift[i]);
+      }
     }
-    out.by_pressure = picked;
+    for (int i = 0; i < parameters.strokeCount(); ++i) {
+      out.by_theta.col(parameters.strokesBegin() + i) =
+          picked.col(i) * (lengths[i] - arm.actuator(i).contraction.restLength());
+    }
+    out.by_pressure = out.by_lengths = picked;
     const Eigen::VectorXd inside = arm.clamped(pressure);
     for (int i = 0; i < arm.actuatorCount(); ++i) {
       out.by_pressure.col(i) *= arm.actuator(i).contraction.slopeInside(inside[i]);
@@ -285,7 +325,7 @@ struct ArmFilter::Workspace {
       return ObservationFault::kWrongSize;
     }
     if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
-        !input.twists.allFinite() || !input.covariance.allFinite()) {
+        !input.twists.allFinite() || !input.covariance.allFinite() || !input.by_lag.allFinite()) {
       return ObservationFault::kNotFinite;
     }
     if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
@@ -387,6 +427,10 @@ Observation ArmFilter::see(const Input& input) {
   Step step;
   step.dt = w.last_time ? input.time - *w.last_time : 0.0;
   step.theta = w.theta();
+  if (const auto& lag = w.parameters.lag()) {
+    if (input.by_lag.size() > 0) model->by_theta.col(*lag) = model->by_lengths * input.by_lag;
+    step.theta[*lag] = input.lag;
+  }
   step.measured = w.pick(input.twists);
   const Eigen::VectorXd motion =
       before ? model->twists - *before : Eigen::VectorXd::Zero(w.biasCount()).eval();
@@ -407,8 +451,13 @@ Observation ArmFilter::see(const Input& input) {
 
   const Eigen::Index d = w.biasCount();
   w.state.covariance.bottomRightCorner(d, d) += w.step->bias_growth;
-  const Gaussian::Measurement measurement{
-      w.step->measured - w.step->model.twists - w.state.mean.tail(d), w.jacobian(), w.step->noise};
+  if (const auto& lag = w.parameters.lag()) {
+    w.state.covariance(*lag, *lag) += kLagCreep * kLagCreep * w.step->dt;
+  }
+  const Gaussian::Measurement measurement{w.step->measured - w.step->model.twists -
+                                              w.state.mean.tail(d) -
+                                              w.step->model.by_theta * (w.theta() - w.step->theta),
+                                          w.jacobian(), w.step->noise};
   out.distance2 = w.state.distance2(measurement);
   if (out.distance2 > outlierLimit(static_cast<int>(d)) && w.outliers < kMostOutliers) {
     ++w.outliers;
@@ -438,12 +487,17 @@ void ArmFilter::setState(const Gaussian& state) {
 }
 
 int ArmFilter::parameterCount() const { return work_->parameters.count(); }
+int ArmFilter::factorCount() const { return parameterCount() - (work_->parameters.lag() ? 1 : 0); }
 const std::vector<std::string>& ArmFilter::parameterNames() const {
   return work_->parameters.names();
 }
 Eigen::VectorXd ArmFilter::parameterPrior() const { return work_->parameters.deviations(); }
 const std::vector<int>& ArmFilter::rows() const { return work_->rows; }
 const Gaussian& ArmFilter::state() const { return work_->state; }
+double ArmFilter::lag() const {
+  const auto& index = work_->parameters.lag();
+  return index ? std::clamp(work_->state.mean[*index], 0.0, kLongestLag) : 0.0;
+}
 statics::Correction ArmFilter::correction() const { return work_->correction; }
 const Eigen::VectorXd& ArmFilter::biasDeviation() const { return work_->bias_deviation; }
 const std::optional<ArmFilter::Step>& ArmFilter::lastStep() const { return work_->step; }

@@ -289,10 +289,11 @@ TEST(VisualServoConfig, RefusesWhatMakesNoSense) {
 }
 
 TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {
-  EXPECT_NEAR(smoothingFor(4.0, 0.1, 0.15), 0.09, 0.01);
-  EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.17, 0.01);
-  EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.6, 0.02);
-  EXPECT_EQ(smoothingFor(4.0, 1.0, 0.15), 0.0);
+  EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.06, 0.01);
+  EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.38, 0.02);
+  EXPECT_NEAR(smoothingFor(1.5, 0.05, 0.15), 0.54, 0.03);
+  EXPECT_NEAR(smoothingFor(0.8, 0.1, 0.15), 1.49, 0.08);
+  EXPECT_LT(smoothingFor(4.0, 1.0, 0.15), 0.02);
 }
 
 // What holds of a visual servo whatever it is given.

@@ -111,6 +111,9 @@ class VisualServo {
   const control::PressureObserver& observer() const;
   const estimation::ArmFilter& tracker() const;
   const estimation::ArmFilter& watch() const;
+  /// Mode of vibration that the loop reckons with, told or found in the pictures; nothing if the
+  /// arm shows none.
+  const std::optional<estimation::Mode>& mode() const;
   /// Of the watch, at the last accepted picture; nothing before the first.
   const std::optional<estimation::TipErrorBudget>& budget() const;
   /// Whether a picture was accepted within VisualServoConfig::coast_time before the last turn; else

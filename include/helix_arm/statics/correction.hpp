@@ -19,6 +19,7 @@ struct Correction {
   model::Stiffness stiffness_factors;
   double K_eps_factor = 1.0;     ///< > 0; no effect on an arm without load
   Eigen::VectorXd length_scale;  ///< (n) factors on the free lengths, > 0
+  Eigen::VectorXd length_shift;  ///< (n) added to the scaled free lengths [m]
 };
 
 /// A model with a correction.

@@ -194,6 +194,7 @@ constexpr NumberRule kFollowTime = within(kPositive, 1e-3, 3600, " s");
 
 constexpr double kHardwareNoise = 2e3;       // [Pa]
 constexpr double kLeastReadingNoise = 10.0;  // of a simulated regulator without noise [Pa]
+constexpr double kFastestMode = 8.0;         // that pictures resolve [Hz]
 constexpr double kWatchedCreep = 0.1;  // relative to the creep, in the filter that detects loads
 
 double usualNoise(const std::optional<regulator::Config>& regulator) {
@@ -211,6 +212,7 @@ void setVibration(const MapReader& keys, const std::optional<double>& given,
     keys.complain("mode_damping", "is given without mode_hz; expected both or none");
   }
   if (!frequency) return;
+  if (*frequency < kFastestMode) loop.mode = estimation::Mode{*frequency, damping};
   loop.filter.settling_time = 1 / (2 * basics::kPi * *frequency * damping);
   const double least = follow::smoothingFor(*frequency, damping, loop.time_constant);
   if (given && *given < least) {
@@ -327,6 +329,9 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
                                      const std::optional<regulator::Config>& regulator) {
   follow::VisualServoConfig loop{};
   loop.time_constant = safety.rules.time_constant;
+  for (const control::ChannelRules& channel : safety.channels) {
+    loop.slew = std::min(loop.slew, channel.slew);
+  }
   loop.reading_noise = usualNoise(regulator);
   if (regulator && regulator::isHardware(*regulator)) loop.on_contact = follow::OnContact::kYield;
   estimation::ArmFilterOptions& filter = loop.filter;

@@ -97,11 +97,13 @@ void LoopDiagnostics::saw(double time, double lead, const estimation::Observatio
   }
   ++accepted_;
   if (!with_tags) ++without_tags_;
-  const int count = filter.parameterCount();
+  const int count = filter.factorCount();
   const estimation::Gaussian& state = filter.state();
-  calibration_.note(time,
-                    {filter.parameterNames(), state.mean.head(count),
-                     state.covariance.diagonal().head(count).cwiseSqrt(), filter.parameterPrior()});
+  const auto names = filter.parameterNames().begin();
+  calibration_.note(time, {{names, names + count},
+                           state.mean.head(count),
+                           state.covariance.diagonal().head(count).cwiseSqrt(),
+                           filter.parameterPrior()});
 }
 
 void LoopDiagnostics::sawForeign(const std::string& why) {
@@ -136,11 +138,19 @@ DiagnosticStatus LoopDiagnostics::correction(const follow::VisualServo& loop) co
   DiagnosticStatus out = makeStatus(
       "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
       advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
-  const int count = filter.parameterCount();
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < filter.factorCount(); ++i) {
     addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
              percent(state.mean[i]) + " +- " +
                  percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
+  }
+  if (filter.parameterCount() > filter.factorCount()) {
+    addValue(out, "lag [s]", fixed(filter.lag(), 3));
+  }
+  if (const auto& mode = loop.mode()) {
+    addValue(out, "mode [Hz]",
+             fixed(mode->frequency, 2) + " +- " + fixed(mode->frequency_deviation, 2));
+    addValue(out, "damping of the mode",
+             fixed(mode->damping, 3) + " +- " + fixed(mode->damping_deviation, 3));
   }
   const auto& rows = filter.rows();
   for (std::size_t k = 0; k < rows.size(); ++k) {
@@ -148,7 +158,7 @@ DiagnosticStatus LoopDiagnostics::correction(const follow::VisualServo& loop) co
     addValue(out,
              "bias of section " + std::to_string(rows[k] / 6 + 1) + ", " + (moves ? "v_" : "w_") +
                  "xyz"[rows[k] % 3] + (moves ? " [mm]" : " [mrad]"),
-             fixed(1e3 * state.mean[count + static_cast<Eigen::Index>(k)], 2));
+             fixed(1e3 * state.mean[filter.parameterCount() + static_cast<Eigen::Index>(k)], 2));
   }
   return out;
 }

@@ -31,6 +31,7 @@ InverseTask::InverseTask(const model::Arm& arm, const ArmModel* loaded, double r
       rotation_weight_(rotation_weight),
       offset_(model::Twists::Zero(6, arm.sectionCount())),
       scale_(Eigen::VectorXd::Ones(arm.actuatorCount())),
+      shift_(Eigen::VectorXd::Zero(arm.actuatorCount())),
       scaled_(arm.actuatorCount()) {
   for (int k = 0; k < arm.sectionCount(); ++k) {
     // Rank of the map rather than of A: an untilted ring can shear and twist, but its muscles
@@ -46,11 +47,12 @@ void InverseTask::correctBy(const CorrectedModel& corrected) {
   loaded_ = corrected.loaded();
   offset_ = corrected.correction().offset;
   scale_ = corrected.correction().length_scale;
+  shift_ = corrected.correction().length_shift;
   corrected_ = true;
 }
 
 const Eigen::VectorXd& InverseTask::scaled(const Eigen::VectorXd& lengths) const noexcept {
-  scaled_ = scale_.cwiseProduct(lengths);
+  scaled_ = scale_.cwiseProduct(lengths) + shift_;
   return scaled_;
 }
 
@@ -101,7 +103,7 @@ void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::V
   const auto& map = arm_->equilibrium(0).map;
   const int n = arm_->actuatorCount();
   Vector6 g = offset_.col(0);
-  for (int i = 0; i < n; ++i) g += map.col(i) * (scale_[i] * lengths[i]);
+  for (int i = 0; i < n; ++i) g += map.col(i) * (scale_[i] * lengths[i] + shift_[i]);
   const Eigen::Matrix<double, 3, 6> J = SE3::translationJacobian(g);
   residual.head<3>() = J.leftCols<3>() * g.head<3>() - pose_.translation;  // dp/dv = V, and p = V v
   for (int i = 0; i < n; ++i) {

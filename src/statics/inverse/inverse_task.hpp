@@ -106,7 +106,7 @@ class InverseTask {
   double rotation_weight_;
   bool corrected_ = false;
   model::Twists offset_;            // of the correction
-  Eigen::VectorXd scale_;           // (n) of the free lengths
+  Eigen::VectorXd scale_, shift_;   // (n) of the free lengths
   mutable Eigen::VectorXd scaled_;  // (n) [m]
   int map_rank_ = 0;                // number of independent motions of all sections together
   Kind kind_ = Kind::kPosition;

@@ -32,7 +32,8 @@ ArmModel scaledModel(const ArmModel& model, const model::Stiffness& factors, dou
 Correction::Correction(const model::Arm& arm)
     : offset(model::Twists::Zero(6, arm.sectionCount())),
       stiffness_factors{1.0, 1.0, 1.0},
-      length_scale(Eigen::VectorXd::Ones(arm.actuatorCount())) {}
+      length_scale(Eigen::VectorXd::Ones(arm.actuatorCount())),
+      length_shift(Eigen::VectorXd::Zero(arm.actuatorCount())) {}
 
 CorrectedModel::CorrectedModel(const model::Arm& arm, const ArmModel* loaded)
     : nominal_(arm),
@@ -56,6 +57,9 @@ void CorrectedModel::set(const Correction& correction) {
   basics::requireValue(correction.length_scale.size() == nominal_.actuatorCount(), kCulprit,
                        "the number of length scales", correction.length_scale.size(),
                        "one per actuator");
+  basics::require(correction.length_shift.size() == nominal_.actuatorCount() &&
+                      correction.length_shift.allFinite(),
+                  kCulprit, ": the shifts of the lengths are not one finite number per actuator");
   for (const double scale : correction.length_scale) {
     basics::requirePositive(kCulprit, "a length scale", scale);
   }
@@ -80,7 +84,7 @@ void CorrectedModel::rebuild() {
 }
 
 const Eigen::VectorXd& CorrectedModel::scaled(const Eigen::VectorXd& lengths) const noexcept {
-  scaled_ = correction_.length_scale.cwiseProduct(lengths);
+  scaled_ = correction_.length_scale.cwiseProduct(lengths) + correction_.length_shift;
   return scaled_;
 }
 

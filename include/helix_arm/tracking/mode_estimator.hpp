@@ -1,0 +1,70 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <optional>
+
+#include "helix_arm/model/arm.hpp"
+
+namespace helix_arm::estimation {
+
+/// The slowest mode of vibration of an arm.
+struct Mode {
+  double frequency;                  ///< undamped, > 0 [Hz]
+  double damping;                    ///< ratio, in (0, 1)
+  double frequency_deviation = 0.0;  ///< standard error [Hz]; 0: told, not estimated
+  double damping_deviation = 0.0;    ///< likewise
+};
+
+/// Longest step at which a mode up to 8 Hz is followed to 1 % [s].
+inline constexpr double kSwingStep = 0.01;
+
+/// Finds the mode of vibration of an arm from pictures of its motion.
+///
+/// Each hypothesis is a lag that the pressures pass, and a mode that the lengths pass after it. Its
+/// output, by the model's Jacobian and a free gain of each entry of the twists, is compared with
+/// the measured ones; both pass a high-pass filter, so that offsets do not count. The likeliest
+/// mode counts once it explains the motion clearly better than every hypothesis without one.
+/// Frequency and damping are interpolated between hypotheses; their standard errors come from the
+/// curvature of the likelihood.
+///
+/// Time is a number [s].
+class ModeEstimator {
+ public:
+  /// Pressures (n) at a time of the last second [Pa].
+  using Pressures = std::function<const Eigen::VectorXd&(double time)>;
+
+  /// @param lag_is_known  the pressures contain all lags of the arm.
+  ModeEstimator(const model::Arm& arm, bool lag_is_known);
+
+  /// Advances all hypotheses to the time of a picture. A pause of more than a second, or a time
+  /// that goes back, starts at rest.
+  void moveTo(double time, const Pressures& pressures);
+  /// Compares them with the picture. @param measured  (d) entries of the twists. @param by_lengths
+  ///     (d x n) derivative of the model's. Both in units of the expected errors.
+  void compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths);
+  void reset();
+
+  /// Nothing as long as the pictures show none.
+  const std::optional<Mode>& mode() const { return mode_; }
+
+ private:
+  void restart(const Eigen::VectorXd& pressure);
+  void step(const Eigen::VectorXd& pressure, double dt);
+  void choose();
+  double misfit(Eigen::Index k) const;
+
+  const model::Arm arm_;
+  Eigen::ArrayXd lags_;                       // (T)
+  Eigen::ArrayXd lag_of_, turn_, damping_;    // (K) of each hypothesis; turn 0: no mode
+  Eigen::ArrayXXd lagged_, goal_;             // (n x T) pressures behind each lag, their lengths
+  Eigen::MatrixXd x_, v_, last_x_, passed_;   // (n x K) lengths
+  Eigen::VectorXd last_measured_, measured_;  // (d) the latter behind the high-pass filter
+  Eigen::ArrayXXd output_, cross_, power_;    // (d x K) weighted sums
+  Eigen::ArrayXd energy_;                     // (d) of the measurement
+  double weight_ = 0.0;                       // of pictures
+  std::optional<double> time_, compared_;     // of the hypotheses; of the last comparison [s]
+  std::optional<Mode> mode_;
+};
+
+}  // namespace helix_arm::estimation

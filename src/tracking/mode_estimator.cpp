@@ -1,0 +1,188 @@
+#include "helix_arm/tracking/mode_estimator.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "helix_arm/basics/pi.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr std::array<double, 9> kLags = {0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45};  // [s]
+constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
+constexpr double kLowest = 0.5, kFrequencyStep = 1.1;  // [Hz]
+constexpr int kFrequencies = 28;                       // up to 6.6 Hz
+
+constexpr double kLongestPause = 1.0;  // [s]
+constexpr double kHighPass = 0.7;      // time constant [s]
+constexpr double kMemory = 15.0;       // of the comparison [s]
+// A mode counts if it leaves this part of the misfit that the best hypothesis without one leaves,
+// after motion of this many expected errors (root mean square).
+constexpr double kClear = 0.5, kLeastMotion = 0.3;
+constexpr double kLeastPictures = 20.0;
+constexpr double kDirections = 2.0;  // of the motion that are independent
+
+// Least value of a parabola through three values at -1, 0 and 1: its place, within half a step, and
+// the standard error of the place, if the values are sums of squares of `count` errors.
+struct Vertex {
+  double place = 0.0, deviation = 1.0;
+};
+Vertex vertexOf(double before, double here, double after, double count) {
+  const double curvature = before - 2 * here + after, slope = (after - before) / 2;
+  if (!(curvature > 0)) return {};
+  const double least = std::max(here - slope * slope / (2 * curvature), 0.1 * here);
+  return {std::clamp(-slope / curvature, -0.5, 0.5), std::sqrt(2 * least / (count * curvature))};
+}
+
+}  // namespace
+
+ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(arm) {
+  const int lags = lag_is_known ? 1 : static_cast<int>(kLags.size());
+  const int modes = kFrequencies * static_cast<int>(kDampings.size());
+  lags_ = Eigen::Map<const Eigen::ArrayXd>(kLags.data(), lags);
+  const Eigen::Index count = lags * (modes + 1);
+  lag_of_.resize(count);
+  turn_.setZero(count);
+  damping_.setZero(count);
+  // Of each lag: all frequencies of the first damping, of the next one, ..; then no mode.
+  for (Eigen::Index k = 0; k < count; ++k) {
+    const Eigen::Index mode = k % (modes + 1);
+    lag_of_[k] = static_cast<double>(k / (modes + 1));
+    if (mode == modes) continue;
+    turn_[k] = 2 * basics::kPi * kLowest *
+               std::pow(kFrequencyStep, static_cast<double>(mode % kFrequencies));
+    damping_[k] = kDampings[static_cast<std::size_t>(mode / kFrequencies)];
+  }
+  const Eigen::Index actuators = arm.actuatorCount();
+  lagged_.resize(actuators, lags);
+  goal_ = lagged_;
+  for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) state->setZero(actuators, count);
+  reset();
+}
+
+void ModeEstimator::reset() {
+  weight_ = 0.0;
+  time_.reset();
+  compared_.reset();
+  mode_.reset();
+}
+
+void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
+  lagged_.colwise() = pressure.array();
+  step(pressure, 0.0);
+  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
+    x_.col(k) = goal_.col(static_cast<Eigen::Index>(lag_of_[k]));
+  }
+  v_.setZero();
+  compared_.reset();
+}
+
+void ModeEstimator::step(const Eigen::VectorXd& pressure, double dt) {
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    const double share = lags_[i] > 0 ? -std::expm1(-dt / lags_[i]) : 1.0;
+    lagged_.col(i) += share * (pressure.array() - lagged_.col(i));
+    for (int j = 0; j < arm_.actuatorCount(); ++j) {
+      const model::Actuator& actuator = arm_.actuator(j);
+      goal_(j, i) = actuator.contraction.lengthInside(
+          std::clamp(lagged_(j, i), actuator.limits.lower, actuator.limits.upper));
+    }
+  }
+  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
+    const auto input = goal_.col(static_cast<Eigen::Index>(lag_of_[k])).matrix();
+    if (turn_[k] == 0) {
+      x_.col(k) = input;
+      continue;
+    }
+    v_.col(k) +=
+        dt * (turn_[k] * turn_[k] * (input - x_.col(k)) - 2 * damping_[k] * turn_[k] * v_.col(k));
+    x_.col(k) += dt * v_.col(k);
+  }
+}
+
+void ModeEstimator::moveTo(double time, const Pressures& pressures) {
+  if (!time_ || time < *time_ || time - *time_ > kLongestPause) {
+    restart(pressures(time));
+  } else {
+    const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));
+    const double dt = (time - *time_) / std::max(steps, 1);
+    for (int i = 1; i <= steps; ++i) step(pressures(*time_ + i * dt), dt);
+  }
+  time_ = time;
+}
+
+void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths) {
+  if (weight_ == 0) {
+    cross_.setZero(measured.size(), turn_.size());
+    power_ = cross_;
+    energy_.setZero(measured.size());
+  }
+  if (!compared_) {
+    compared_ = time_;
+    last_x_ = x_;
+    passed_.setZero();
+    last_measured_ = measured;
+    measured_.setZero(measured.size());
+    weight_ = std::max(weight_, 1.0);
+    return;
+  }
+  const double dt = *time_ - *compared_;
+  compared_ = time_;
+  const double kept = std::exp(-dt / kHighPass), share = std::exp(-dt / kMemory);
+  measured_ = kept * (measured_ + measured - last_measured_);
+  last_measured_ = measured;
+  passed_ = kept * (passed_ + x_ - last_x_);
+  last_x_ = x_;
+  energy_ = share * energy_ + measured_.array().square();
+  weight_ = share * weight_ + 1.0;
+  output_ = (by_lengths * passed_).array();
+  cross_ = share * cross_ + output_.colwise() * measured_.array();
+  power_ = share * power_ + output_.square();
+  choose();
+}
+
+double ModeEstimator::misfit(Eigen::Index k) const {
+  double left = 0.0;
+  for (Eigen::Index i = 0; i < energy_.size(); ++i) {
+    const bool explains = cross_(i, k) > 0 && power_(i, k) > 0;
+    left += energy_[i] - (explains ? cross_(i, k) * cross_(i, k) / power_(i, k) : 0.0);
+  }
+  return std::max(left, 0.0);
+}
+
+void ModeEstimator::choose() {
+  if (weight_ < kLeastPictures || energy_.sum() < kLeastMotion * kLeastMotion * weight_) return;
+  double without = energy_.sum(), least = without;
+  Eigen::Index best = -1;
+  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
+    const double here = misfit(k);
+    if (turn_[k] == 0) {
+      without = std::min(without, here);
+    } else if (here < least) {
+      least = here;
+      best = k;
+    }
+  }
+  // What was found holds until motion shows that there is none.
+  if (best < 0 || least > without) mode_.reset();
+  if (best < 0 || least > kClear * without) return;
+  const Eigen::Index place = best % (turn_.size() / lags_.size());
+  const Eigen::Index f = place % kFrequencies, z = place / kFrequencies;
+  const auto last_z = static_cast<Eigen::Index>(kDampings.size()) - 1;
+  const double count = kDirections * weight_;
+  Vertex by_f, by_z;
+  if (f > 0 && f < kFrequencies - 1) {
+    by_f = vertexOf(misfit(best - 1), least, misfit(best + 1), count);
+  }
+  if (z > 0 && z < last_z) {
+    by_z = vertexOf(misfit(best - kFrequencies), least, misfit(best + kFrequencies), count);
+  }
+  const auto at = [](Eigen::Index i) { return std::log(kDampings[static_cast<std::size_t>(i)]); };
+  const double width = (at(std::min(z + 1, last_z)) - at(std::max<Eigen::Index>(z - 1, 0))) / 2;
+  const double frequency = turn_[best] / (2 * basics::kPi) * std::pow(kFrequencyStep, by_f.place);
+  const double damping = damping_[best] * std::exp(width * by_z.place);
+  mode_ = Mode{frequency, damping, frequency * std::log(kFrequencyStep) * by_f.deviation,
+               damping * width * by_z.deviation};
+}
+
+}  // namespace helix_arm::estimation

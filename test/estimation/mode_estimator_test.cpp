@@ -1,0 +1,128 @@
+#include "helix_arm/tracking/mode_estimator.hpp"
+
+#include <Eigen/Core>
+#include <cmath>
+#include <optional>
+#include <ostream>
+
+#include <gtest/gtest.h>
+
+#include "estimation/tracked_arm.hpp"
+#include "helix_arm/basics/pi.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr double kStep = 1e-3;     // of the true arm [s]
+constexpr int kPictureEvery = 33;  // steps
+constexpr double kNoise = 0.05;    // of a picture, in units of its expected errors
+
+struct TrueArm {
+  double lag = 0.0;  // [s]
+  std::optional<Mode> mode;
+};
+std::ostream& operator<<(std::ostream& out, const TrueArm& arm) {
+  out << "lag " << arm.lag << " s";
+  if (arm.mode) out << ", " << arm.mode->frequency << " Hz, damping " << arm.mode->damping;
+  return out;
+}
+
+// Steps of random pressures every two seconds, through the lag, then through the mode in steps of a
+// millisecond. Gains of the entries differ from the model's by up to 30 %.
+std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_known,
+                              double pause = 0.0) {
+  const model::Arm arm = helicalModel().arm();
+  const int n = arm.actuatorCount();
+  test::Random random(4);
+  Eigen::MatrixXd by_lengths(6, n);
+  for (double& entry : by_lengths.reshaped()) entry = 100 * random.normal();
+  Eigen::VectorXd gain(6);
+  for (double& entry : gain) entry = random.uniform(0.7, 1.3);
+
+  ModeEstimator estimator(arm, lag_is_known);
+  Eigen::VectorXd target = arm.inputAt(0.0), pressure = target, lengths = arm.lengths(target),
+                  rate = Eigen::VectorXd::Zero(n), known = target;
+  Eigen::MatrixXd history(n, kPictureEvery + 1);
+  for (int i = 0; i * kStep < seconds; ++i) {
+    const double time = i * kStep + (i * kStep > seconds / 2 ? pause : 0.0);
+    if (i % 2000 == 0) {
+      for (int j = 0; j < n; ++j) {
+        target[j] = random.uniform(arm.actuator(j).limits.lower, arm.actuator(j).limits.upper);
+      }
+    }
+    // The regulator takes 0.05 s.
+    known += kStep / 0.05 * (target - known);
+    pressure += (truth.lag > 0 ? kStep / truth.lag : 1.0) * (known - pressure);
+    const Eigen::VectorXd goal = arm.lengths(arm.clamped(pressure));
+    if (truth.mode) {
+      const double turn = 2 * basics::kPi * truth.mode->frequency;
+      rate += kStep * (turn * turn * (goal - lengths) - 2 * truth.mode->damping * turn * rate);
+      lengths += kStep * rate;
+    } else {
+      lengths = goal;
+    }
+    history.col(i % (kPictureEvery + 1)) = lag_is_known ? pressure : known;
+    if (i % kPictureEvery != 0) continue;
+    Eigen::VectorXd then;
+    estimator.moveTo(time, [&](double when) -> const Eigen::VectorXd& {
+      const int back = static_cast<int>(std::lround((time - when) / kStep));
+      return then = history.col((i - std::min({back, i, kPictureEvery})) % (kPictureEvery + 1));
+    });
+    Eigen::VectorXd measured = gain.cwiseProduct(by_lengths * lengths);
+    for (double& entry : measured) entry += kNoise * random.normal();
+    estimator.compare(measured, by_lengths);
+  }
+  return estimator.mode();
+}
+
+class FoundMode : public testing::TestWithParam<TrueArm> {};
+
+TEST_P(FoundMode, IsThatOfTheArm) {
+  const TrueArm& truth = GetParam();
+  for (const bool lag_is_known : {false, true}) {
+    const auto found = modeAfter(20, truth, lag_is_known);
+    ASSERT_TRUE(found) << "lag known: " << lag_is_known;
+    EXPECT_NEAR(found->frequency, truth.mode->frequency, 0.05 * truth.mode->frequency);
+    EXPECT_NEAR(std::log(found->damping / truth.mode->damping), 0, std::log(2));
+    EXPECT_GT(found->frequency_deviation, 0);
+    EXPECT_LT(found->frequency_deviation, 0.05 * found->frequency);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Arms, FoundMode,
+                         testing::Values(TrueArm{0.0, Mode{1.5, 0.05}},
+                                         TrueArm{0.1, Mode{1.5, 0.05}},
+                                         TrueArm{0.3, Mode{1.5, 0.1}}, TrueArm{0.1, Mode{0.9, 0.1}},
+                                         TrueArm{0.1, Mode{3.0, 0.1}},
+                                         TrueArm{0.05, Mode{4.5, 0.05}}));
+
+TEST(ModeEstimator, AnArmThatOnlyLagsHasNone) {
+  for (const double lag : {0.0, 0.07, 0.15, 0.3}) {
+    EXPECT_FALSE(modeAfter(20, {lag, std::nullopt}, false)) << lag;
+  }
+  EXPECT_FALSE(modeAfter(20, {0.2, std::nullopt}, true));
+}
+
+TEST(ModeEstimator, APauseStartsAtRestAndKeepsTheMode) {
+  const auto found = modeAfter(20, {0.1, Mode{2.0, 0.1}}, false, 5.0);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->frequency, 2.0, 0.1);
+}
+
+TEST(ModeEstimator, NothingIsSaidOfAnArmThatRests) {
+  const model::Arm arm = helicalModel().arm();
+  ModeEstimator estimator(arm, false);
+  const Eigen::VectorXd pressure = arm.inputAt(5e4);
+  test::Random random(1);
+  for (int i = 0; i < 300; ++i) {
+    estimator.moveTo(i / 30.0, [&](double) -> const Eigen::VectorXd& { return pressure; });
+    Eigen::VectorXd noise(6);
+    for (double& entry : noise) entry = kNoise * random.normal();
+    estimator.compare(noise, Eigen::MatrixXd::Ones(6, arm.actuatorCount()));
+  }
+  EXPECT_FALSE(estimator.mode());
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation
