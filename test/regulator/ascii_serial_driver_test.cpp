@@ -21,7 +21,7 @@ namespace {
 using control::Valve;
 using control::ValveOrders;
 using simulation::DeviceFault;
-using simulation::SerialDevice;
+using simulation::EmulatedDevice;
 using simulation::SerialDeviceConfig;
 using test::eventually;
 using test::has;
@@ -103,14 +103,14 @@ struct SerialLine {
   }
 
   static inline const Eigen::Vector3d kFull = Eigen::Vector3d::Constant(2e5);
-  SerialDevice device;
+  EmulatedDevice device;
   AsciiSerialDriver driver;
 };
 
 class AsciiSerialProfiles : public testing::TestWithParam<SerialProfile> {
  protected:
   SerialLine line_{GetParam()};
-  SerialDevice& device_ = line_.device;
+  EmulatedDevice& device_ = line_.device;
   AsciiSerialDriver& driver_ = line_.driver;
 };
 
@@ -213,7 +213,7 @@ Failure firstFailure(AsciiSerialDriver& driver, double longest) {
 TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   SerialProfile profile = test::genericProfile();
   profile.watchdog = 1;
-  SerialDevice device(deviceOf(profile));
+  EmulatedDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
   const auto standStill = [](double time) {
     const double end = steadyNow() + time;
@@ -264,7 +264,7 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
 TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   const auto& [profile, fault] = GetParam();
   SerialLine line(profile);
-  SerialDevice& device = line.device;
+  EmulatedDevice& device = line.device;
   AsciiSerialDriver& driver = line.driver;
   driver.connect();
   ASSERT_TRUE(line.fills());
@@ -327,7 +327,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
   const SerialProfile with = test::withChecksums(test::genericProfile());
   const SerialProfile without = test::genericProfile();
-  SerialDevice old(deviceOf(without)), checked(deviceOf(with));
+  EmulatedDevice old(deviceOf(without)), checked(deviceOf(with));
   AsciiSerialDriver to_old = driverOf(with, old.path()),
                     to_checked = driverOf(without, checked.path());
   EXPECT_TRUE(has(failureOf([&] { to_old.connect(); }).text, "whose checksum is missing or wrong"));
@@ -336,19 +336,19 @@ TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
 
 TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
   const SerialProfile profile = test::genericProfile();
-  SerialDevice device(deviceOf(profile));
+  EmulatedDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
   driver.connect();
   Pressures pressures(kChannels);
   driver.read(pressures);  // those of connecting
-  const std::uint64_t before = device.lines();
+  const std::uint64_t before = device.taken();
   driver.write(regulate(Eigen::Vector3d::Constant(1e5)));
   driver.read(pressures);
   EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(kChannels));
+  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(kChannels));
   driver.read(pressures);
   EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(2 * kChannels));
+  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(2 * kChannels));
 }
 
 TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
@@ -362,7 +362,7 @@ TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
 // One unit of a bus is dead (the device knows another address): the others still vent.
 TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   SerialLine line;
-  const SerialDevice& device = line.device;
+  const EmulatedDevice& device = line.device;
   line.driver.connect();
   ASSERT_TRUE(line.fills());
   line.driver.close();
@@ -379,7 +379,7 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
   Pressures pressures(kChannels);
   for (int round = 0; round < 3; ++round) {
     {
-      SerialDevice device(deviceOf(test::genericProfile(), link));
+      EmulatedDevice device(deviceOf(test::genericProfile(), link));
       driver.connect();
       driver.write(regulate(Eigen::Vector3d::Constant(1e5)));
       driver.read(pressures);
@@ -399,7 +399,7 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
 
 // Root's second open() is not stopped by the terminal itself.
 TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
-  SerialDevice device(deviceOf(test::genericProfile()));
+  EmulatedDevice device(deviceOf(test::genericProfile()));
   AsciiSerialDriver first = driverOf(test::genericProfile(), device.path());
   AsciiSerialDriver second = driverOf(test::genericProfile(), device.path());
   first.connect();
@@ -427,7 +427,7 @@ std::string openedByNobody(const std::string& device) {
 }
 
 TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
-  SerialDevice device(deviceOf(test::genericProfile()));
+  EmulatedDevice device(deviceOf(test::genericProfile()));
   ASSERT_EQ(chmod(device.path().c_str(), 0666), 0);
   AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
   const std::string held =
@@ -465,7 +465,7 @@ TEST(AsciiSerialDriver, ClosedItSaysSo) {
 TEST(AsciiSerialDriver, FilesDoNotLeakOverReconnects) {
   SerialProfile profile = test::genericProfile();
   profile.timeout = 0.02;  // connecting waits for quiet for so long
-  SerialDevice device(deviceOf(profile));
+  EmulatedDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
   AsciiSerialDriver missing = driverOf(profile, "/dev/nowhere");
   const auto before = openFiles();
@@ -511,15 +511,15 @@ TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
 }
 
 TEST(AsciiSerialDriver, OrdersThatAreNotOfItsChannelsAreRefused) {
-  SerialDevice device(deviceOf(test::genericProfile()));
+  EmulatedDevice device(deviceOf(test::genericProfile()));
   AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
   driver.connect();
-  const std::uint64_t before = device.lines();
+  const std::uint64_t before = device.taken();
   EXPECT_THROW(driver.write(ValveOrders(2)), std::invalid_argument);
   ValveOrders orders = regulate(Eigen::Vector3d::Constant(1e5));
   orders.set_point[1] = std::nan("");
   EXPECT_THROW(driver.write(orders), std::invalid_argument);
-  EXPECT_EQ(device.lines(), before);
+  EXPECT_EQ(device.taken(), before);
 }
 
 }  // namespace

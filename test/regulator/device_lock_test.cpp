@@ -69,19 +69,19 @@ class TwoDrivers : public ::testing::Test {
     out.places = 2;
     return out;
   }
-  simulation::ModbusDevice device_{deviceConfig()};
+  simulation::EmulatedDevice device_{deviceConfig()};
 };
 
 TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
   ModbusTcpDriver first(config()), second(config()), by_name(config("localhost"));
   first.connect();
-  const std::uint64_t writes = device_.writes();
+  const std::uint64_t writes = device_.taken();
   for (ModbusTcpDriver* driver : {&second, &by_name}) {
     EXPECT_TRUE(
         has(refusal<LinkError>([&] { driver->connect(); }),
             std::to_string(device_.port()) + " is driven by process " + std::to_string(getpid())));
   }
-  EXPECT_EQ(device_.writes(), writes);
+  EXPECT_EQ(device_.taken(), writes);
   first.connect();  // again: it stays its own
   EXPECT_THROW(second.connect(), LinkError);
   first.close();

@@ -16,7 +16,7 @@ namespace helix_arm::regulator {
 namespace {
 
 using simulation::DeviceFault;
-using simulation::ModbusDevice;
+using simulation::EmulatedDevice;
 using test::eventually;
 using test::mpaProfile;
 using test::quietDevice;
@@ -95,7 +95,7 @@ class Link : public testing::TestWithParam<const char*> {
   }
 
   ModbusProfile profile_;
-  ModbusDevice device_;
+  EmulatedDevice device_;
   ModbusTcpDriver driver_;
 };
 

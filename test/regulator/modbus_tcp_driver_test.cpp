@@ -14,7 +14,7 @@ namespace {
 
 using control::Valve;
 using control::ValveOrders;
-using simulation::ModbusDevice;
+using simulation::EmulatedDevice;
 using simulation::ModbusDeviceConfig;
 using test::eventually;
 using test::mpaProfile;
@@ -60,7 +60,7 @@ struct Connected {
         driver(configOf(profile, device.port(), std::move(places))) {
     driver.connect();
   }
-  ModbusDevice device;
+  EmulatedDevice device;
   ModbusTcpDriver driver;
 };
 
@@ -86,7 +86,7 @@ TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
 
 TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    ModbusDevice device(quietDevice(profile, 6));
+    EmulatedDevice device(quietDevice(profile, 6));
     ModbusTcpDriver driver(configOf(profile, device.port(), {5, 0, 2}));
     driver.connect();
     driver.write(regulate({3e5, 1e5, 2e5}));
@@ -98,7 +98,7 @@ TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
 
 TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    ModbusDevice device(quietDevice(profile, 4));
+    EmulatedDevice device(quietDevice(profile, 4));
     ModbusTcpDriver first(configOf(profile, device.port(), {0, 1, 2, 3}));
     first.connect();
     first.write(regulate({3e5, 3e5, 3e5, 3e5}));
@@ -115,7 +115,7 @@ TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
 }
 
 TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
-  ModbusDevice device(quietDevice(vtemProfile(), 6));
+  EmulatedDevice device(quietDevice(vtemProfile(), 6));
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
   ASSERT_TRUE(raw.write(40006, {195, 1234, 567}));
@@ -148,7 +148,7 @@ TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   profile.supply = 45390;
   ModbusDeviceConfig config = quietDevice(profile, 2);
   config.regulator.supply_pressure = 6.1e5;
-  ModbusDevice device(config);
+  EmulatedDevice device(config);
   ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
   driver.connect();
   Pressures pressures(2);
@@ -176,9 +176,9 @@ TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
     set_points[static_cast<std::size_t>(i)] = 1e3 * i;
   }
   Connected at(mpaProfile(), kChannels, places);
-  const std::uint64_t before = at.device.writes();
+  const std::uint64_t before = at.device.taken();
   at.driver.write(regulate(set_points));
-  EXPECT_EQ(at.device.writes(), before + 3);
+  EXPECT_EQ(at.device.taken(), before + 3);
   ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 299e3) < 1e-3; }));
   const Eigen::VectorXd reading = readingOf(at.driver, kChannels);
   for (int i = 0; i < kChannels; ++i) EXPECT_EQ(reading[i], 1e3 * i) << i;
@@ -186,13 +186,13 @@ TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
 
 TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
   Connected at(vtemProfile(), 8, {0, 1, 2, 3, 4, 5, 6, 7});
-  const std::uint64_t before = at.device.writes();
+  const std::uint64_t before = at.device.taken();
   at.driver.write(regulate(std::vector<double>(8, 1e5)));
-  EXPECT_EQ(at.device.writes(), before + 1);
+  EXPECT_EQ(at.device.taken(), before + 1);
 }
 
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
-  ModbusDevice device(quietDevice(vtemProfile(), 4));
+  EmulatedDevice device(quietDevice(vtemProfile(), 4));
   EXPECT_EQ(device.valves(), std::vector<Valve>(4, Valve::kClose));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 3}));
   driver.connect();
@@ -200,7 +200,7 @@ TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatDoesNotGetReadyIsNamed) {
-  ModbusDevice device(quietDevice(vtemProfile(), 6));
+  EmulatedDevice device(quietDevice(vtemProfile(), 6));
   device.jam(2, true);
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 4}));
   const std::string error = refusal<LinkError>([&] { driver.connect(); });
@@ -216,7 +216,7 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotGetReadyIsNamed) {
 TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
   ModbusDeviceConfig config = quietDevice(vtemProfile(), 2);
   config.activation_time = 1e6;
-  ModbusDevice device(config);
+  EmulatedDevice device(config);
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1}));
   expectHas(refusal<LinkError>([&] { driver.connect(); }),
             {"slot 0 of festo_vtem does not start regulating within 0.3 s",
@@ -264,11 +264,11 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
 
 TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
   Connected at(mpaProfile(), 2, {0, 1});
-  const std::uint64_t before = at.device.writes();
+  const std::uint64_t before = at.device.taken();
   EXPECT_THROW(at.driver.write(regulate({1e5})), std::invalid_argument);
   EXPECT_THROW(at.driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
   EXPECT_THROW(readingOf(at.driver, 3), std::invalid_argument);
-  EXPECT_EQ(at.device.writes(), before);
+  EXPECT_EQ(at.device.taken(), before);
 }
 
 TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
