@@ -1,5 +1,3 @@
-#include "modbus_tcp_driver.hpp"
-
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -28,6 +26,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -334,56 +333,38 @@ class TcpLink {
   std::shared_future<Resolved> pending_;
 };
 
-/// A set of registers in consecutive runs, as Modbus transfers them.
-class ModbusRegisters {
- public:
+/// Registers by number, and the consecutive runs of those in use, as Modbus transfers them.
+struct ModbusRegisters {
   struct Run {
-    int first;
-    std::vector<std::uint16_t> words;
+    int first, size;
   };
 
   /// @param longest  longest run, >= 1.
-  ModbusRegisters(const std::set<int>& registers, int longest) {
-    for (const int number : registers) {
-      const bool fits =
-          !runs_.empty() && number == end(runs_.back()) && number < runs_.back().first + longest;
-      if (!fits) runs_.push_back({number, {}});
-      runs_.back().words.push_back(0);
+  ModbusRegisters(const std::set<int>& used, int longest) : words(kHighestRegister + 1) {
+    for (const int number : used) {
+      if (runs.empty() || number != runs.back().first + runs.back().size ||
+          runs.back().size == longest) {
+        runs.push_back({number, 0});
+      }
+      ++runs.back().size;
     }
   }
 
-  /// A register from the constructor's set.
-  std::uint16_t& at(int number) {
-    return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
-  }
-  const std::uint16_t& at(int number) const {
-    const auto run = std::find_if(runs_.begin(), runs_.end(),
-                                  [number](const Run& r) { return number < end(r); });
-    return run->words.at(static_cast<std::size_t>(number - run->first));
-  }
-
-  std::vector<Run>& runs() { return runs_; }
-  void clear() {
-    for (Run& run : runs_) std::fill(run.words.begin(), run.words.end(), std::uint16_t{0});
-  }
-
- private:
-  static int end(const Run& run) { return run.first + static_cast<int>(run.words.size()); }
-
-  std::vector<Run> runs_;
+  std::vector<std::uint16_t> words;
+  std::vector<Run> runs;
 };
 
-class ModbusLink : public Driver {
+class ModbusTcpDriver : public Driver {
  public:
-  explicit ModbusLink(const ModbusConfig& config)
-      : profile_(config.profile),
+  explicit ModbusTcpDriver(const ModbusConfig& config)
+      : profile_(valid(config).profile),
         places_(config.slots),
         tcp_(config.host, config.port),
         outputs_(outputsOf(config), MODBUS_MAX_WRITE_REGISTERS),
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});
   }
-  ~ModbusLink() override { ModbusLink::close(); }
+  ~ModbusTcpDriver() override { ModbusTcpDriver::close(); }
 
   void connect() override {
     disconnect();
@@ -434,7 +415,7 @@ class ModbusLink : public Driver {
         if (profile_.slot(places_[i]) != slot.number) continue;
         closes = closes && orders.valve[i] == control::Valve::kClose;
         if (orders.valve[i] != control::Valve::kRegulate) continue;
-        outputs_.at(profile_.setPoint(places_[i])) =
+        outputs_.words.at(profile_.setPoint(places_[i])) =
             countOf(orders.set_point[static_cast<Eigen::Index>(i)]);
       }
       if (profile_.app) command(slot, closes ? profile_.app->off : profile_.app->regulate);
@@ -460,10 +441,10 @@ class ModbusLink : public Driver {
     }
     for (std::size_t i = 0; i < places_.size(); ++i) {
       const int place = profile_.reading(places_[i]);
-      pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.at(place));
+      pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.words.at(place));
     }
     if (profile_.supply) {
-      pressures.supply = pressureOf(*profile_.supply, inputs_.at(*profile_.supply));
+      pressures.supply = pressureOf(*profile_.supply, inputs_.words.at(*profile_.supply));
     }
   }
 
@@ -473,7 +454,7 @@ class ModbusLink : public Driver {
     clearOutputs();
     if (profile_.app) commandAll(profile_.app->regulate);
     std::exception_ptr error;
-    for (const ModbusRegisters::Run& run : outputs_.runs()) {
+    for (const ModbusRegisters::Run& run : outputs_.runs) {
       try {
         send(run);
       } catch (const std::exception&) {
@@ -525,7 +506,7 @@ class ModbusLink : public Driver {
   }
 
   void command(Slot& slot, int word) {
-    outputs_.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
+    outputs_.words.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
     if (slot.command == word) return;
     slot.command = word;
     slot.since = steadyNow();
@@ -555,7 +536,7 @@ class ModbusLink : public Driver {
   }
 
   int statusOf(const Slot& slot) const {
-    return inputs_.at(profile_.status(slot.number)) & profile_.app->status_mask;
+    return inputs_.words.at(profile_.status(slot.number)) & profile_.app->status_mask;
   }
 
   std::uint16_t countOf(double pressure) const {
@@ -581,30 +562,29 @@ class ModbusLink : public Driver {
 
   // No app and the pressure of the atmosphere, also in a device that counts from vacuum.
   void clearOutputs() {
-    outputs_.clear();
     for (const Slot& slot : slots_) {
       for (int i = 0; i < profile_.outlets; ++i) {
-        outputs_.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
+        outputs_.words.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
       }
     }
   }
 
   void send() {
-    for (const ModbusRegisters::Run& run : outputs_.runs()) send(run);
+    for (const ModbusRegisters::Run& run : outputs_.runs) send(run);
   }
 
   void send(const ModbusRegisters::Run& run) {
-    const auto size = static_cast<int>(run.words.size());
-    check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
+    const std::uint16_t* const words = outputs_.words.data() + run.first;
+    check(modbus_write_registers(context(), run.first, run.size, words) == run.size,
           "does not accept set points");
   }
 
   void fetch() {
-    for (ModbusRegisters::Run& run : inputs_.runs()) {
-      const auto size = static_cast<int>(run.words.size());
-      const auto take =
-          profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
-      check(take(context(), run.first, size, run.words.data()) == size, "gives no readings");
+    const auto take =
+        profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
+    for (const ModbusRegisters::Run& run : inputs_.runs) {
+      std::uint16_t* const words = inputs_.words.data() + run.first;
+      check(take(context(), run.first, run.size, words) == run.size, "gives no readings");
     }
   }
 
@@ -640,7 +620,8 @@ class ModbusLink : public Driver {
   bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
-ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)
-    : link_(std::make_unique<ModbusLink>(valid(config))) {}
+std::unique_ptr<Driver> modbusTcpDriver(const ModbusConfig& config) {
+  return std::make_unique<ModbusTcpDriver>(config);
+}
 
 }  // namespace helix_arm::regulator

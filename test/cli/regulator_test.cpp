@@ -15,7 +15,7 @@
 #include "command.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/modbus_tcp_driver.hpp"
+#include "regulator/drivers.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"
@@ -47,12 +47,13 @@ Outcome run(int port, const std::vector<std::string>& more) { return runCommand(
 
 // Pressure in all channels, and no program that holds them.
 void fill(const EmulatedDevice& device) {
-  regulator::ModbusTcpDriver driver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
-  driver.connect();
+  const auto driver =
+      regulator::modbusTcpDriver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
+  driver->connect();
   control::ValveOrders orders(3);
   orders.valve.assign(3, Valve::kRegulate);
   orders.set_point.setConstant(2e5);
-  driver.write(orders);
+  driver->write(orders);
   ASSERT_TRUE(eventually([&] { return device.pressure().head(3).minCoeff() > 1.9e5; }));
 }
 
