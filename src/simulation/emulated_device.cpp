@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include <poll.h>
 #include <sys/eventfd.h>
@@ -220,7 +221,7 @@ template <class Ask>
 auto EmulatedDevice::ask(const Ask& ask) const {
   const basics::MutexLock lock(mutex_);
   emulation_->catchUp();
-  return ask(*emulation_);
+  return std::invoke(ask, *emulation_);
 }
 
 void EmulatedDevice::setFault(DeviceFault fault) {
@@ -230,35 +231,15 @@ void EmulatedDevice::setFault(DeviceFault fault) {
 void EmulatedDevice::jam(int slot, bool jammed) {
   ask([=](Emulation& device) { device.jam(slot, jammed); });
 }
-std::string EmulatedDevice::path() const {
-  return ask([](const Emulation& device) { return device.path(); });
-}
-int EmulatedDevice::port() const {
-  return ask([](const Emulation& device) { return device.port(); });
-}
-DeviceFault EmulatedDevice::fault() const {
-  return ask([](const Emulation& device) { return device.fault(); });
-}
-Eigen::VectorXd EmulatedDevice::pressure() const {
-  return ask([](const Emulation& device) { return Eigen::VectorXd(device.pressure()); });
-}
-Eigen::VectorXd EmulatedDevice::setPoint() const {
-  return ask([](const Emulation& device) { return device.setPoint(); });
-}
-std::vector<control::Valve> EmulatedDevice::valves() const {
-  return ask([](const Emulation& device) { return device.valves(); });
-}
-std::uint64_t EmulatedDevice::taken() const {
-  return ask([](const Emulation& device) { return device.taken(); });
-}
-std::uint64_t EmulatedDevice::restarts() const {
-  return ask([](const Emulation& device) { return device.restarts(); });
-}
-int EmulatedDevice::connections() const {
-  return ask([](const Emulation& device) { return device.connections(); });
-}
-double EmulatedDevice::lastSetTime() const {
-  return ask([](const Emulation& device) { return device.lastSetTime(); });
-}
+std::string EmulatedDevice::path() const { return ask(&Emulation::path); }
+int EmulatedDevice::port() const { return ask(&Emulation::port); }
+DeviceFault EmulatedDevice::fault() const { return ask(&Emulation::fault); }
+Eigen::VectorXd EmulatedDevice::pressure() const { return ask(&Emulation::pressure); }
+Eigen::VectorXd EmulatedDevice::setPoint() const { return ask(&Emulation::setPoint); }
+std::vector<control::Valve> EmulatedDevice::valves() const { return ask(&Emulation::valves); }
+std::uint64_t EmulatedDevice::taken() const { return ask(&Emulation::taken); }
+std::uint64_t EmulatedDevice::restarts() const { return ask(&Emulation::restarts); }
+int EmulatedDevice::connections() const { return ask(&Emulation::connections); }
+double EmulatedDevice::lastSetTime() const { return ask(&Emulation::lastSetTime); }
 
 }  // namespace helix_arm::simulation
