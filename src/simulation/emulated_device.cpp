@@ -25,19 +25,12 @@ constexpr const char* kFaultNames[kDeviceFaultCount] = {
     "nan_text", "stuck_value", "burst",   "stuck_open", "stuck_shut", "low_supply"};
 static_assert(kFaultNames[kDeviceFaultCount - 1] != nullptr, "each fault has a name");
 
+// The last faults are those of the air behind the device, in their order.
 regulator::AirFault airFaultOf(DeviceFault fault) {
-  switch (fault) {
-    case DeviceFault::kBurst:
-      return regulator::AirFault::kBurst;
-    case DeviceFault::kStuckOpen:
-      return regulator::AirFault::kStuckOpen;
-    case DeviceFault::kStuckShut:
-      return regulator::AirFault::kStuckShut;
-    case DeviceFault::kLowSupply:
-      return regulator::AirFault::kLowSupply;
-    default:
-      return regulator::AirFault::kNone;
-  }
+  constexpr int kBefore = static_cast<int>(DeviceFault::kBurst) - 1;
+  static_assert(static_cast<int>(DeviceFault::kLowSupply) - kBefore ==
+                static_cast<int>(regulator::AirFault::kLowSupply));
+  return static_cast<regulator::AirFault>(std::max(0, static_cast<int>(fault) - kBefore));
 }
 
 }  // namespace

@@ -187,15 +187,6 @@ class VideoFile : public FrameSource {
   JpegDecoder decoder_;
 };
 
-std::unique_ptr<VideoDevice> openWebcam(const WebcamConfig& config) {
-  return std::make_unique<V4l2Device>(config);
-}
-
-std::unique_ptr<FrameSource> openVideo(const std::string& path,
-                                       const std::optional<cv::Size>& expected) {
-  return std::make_unique<VideoFile>(path, expected);
-}
-
 std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
   try {
     // In the orientation of the sensor: the calibration does not know the orientation stored in the
@@ -212,4 +203,10 @@ std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Ma
 }  // namespace helix_arm::vision
 
 const helix_arm::vision::Media helix_arm_media = {
-    helix_arm::vision::openWebcam, helix_arm::vision::openVideo, helix_arm::vision::decode};
+    [](const auto& config) -> std::unique_ptr<helix_arm::vision::VideoDevice> {
+      return std::make_unique<helix_arm::vision::V4l2Device>(config);
+    },
+    [](const auto& path, const auto& expected) -> std::unique_ptr<helix_arm::vision::FrameSource> {
+      return std::make_unique<helix_arm::vision::VideoFile>(path, expected);
+    },
+    helix_arm::vision::decode};
