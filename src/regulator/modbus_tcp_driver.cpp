@@ -8,10 +8,8 @@
 #include <exception>
 #include <fstream>
 #include <future>
-#include <iomanip>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -29,6 +27,7 @@
 #include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
@@ -176,11 +175,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
 // The reply was complete: an exception, or the answer to another request.
 bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
 
-std::string hex(int word) {
-  std::ostringstream text;
-  text << "0x" << std::hex << std::setw(4) << std::setfill('0') << word;
-  return text.str();
-}
+std::string hex(int word) { return basics::format("0x%04x", word); }
 
 }  // namespace
 
@@ -524,12 +519,10 @@ class ModbusTcpDriver : public Driver {
                                      [&](const Slot& slot) { return statusOf(slot) != status; });
       if (late == slots_.end()) return;
       if (steadyNow() >= end) {
-        std::ostringstream text;
-        text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
-             << purpose << " within " << profile_.app->activation_time << " s: its status is "
-             << hex(statusOf(*late)) << ", expected " << hex(status)
-             << "; check that the slot exists and has no fault or lock";
-        throw LinkError(text.str());
+        throw LinkError(basics::messageOf(
+            tcp_.place(), ": slot ", late->number, " of ", profile_.name, " does not ", purpose,
+            " within ", profile_.app->activation_time, " s: its status is ", hex(statusOf(*late)),
+            ", expected ", hex(status), "; check that the slot exists and has no fault or lock"));
       }
       std::this_thread::sleep_for(kBetweenLooks);
     }
@@ -551,11 +544,10 @@ class ModbusTcpDriver : public Driver {
     const double pressure =
         static_cast<std::int16_t>(word) * profile_.pascals - profile_.atmosphere;
     if (pressure < kVacuum) {
-      std::ostringstream text;
-      text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
-           << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
-           << "atmosphere_kpa of the profile";
-      throw BadReply(text.str());
+      throw BadReply(basics::messageOf(
+          tcp_.place(), ": register ", place, " of ", profile_.name, " reads ", pressure / 1e3,
+          " kPa; expected no less than vacuum: check registers, count_pa and atmosphere_kpa of the "
+          "profile"));
     }
     return pressure;
   }

@@ -4,15 +4,14 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <limits>
-#include <sstream>
 
 #include <opencv2/calib3d.hpp>
 
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -210,11 +209,7 @@ Eigen::VectorXd standardErrors(const std::vector<Linearised>& views, int coeffic
   return errors;
 }
 
-std::string number(double value, int digits) {
-  std::ostringstream text;
-  text << std::setprecision(digits) << value;
-  return text.str();
-}
+std::string number(double value, int digits) { return basics::format("%.*g", digits, value); }
 
 double reachOf(const Fit& fit, const estimation::Camera& camera) {
   const Eigen::Vector2d centre(camera.cx, camera.cy);
