@@ -677,7 +677,7 @@ TEST(BoardAndHost, ALimitBelowTheHostsIsNamed) {
 }
 
 // Every flipped bit is refused by either side: firmware_line_test, line_format_test.
-TEST(BoardAndHost, WithChecksumsAFlippedBitBecomesNeitherAnOrderNorAReading) {
+TEST(BoardAndHost, WithChecksumsNoFlippedBitBecomesAnOrderOrAReading) {
   LiveBoard board(kChecksumRequired);
   board.pass(0.1);
   regulator::SerialProfile profile = withChecksums(genericProfile());
