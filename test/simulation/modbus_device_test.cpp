@@ -23,6 +23,7 @@ using control::Valve;
 using namespace test;
 using Words = RawModbus::Words;
 
+// Valves, clock and times are the same on every line.
 TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
   ModbusDeviceConfig config = quietDevice(mpaProfile(), 2);
   config.regulator.time_constant = 0.3;

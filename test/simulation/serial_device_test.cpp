@@ -129,26 +129,6 @@ TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
   EXPECT_TRUE(eventually([&] { return device.pressure()[2] > 2.49e4; }));
 }
 
-TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.regulator.time_constant = 0.3;
-  const EmulatedDevice device(config);
-  Terminal terminal(device, "\n");
-  EXPECT_TRUE(std::isinf(device.lastSetTime()));
-  const double before = steadyNow();
-  terminal.ask("p0=200.00");
-  const double after = steadyNow();
-  EXPECT_GE(device.lastSetTime(), before);
-  EXPECT_LE(device.lastSetTime(), after);
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  const double early = steadyNow();
-  const double pressure = device.pressure()[0];
-  const double late = steadyNow();
-  const auto lag = [](double t) { return 2e5 * -std::expm1(-t / 0.3); };
-  EXPECT_GE(pressure, lag(early - after) - 1);
-  EXPECT_LE(pressure, lag(late - before) + 1);
-}
-
 TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0", "1"}, 2);
   config.profile.watchdog = 2;
