@@ -60,24 +60,21 @@ void require(bool holds, const char* key, const Value& value, const char* rule) 
   basics::requireValue(holds, kCulprit, key, value, rule);
 }
 
-LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
+// @throws std::invalid_argument naming the key and the fault in its line.
+std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
+                                const LineStyle& style) {
+  std::vector<LineFormat> lines;
   try {
-    return LineFormat(text, style);
+    for (const std::string& text : texts) lines.emplace_back(text, style);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
   }
+  return lines;
 }
 
 std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
                                          const LineStyle& style) {
-  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
-}
-
-std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
-                                const LineStyle& style) {
-  std::vector<LineFormat> lines;
-  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
-  return lines;
+  return text.empty() ? std::nullopt : std::optional(formats(key, {text}, style).front());
 }
 
 // A line to the device must not have fields that cannot be filled in.
