@@ -43,7 +43,7 @@ foreach(layer basics lie model statics/loaded statics/exact statics/tiers static
 endforeach()
 set(others_regulator "Eigen|modbus")
 set(others_vision "Eigen|opencv2|apriltag")
-set(others_simulation "Eigen|modbus|nlohmann|opencv2")
+set(others_simulation "Eigen|nlohmann|opencv2")
 set(others_io/document "Eigen|openssl|yaml-cpp")
 set(others_io/scene "Eigen|yaml-cpp")
 set(others_cli "Eigen|CLI|nlohmann")

@@ -5,10 +5,10 @@
 #include <csignal>
 #include <cstring>
 #include <filesystem>
-#include <functional>
 #include <iostream>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <sstream>
 #include <thread>
 #include <utility>
@@ -38,7 +38,6 @@ using control::SafetyState;
 using control::Valve;
 using nlohmann::json;
 using regulator::steadyNow;
-using simulation::DeviceFault;
 
 constexpr double kProbeSeconds = 1;
 constexpr double kStay = 5;            // [s]
@@ -474,24 +473,10 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   return result.reason.empty() ? kDone : kNotPossible;
 }
 
-// An emulated device of either kind, through the functions that this command needs.
 struct Emulated {
-  std::shared_ptr<void> device;
+  std::unique_ptr<simulation::EmulatedDevice> device;
   std::vector<int> channels;  // (actuators) positions in the device
-  std::function<Eigen::VectorXd()> pressure, setPoint;
-  std::function<std::vector<Valve>()> valves;
-  std::function<void(DeviceFault)> setFault;
 };
-
-template <class Device>
-Emulated wrap(const std::shared_ptr<Device>& device, std::vector<int> channels) {
-  return {device,
-          std::move(channels),
-          [device] { return device->pressure(); },
-          [device] { return device->setPoint(); },
-          [device] { return device->valves(); },
-          [device](DeviceFault fault) { device->setFault(fault); }};
-}
 
 regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
   regulator::SimulatedRegulatorConfig config;
@@ -511,8 +496,7 @@ Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) 
   device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
   device.regulator = emulatedConfigOf(scene);
   device.port = config.port;
-  const auto made = std::make_shared<simulation::ModbusDevice>(device);
-  return wrap(made, config.slots);
+  return {std::make_unique<simulation::EmulatedDevice>(device), config.slots};
 }
 
 Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) {
@@ -522,10 +506,9 @@ Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) 
   device.channels = scene.arm.actuatorCount();
   device.regulator = emulatedConfigOf(scene);
   device.link = config.device;
-  const auto made = std::make_shared<simulation::SerialDevice>(device);
-  std::vector<int> channels;
-  for (int i = 0; i < device.channels; ++i) channels.push_back(i);
-  return wrap(made, channels);
+  std::vector<int> channels(static_cast<std::size_t>(device.channels));
+  std::iota(channels.begin(), channels.end(), 0);
+  return {std::make_unique<simulation::EmulatedDevice>(device), channels};
 }
 
 [[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
@@ -547,9 +530,9 @@ const char* wordOf(Valve valve) {
 }
 
 void tell(const Emulated& emulated, const io::Scene& scene) {
-  const Eigen::VectorXd pressure = emulated.pressure();
-  const Eigen::VectorXd set_point = emulated.setPoint();
-  const std::vector<Valve> valves = emulated.valves();
+  const Eigen::VectorXd pressure = emulated.device->pressure();
+  const Eigen::VectorXd set_point = emulated.device->setPoint();
+  const std::vector<Valve> valves = emulated.device->valves();
   std::vector<std::string> parts;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int k = emulated.channels[static_cast<std::size_t>(i)];
@@ -563,7 +546,7 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
 
 void obey(const std::string& word, const Emulated& emulated) {
   if (const auto fault = simulation::parseDeviceFault(word)) {
-    emulated.setFault(*fault);
+    emulated.device->setFault(*fault);
     std::cout << "fault: " << word << std::endl;
     return;
   }

@@ -1,12 +1,12 @@
-#include "ascii_serial_driver.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <exception>
 
+#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "serial_port.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -46,10 +46,6 @@ std::string receivedLine(const SerialProfile& profile, const std::string& line) 
                  profile.name + " says");
 }
 
-const LineFormat* addressOf(const std::optional<LineFormat>& line) {
-  return line ? &*line : nullptr;
-}
-
 // Continues with the other items after an error, and throws the first one afterwards.
 template <class Items, class Call>
 void forEach(Items begin, Items end, const Call& call) {
@@ -64,351 +60,383 @@ void forEach(Items begin, Items end, const Call& call) {
   if (first) std::rethrow_exception(first);
 }
 
-}  // namespace
-
-AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
-    : profile_(valid(config.profile)), lines_(profile_), device_(config.device), count_(channels) {
-  constexpr const char* kCulprit = "ascii serial regulator";
-  basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
-  basics::require(!device_.empty(), kCulprit,
-                  ": device is empty; expected one such as /dev/ttyUSB0");
-  const bool addressed = lines_.write->has("{address}");
-  const std::vector<std::string>& addresses = config.addresses;
-  if (addressed) {
-    basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
-                         "the number of addresses", addresses.size(),
-                         "one per channel, " + std::to_string(channels));
-  } else {
-    basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
-                         "none: the profile's lines have no {address}");
-    basics::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
-                    " channels, but the profile's lines have no {address} to tell them apart");
-  }
-  for (std::size_t i = 0; i < addresses.size(); ++i) {
-    const std::string& address = addresses[i];
-    const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
-                                                      [](char c) { return c > ' ' && c <= '~'; });
-    basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
-                    "\"; expected a word without spaces");
-    basics::require(std::find(addresses.begin(), addresses.end(), address) ==
-                        addresses.begin() + static_cast<std::ptrdiff_t>(i),
-                    kCulprit, ": address ", address, " is given twice; expected one per channel");
-  }
-  channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
-  for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
-    channels_[i].address = addresses[i];
-  }
-}
-
-void AsciiSerialDriver::connect() {
-  port_.open(device_, profile_.baud);
-  try {
-    ready();
-  } catch (const BadReply& error) {
-    close();
-    throw LinkError(error.what());
-  } catch (...) {
-    close();
-    throw;
-  }
-}
-
-void AsciiSerialDriver::ready() {
-  for (Channel& channel : channels_) {
-    channel.state = State::kUnknown;
-    channel.sent.reset();
-    channel.readings.clear();
-  }
-  supply_.reset();
-  lapsed_ = false;
-  for (const LineFormat& line : lines_.start) {
-    port_.send(sentLine(profile_, line.line("", {})) + profile_.terminator,
-               after(profile_.timeout));
-  }
-  if (lines_.read) awaitQuiet();
-  last_line_ = Clock::now();
-  vent();
-  if (lines_.read) {
-    ask();
-  } else {
-    awaitReading();
-  }
-}
-
-// A late answer from before must not be taken for the first one of this connection.
-void AsciiSerialDriver::awaitQuiet() {
-  const Clock::time_point deadline = after(3 * profile_.timeout);
-  Clock::time_point quiet = after(profile_.timeout);
-  while (Clock::now() < quiet) {
-    // Also waits for the rest of a line that has begun.
-    const std::optional<std::string> line =
-        port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
-    if (port_.discardInput() || line) quiet = after(profile_.timeout);
-    if (Clock::now() >= deadline) {
-      throw LinkError(device_ + " keeps sending, but its profile " + profile_.name +
-                      " says that it only answers requests; switch off its streaming, or use "
-                      "another profile");
+class AsciiSerialDriver : public Driver {
+ public:
+  AsciiSerialDriver(const SerialConfig& config, int channels)
+      : profile_(valid(config.profile)),
+        lines_(profile_),
+        device_(config.device),
+        count_(channels) {
+    constexpr const char* kCulprit = "ascii serial regulator";
+    basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
+    basics::require(!device_.empty(), kCulprit,
+                    ": device is empty; expected one such as /dev/ttyUSB0");
+    const bool addressed = lines_.write->has("{address}");
+    const std::vector<std::string>& addresses = config.addresses;
+    if (addressed) {
+      basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
+                           "the number of addresses", addresses.size(),
+                           "one per channel, " + std::to_string(channels));
+    } else {
+      basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
+                           "none: the profile's lines have no {address}");
+      basics::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
+                      " channels, but the profile's lines have no {address} to tell them apart");
+    }
+    for (std::size_t i = 0; i < addresses.size(); ++i) {
+      const std::string& address = addresses[i];
+      const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
+                                                        [](char c) { return c > ' ' && c <= '~'; });
+      basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
+                      "\"; expected a word without spaces");
+      basics::require(std::find(addresses.begin(), addresses.end(), address) ==
+                          addresses.begin() + static_cast<std::ptrdiff_t>(i),
+                      kCulprit, ": address ", address, " is given twice; expected one per channel");
+    }
+    channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
+    for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
+      channels_[i].address = addresses[i];
     }
   }
-}
 
-void AsciiSerialDriver::awaitReading() {
-  const Clock::time_point deadline = after(3 * profile_.timeout);
-  std::exception_ptr error;
-  while (Clock::now() < deadline) {
+  void connect() override {
+    port_.open(device_, profile_.baud);
     try {
-      if (listen(deadline)) return;
-    } catch (const BadReply&) {  // the first line may be incomplete
+      ready();
+    } catch (const BadReply& error) {
+      close();
+      throw LinkError(error.what());
+    } catch (...) {
+      close();
+      throw;
+    }
+  }
+
+  void write(const control::ValveOrders& orders) override {
+    const auto size = static_cast<std::size_t>(count_);
+    basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
+                         "ascii serial regulator", "the number of orders", orders.valve.size(),
+                         "one per channel");
+    basics::require(orders.set_point.allFinite(),
+                    "ascii serial regulator: a set point is not finite; expected pascals");
+    if (!profile_.one_by_one) return writeTogether(orders);
+    forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
+      const auto i = &channel - channels_.data();
+      writeChannel(channel, orders.valve[static_cast<std::size_t>(i)], orders.set_point[i]);
+    });
+  }
+
+  void read(Pressures& pressures) override {
+    basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
+                         "the number of readings", pressures.pressure.size(), "one per channel");
+    pressures = Pressures(count_);
+    std::exception_ptr error;
+    try {
+      if (lines_.read) {
+        ask();
+      } else {
+        overhear();
+      }
+    } catch (const std::runtime_error&) {  // the readings of other channels are valid
       error = std::current_exception();
     }
+    int i = 0;
+    for (Channel& channel : channels_) {
+      const int wanted = profile_.one_by_one ? 1 : count_;
+      for (int k = 0; k < static_cast<int>(channel.readings.size()); ++k) {
+        pressures.pressure[i + k] = channel.readings[static_cast<std::size_t>(k)];
+      }
+      channel.readings.clear();
+      i += wanted;
+    }
+    if (supply_) pressures.supply = *supply_;
+    supply_.reset();
+    if (error) std::rethrow_exception(error);
   }
-  if (error) std::rethrow_exception(error);
-  throw LinkError(device_ + " sends no readings within " + milliseconds(3 * profile_.timeout) +
-                  "; check its power, its baud rate and the profile " + profile_.name);
-}
 
-LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineFormat* reply,
-                                       Channel& channel, const LineFields& values) {
-  const Clock::time_point deadline = after(profile_.timeout);
-  if (lines_.read) port_.discardInput();
-  const std::string line = command.line(channel.address, values);
-  port_.send(sentLine(profile_, line) + profile_.terminator, deadline);
-  noteSilence();
-  last_line_ = Clock::now();
-  if (reply == nullptr) return {};
-  const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
-  if (!answer && !port_.unfinished().empty()) {
-    throw BadReply(device_ + " sent an incomplete answer to \"" + line + "\": \"" +
-                   basics::quoted(port_.unfinished()) + "\"");
+  void vent() override {
+    forEach(channels_.begin(), channels_.end(), [this](Channel& channel) { ventChannel(channel); });
   }
-  if (!answer) {
-    throw LinkError(
-        device_ + " does not answer \"" + line + "\" within " + milliseconds(profile_.timeout) +
-        "; check its power, its address, its baud rate and the profile " + profile_.name);
-  }
-  try {
-    return reply->parse(receivedLine(profile_, *answer), channel.address,
-                        static_cast<std::size_t>(count_));
-  } catch (const BadReply& error) {
-    throw BadReply(device_ + " answers \"" + line + "\": " + error.what());
-  }
-}
 
-// Remembered until all channels are vented, since the first line after a silence may be a vent.
-void AsciiSerialDriver::noteSilence() {
-  const std::chrono::duration<double> silence = Clock::now() - last_line_;
-  lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
-}
+  double watchdog() const noexcept override { return profile_.watchdog; }
+  void close() noexcept override { port_.close(); }
 
-// A device that has vented by itself would jump to the set point of the next line.
-void AsciiSerialDriver::requireWatched() {
-  const bool vented = std::all_of(channels_.begin(), channels_.end(), [](const Channel& channel) {
-    return channel.state == State::kVented;
-  });
-  if (vented) {
+ private:
+  enum class State { kUnknown, kVented, kClosed, kRegulates };
+  struct Channel {
+    std::string address;
+    State state = State::kUnknown;
+    std::optional<double> sent;           // set point [device units]; absent unless it regulates
+    std::vector<double> readings;         // not yet returned by read() [Pa]
+    SerialPort::Clock::time_point heard;  // time of the last reading
+  };
+
+  void ready() {
+    for (Channel& channel : channels_) {
+      channel.state = State::kUnknown;
+      channel.sent.reset();
+      channel.readings.clear();
+    }
+    supply_.reset();
     lapsed_ = false;
+    for (const LineFormat& line : lines_.start) {
+      port_.send(sentLine(profile_, line.line("", {})) + profile_.terminator,
+                 after(profile_.timeout));
+    }
+    if (lines_.read) awaitQuiet();
     last_line_ = Clock::now();
-  }
-  noteSilence();
-  if (!lapsed_) return;
-  throw LinkError(device_ + " received no line for more than " +
-                  milliseconds(kWatchdogShare * profile_.watchdog) +
-                  ", and may have vented by itself (watchdog_s of its profile " + profile_.name +
-                  "); reduce the load of this machine");
-}
-
-double AsciiSerialDriver::reading(double number) const {
-  const double pressure = profile_.toPascals(number);
-  if (control::kPossibleReading.contains(pressure)) return pressure;
-  throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
-                 " kPa (gauge), which is impossible; check its sensor and its unit");
-}
-
-void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
-  if (fields.supply) supply_ = reading(*fields.supply);
-  if (fields.set_point && channel.sent) {
-    // Devices round to their own number of digits. Larger differences mean another unit, or another
-    // client that sets it.
-    const double tolerance =
-        std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
-    if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
-      throw BadReply(
-          device_ + " " + channel.address + " holds the set point " +
-          std::to_string(*fields.set_point) + ", but was sent " + std::to_string(*channel.sent) +
-          "; check its unit, its range and that it accepts set points from the serial line");
-    }
-  }
-  if (fields.pressures.empty()) return;
-  std::vector<double> readings;
-  for (const double number : fields.pressures) readings.push_back(reading(number));
-  channel.readings = std::move(readings);
-  channel.heard = Clock::now();
-}
-
-double AsciiSerialDriver::numberOf(double pressure) const {
-  // Rounded down, so that the device never gets more than was ordered; the tolerance covers
-  // floating-point error.
-  const double scale = std::pow(10.0, profile_.decimals);
-  return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
-}
-
-void AsciiSerialDriver::exchangeAll(const std::vector<LineFormat>& commands, Channel& channel) {
-  for (const LineFormat& command : commands) {
-    note(exchange(command, addressOf(lines_.vent_reply), channel), channel);
-  }
-}
-
-void AsciiSerialDriver::ventChannel(Channel& channel) {
-  const bool vented = channel.state == State::kVented;
-  channel.sent.reset();
-  channel.state = State::kUnknown;
-  // If one line fails, the next one may still vent the device.
-  forEach(vented ? lines_.vent.end() - 1 : lines_.vent.begin(), lines_.vent.end(),
-          [&](const LineFormat& line) {
-            note(exchange(line, addressOf(lines_.vent_reply), channel), channel);
-          });
-  channel.state = State::kVented;
-}
-
-void AsciiSerialDriver::closeChannel(Channel& channel) {
-  requireWatched();
-  channel.sent.reset();
-  channel.state = State::kUnknown;
-  exchangeAll(lines_.close, channel);
-  requireWatched();
-  channel.state = State::kClosed;
-}
-
-void AsciiSerialDriver::regulate(Channel& channel, const LineFields& values) {
-  requireWatched();
-  const bool regulated = channel.state == State::kRegulates;
-  channel.state = State::kUnknown;
-  note(exchange(*lines_.write, addressOf(lines_.write_reply), channel, values), channel);
-  requireWatched();
-  if (!regulated) exchangeAll(lines_.resume, channel);
-  channel.state = State::kRegulates;
-}
-
-void AsciiSerialDriver::writeChannel(Channel& channel, control::Valve valve, double set_point) {
-  if (valve == control::Valve::kRegulate) {
-    channel.sent = numberOf(set_point);
-    regulate(channel, {{*channel.sent}, {}, {}});
-  } else if (valve == control::Valve::kClose && !lines_.close.empty()) {
-    closeChannel(channel);
-  } else {
-    ventChannel(channel);
-  }
-}
-
-void AsciiSerialDriver::writeTogether(const control::ValveOrders& orders) {
-  Channel& all = channels_.front();
-  const bool regulates = std::find(orders.valve.begin(), orders.valve.end(),
-                                   control::Valve::kRegulate) != orders.valve.end();
-  if (!regulates) return ventChannel(all);
-  LineFields values;
-  for (std::size_t i = 0; i < orders.valve.size(); ++i) {
-    const bool vented = orders.valve[i] != control::Valve::kRegulate;
-    values.pressures.push_back(numberOf(vented ? 0.0 : orders.set_point[static_cast<int>(i)]));
-  }
-  regulate(all, values);
-}
-
-void AsciiSerialDriver::write(const control::ValveOrders& orders) {
-  const auto size = static_cast<std::size_t>(count_);
-  basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
-                       "ascii serial regulator", "the number of orders", orders.valve.size(),
-                       "one per channel");
-  basics::require(orders.set_point.allFinite(),
-                  "ascii serial regulator: a set point is not finite; expected pascals");
-  if (!profile_.one_by_one) return writeTogether(orders);
-  forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
-    const auto i = &channel - channels_.data();
-    writeChannel(channel, orders.valve[static_cast<std::size_t>(i)], orders.set_point[i]);
-  });
-}
-
-void AsciiSerialDriver::vent() {
-  forEach(channels_.begin(), channels_.end(), [this](Channel& channel) { ventChannel(channel); });
-}
-
-// Reads the lines that have arrived, waiting for the first until the deadline. Returns whether one
-// of them was a reading.
-bool AsciiSerialDriver::listen(Clock::time_point deadline) {
-  const auto channels = static_cast<std::size_t>(count_);
-  bool heard = false;
-  std::exception_ptr error;
-  for (std::optional<std::string> line = port_.receiveLine(profile_.terminator, deadline); line;
-       line = port_.receiveLine(profile_.terminator, Clock::time_point())) {
-    if (line->find_first_not_of("\r\n \t") == std::string::npos) continue;
-    try {
-      const std::string text = receivedLine(profile_, *line);
-      const auto fits = [&](const LineFormat& format) {
-        return format.match(text, "", channels).has_value();
-      };
-      if (std::any_of(lines_.skip.begin(), lines_.skip.end(), fits)) continue;
-      const bool supply = lines_.supply_line && fits(*lines_.supply_line);
-      const LineFormat& format = supply ? *lines_.supply_line : *lines_.reply;
-      note(format.parse(text, "", channels), channels_.front());
-      heard = heard || !supply;
-    } catch (const BadReply& fault) {
-      error = std::make_exception_ptr(BadReply(device_ + " sends " + fault.what()));
-    }
-  }
-  if (!heard && error) std::rethrow_exception(error);
-  return heard;
-}
-
-void AsciiSerialDriver::ask() {
-  // Readings in answers to a write are valid only for this time.
-  const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
-  forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
-    if (channel.heard > oldest && !channel.readings.empty()) return;
-    channel.readings.clear();
-    requireWatched();
-    note(exchange(*lines_.read, &*lines_.reply, channel), channel);
-  });
-}
-
-void AsciiSerialDriver::overhear() {
-  if (listen(Clock::time_point())) return;
-  const Channel& all = channels_.front();
-  if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
-  if (!port_.unfinished().empty()) {
-    throw BadReply(device_ + " has not completed a line for " + milliseconds(profile_.timeout) +
-                   ": \"" + basics::quoted(port_.unfinished()) + "\"");
-  }
-  throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
-                  "; check its power and the profile " + profile_.name);
-}
-
-void AsciiSerialDriver::read(Pressures& pressures) {
-  basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
-                       "the number of readings", pressures.pressure.size(), "one per channel");
-  pressures = Pressures(count_);
-  std::exception_ptr error;
-  try {
+    vent();
     if (lines_.read) {
       ask();
     } else {
-      overhear();
+      awaitReading();
     }
-  } catch (const std::runtime_error&) {  // the readings of other channels are valid
-    error = std::current_exception();
   }
-  int i = 0;
-  for (Channel& channel : channels_) {
-    const int wanted = profile_.one_by_one ? 1 : count_;
-    for (int k = 0; k < static_cast<int>(channel.readings.size()); ++k) {
-      pressures.pressure[i + k] = channel.readings[static_cast<std::size_t>(k)];
-    }
-    channel.readings.clear();
-    i += wanted;
-  }
-  if (supply_) pressures.supply = *supply_;
-  supply_.reset();
-  if (error) std::rethrow_exception(error);
-}
 
-void AsciiSerialDriver::close() noexcept { port_.close(); }
+  // A late answer from before must not be taken for the first one of this connection.
+  void awaitQuiet() {
+    const Clock::time_point deadline = after(3 * profile_.timeout);
+    Clock::time_point quiet = after(profile_.timeout);
+    while (Clock::now() < quiet) {
+      // Also waits for the rest of a line that has begun.
+      const std::optional<std::string> line =
+          port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
+      if (port_.discardInput() || line) quiet = after(profile_.timeout);
+      if (Clock::now() >= deadline) {
+        throw LinkError(device_ + " keeps sending, but its profile " + profile_.name +
+                        " says that it only answers requests; switch off its streaming, or use "
+                        "another profile");
+      }
+    }
+  }
+
+  void awaitReading() {
+    const Clock::time_point deadline = after(3 * profile_.timeout);
+    std::exception_ptr error;
+    while (Clock::now() < deadline) {
+      try {
+        if (listen(deadline)) return;
+      } catch (const BadReply&) {  // the first line may be incomplete
+        error = std::current_exception();
+      }
+    }
+    if (error) std::rethrow_exception(error);
+    throw LinkError(device_ + " sends no readings within " + milliseconds(3 * profile_.timeout) +
+                    "; check its power, its baud rate and the profile " + profile_.name);
+  }
+
+  // Sends a line and notes what the answer holds, if one is due.
+  void exchange(const LineFormat& command, const std::optional<LineFormat>& reply, Channel& channel,
+                const LineFields& values = {}) {
+    const Clock::time_point deadline = after(profile_.timeout);
+    if (lines_.read) port_.discardInput();
+    const std::string line = command.line(channel.address, values);
+    port_.send(sentLine(profile_, line) + profile_.terminator, deadline);
+    noteSilence();
+    last_line_ = Clock::now();
+    if (!reply) return;
+    const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
+    if (!answer && !port_.unfinished().empty()) {
+      throw BadReply(device_ + " sent an incomplete answer to \"" + line + "\": \"" +
+                     basics::quoted(port_.unfinished()) + "\"");
+    }
+    if (!answer) {
+      throw LinkError(
+          device_ + " does not answer \"" + line + "\" within " + milliseconds(profile_.timeout) +
+          "; check its power, its address, its baud rate and the profile " + profile_.name);
+    }
+    LineFields fields;
+    try {
+      fields = reply->parse(receivedLine(profile_, *answer), channel.address,
+                            static_cast<std::size_t>(count_));
+    } catch (const BadReply& error) {
+      throw BadReply(device_ + " answers \"" + line + "\": " + error.what());
+    }
+    note(fields, channel);
+  }
+
+  // Remembered until all channels are vented, since the first line after a silence may be a vent.
+  void noteSilence() {
+    const std::chrono::duration<double> silence = Clock::now() - last_line_;
+    lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
+  }
+
+  // A device that has vented by itself would jump to the set point of the next line.
+  void requireWatched() {
+    const bool vented = std::all_of(channels_.begin(), channels_.end(), [](const Channel& channel) {
+      return channel.state == State::kVented;
+    });
+    if (vented) {
+      lapsed_ = false;
+      last_line_ = Clock::now();
+    }
+    noteSilence();
+    if (!lapsed_) return;
+    throw LinkError(device_ + " received no line for more than " +
+                    milliseconds(kWatchdogShare * profile_.watchdog) +
+                    ", and may have vented by itself (watchdog_s of its profile " + profile_.name +
+                    "); reduce the load of this machine");
+  }
+
+  double reading(double number) const {
+    const double pressure = profile_.toPascals(number);
+    if (control::kPossibleReading.contains(pressure)) return pressure;
+    throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
+                   " kPa (gauge), which is impossible; check its sensor and its unit");
+  }
+
+  void note(const LineFields& fields, Channel& channel) {
+    if (fields.supply) supply_ = reading(*fields.supply);
+    if (fields.set_point && channel.sent) {
+      // Devices round to their own number of digits. Larger differences mean another unit, or
+      // another client that sets it.
+      const double tolerance =
+          std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
+      if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
+        throw BadReply(
+            device_ + " " + channel.address + " holds the set point " +
+            std::to_string(*fields.set_point) + ", but was sent " + std::to_string(*channel.sent) +
+            "; check its unit, its range and that it accepts set points from the serial line");
+      }
+    }
+    if (fields.pressures.empty()) return;
+    std::vector<double> readings;
+    for (const double number : fields.pressures) readings.push_back(reading(number));
+    channel.readings = std::move(readings);
+    channel.heard = Clock::now();
+  }
+
+  double numberOf(double pressure) const {
+    // Rounded down, so that the device never gets more than was ordered; the tolerance covers
+    // floating-point error.
+    const double scale = std::pow(10.0, profile_.decimals);
+    return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
+  }
+
+  void exchangeAll(const std::vector<LineFormat>& commands, Channel& channel) {
+    for (const LineFormat& command : commands) {
+      exchange(command, lines_.vent_reply, channel);
+    }
+  }
+
+  void ventChannel(Channel& channel) {
+    const bool vented = channel.state == State::kVented;
+    channel.sent.reset();
+    channel.state = State::kUnknown;
+    // If one line fails, the next one may still vent the device.
+    forEach(vented ? lines_.vent.end() - 1 : lines_.vent.begin(), lines_.vent.end(),
+            [&](const LineFormat& line) { exchange(line, lines_.vent_reply, channel); });
+    channel.state = State::kVented;
+  }
+
+  void closeChannel(Channel& channel) {
+    requireWatched();
+    channel.sent.reset();
+    channel.state = State::kUnknown;
+    exchangeAll(lines_.close, channel);
+    requireWatched();
+    channel.state = State::kClosed;
+  }
+
+  void regulate(Channel& channel, const LineFields& values) {
+    requireWatched();
+    const bool regulated = channel.state == State::kRegulates;
+    channel.state = State::kUnknown;
+    exchange(*lines_.write, lines_.write_reply, channel, values);
+    requireWatched();
+    if (!regulated) exchangeAll(lines_.resume, channel);
+    channel.state = State::kRegulates;
+  }
+
+  void writeChannel(Channel& channel, control::Valve valve, double set_point) {
+    if (valve == control::Valve::kRegulate) {
+      channel.sent = numberOf(set_point);
+      regulate(channel, {{*channel.sent}, {}, {}});
+    } else if (valve == control::Valve::kClose && !lines_.close.empty()) {
+      closeChannel(channel);
+    } else {
+      ventChannel(channel);
+    }
+  }
+
+  void writeTogether(const control::ValveOrders& orders) {
+    Channel& all = channels_.front();
+    const bool regulates = std::find(orders.valve.begin(), orders.valve.end(),
+                                     control::Valve::kRegulate) != orders.valve.end();
+    if (!regulates) return ventChannel(all);
+    LineFields values;
+    for (std::size_t i = 0; i < orders.valve.size(); ++i) {
+      const bool vented = orders.valve[i] != control::Valve::kRegulate;
+      values.pressures.push_back(numberOf(vented ? 0.0 : orders.set_point[static_cast<int>(i)]));
+    }
+    regulate(all, values);
+  }
+
+  // Reads the lines that have arrived, waiting for the first until the deadline. Returns whether
+  // one of them was a reading.
+  bool listen(Clock::time_point deadline) {
+    const auto channels = static_cast<std::size_t>(count_);
+    bool heard = false;
+    std::exception_ptr error;
+    for (std::optional<std::string> line = port_.receiveLine(profile_.terminator, deadline); line;
+         line = port_.receiveLine(profile_.terminator, Clock::time_point())) {
+      if (line->find_first_not_of("\r\n \t") == std::string::npos) continue;
+      try {
+        const std::string text = receivedLine(profile_, *line);
+        const auto fits = [&](const LineFormat& format) {
+          return format.match(text, "", channels).has_value();
+        };
+        if (std::any_of(lines_.skip.begin(), lines_.skip.end(), fits)) continue;
+        const bool supply = lines_.supply_line && fits(*lines_.supply_line);
+        const LineFormat& format = supply ? *lines_.supply_line : *lines_.reply;
+        note(format.parse(text, "", channels), channels_.front());
+        heard = heard || !supply;
+      } catch (const BadReply& fault) {
+        error = std::make_exception_ptr(BadReply(device_ + " sends " + fault.what()));
+      }
+    }
+    if (!heard && error) std::rethrow_exception(error);
+    return heard;
+  }
+
+  void ask() {
+    // Readings in answers to a write are valid only for this time.
+    const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
+    forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
+      if (channel.heard > oldest && !channel.readings.empty()) return;
+      channel.readings.clear();
+      requireWatched();
+      exchange(*lines_.read, lines_.reply, channel);
+    });
+  }
+
+  void overhear() {
+    if (listen(Clock::time_point())) return;
+    const Channel& all = channels_.front();
+    if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
+    if (!port_.unfinished().empty()) {
+      throw BadReply(device_ + " has not completed a line for " + milliseconds(profile_.timeout) +
+                     ": \"" + basics::quoted(port_.unfinished()) + "\"");
+    }
+    throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
+                    "; check its power and the profile " + profile_.name);
+  }
+
+  SerialProfile profile_;
+  SerialLines lines_;
+  std::string device_;
+  int count_;                      // channels
+  std::vector<Channel> channels_;  // a single one if one line serves all channels
+  std::optional<double> supply_;   // not yet returned by read() [Pa]
+  SerialPort port_;
+  SerialPort::Clock::time_point last_line_;  // sent
+  bool lapsed_ = false;  // the device's watchdog may have expired since it vented
+};
+
+}  // namespace
+
+std::unique_ptr<Driver> asciiSerialDriver(const SerialConfig& config, int channels) {
+  return std::make_unique<AsciiSerialDriver>(config, channels);
+}
 
 }  // namespace helix_arm::regulator

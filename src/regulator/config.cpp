@@ -2,10 +2,9 @@
 
 #include <sstream>
 
-#include "ascii_serial_driver.hpp"
+#include "drivers.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
-#include "modbus_tcp_driver.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -83,10 +82,10 @@ std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
                    return std::make_unique<SimulatedDriver>(channels, simulated);
                  },
                  [&](const SerialConfig& serial) -> std::unique_ptr<Driver> {
-                   return std::make_unique<AsciiSerialDriver>(serial, channels);
+                   return asciiSerialDriver(serial, channels);
                  },
                  [&](const ModbusConfig& modbus) -> std::unique_ptr<Driver> {
-                   return checked(std::make_unique<ModbusTcpDriver>(modbus), modbus.slots.size());
+                   return checked(modbusTcpDriver(modbus), modbus.slots.size());
                  }},
       config);
 }

@@ -1,5 +1,3 @@
-#include "modbus_tcp_driver.hpp"
-
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -10,10 +8,8 @@
 #include <exception>
 #include <fstream>
 #include <future>
-#include <iomanip>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -28,8 +24,10 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
@@ -177,11 +175,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
 // The reply was complete: an exception, or the answer to another request.
 bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
 
-std::string hex(int word) {
-  std::ostringstream text;
-  text << "0x" << std::hex << std::setw(4) << std::setfill('0') << word;
-  return text.str();
-}
+std::string hex(int word) { return basics::format("0x%04x", word); }
 
 }  // namespace
 
@@ -334,56 +328,38 @@ class TcpLink {
   std::shared_future<Resolved> pending_;
 };
 
-/// A set of registers in consecutive runs, as Modbus transfers them.
-class ModbusRegisters {
- public:
+/// Registers by number, and the consecutive runs of those in use, as Modbus transfers them.
+struct ModbusRegisters {
   struct Run {
-    int first;
-    std::vector<std::uint16_t> words;
+    int first, size;
   };
 
   /// @param longest  longest run, >= 1.
-  ModbusRegisters(const std::set<int>& registers, int longest) {
-    for (const int number : registers) {
-      const bool fits =
-          !runs_.empty() && number == end(runs_.back()) && number < runs_.back().first + longest;
-      if (!fits) runs_.push_back({number, {}});
-      runs_.back().words.push_back(0);
+  ModbusRegisters(const std::set<int>& used, int longest) : words(kHighestRegister + 1) {
+    for (const int number : used) {
+      if (runs.empty() || number != runs.back().first + runs.back().size ||
+          runs.back().size == longest) {
+        runs.push_back({number, 0});
+      }
+      ++runs.back().size;
     }
   }
 
-  /// A register from the constructor's set.
-  std::uint16_t& at(int number) {
-    return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
-  }
-  const std::uint16_t& at(int number) const {
-    const auto run = std::find_if(runs_.begin(), runs_.end(),
-                                  [number](const Run& r) { return number < end(r); });
-    return run->words.at(static_cast<std::size_t>(number - run->first));
-  }
-
-  std::vector<Run>& runs() { return runs_; }
-  void clear() {
-    for (Run& run : runs_) std::fill(run.words.begin(), run.words.end(), std::uint16_t{0});
-  }
-
- private:
-  static int end(const Run& run) { return run.first + static_cast<int>(run.words.size()); }
-
-  std::vector<Run> runs_;
+  std::vector<std::uint16_t> words;
+  std::vector<Run> runs;
 };
 
-class ModbusLink : public Driver {
+class ModbusTcpDriver : public Driver {
  public:
-  explicit ModbusLink(const ModbusConfig& config)
-      : profile_(config.profile),
+  explicit ModbusTcpDriver(const ModbusConfig& config)
+      : profile_(valid(config).profile),
         places_(config.slots),
         tcp_(config.host, config.port),
         outputs_(outputsOf(config), MODBUS_MAX_WRITE_REGISTERS),
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});
   }
-  ~ModbusLink() override { ModbusLink::close(); }
+  ~ModbusTcpDriver() override { ModbusTcpDriver::close(); }
 
   void connect() override {
     disconnect();
@@ -434,7 +410,7 @@ class ModbusLink : public Driver {
         if (profile_.slot(places_[i]) != slot.number) continue;
         closes = closes && orders.valve[i] == control::Valve::kClose;
         if (orders.valve[i] != control::Valve::kRegulate) continue;
-        outputs_.at(profile_.setPoint(places_[i])) =
+        outputs_.words.at(profile_.setPoint(places_[i])) =
             countOf(orders.set_point[static_cast<Eigen::Index>(i)]);
       }
       if (profile_.app) command(slot, closes ? profile_.app->off : profile_.app->regulate);
@@ -460,10 +436,10 @@ class ModbusLink : public Driver {
     }
     for (std::size_t i = 0; i < places_.size(); ++i) {
       const int place = profile_.reading(places_[i]);
-      pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.at(place));
+      pressures.pressure[static_cast<Eigen::Index>(i)] = pressureOf(place, inputs_.words.at(place));
     }
     if (profile_.supply) {
-      pressures.supply = pressureOf(*profile_.supply, inputs_.at(*profile_.supply));
+      pressures.supply = pressureOf(*profile_.supply, inputs_.words.at(*profile_.supply));
     }
   }
 
@@ -473,7 +449,7 @@ class ModbusLink : public Driver {
     clearOutputs();
     if (profile_.app) commandAll(profile_.app->regulate);
     std::exception_ptr error;
-    for (const ModbusRegisters::Run& run : outputs_.runs()) {
+    for (const ModbusRegisters::Run& run : outputs_.runs) {
       try {
         send(run);
       } catch (const std::exception&) {
@@ -525,7 +501,7 @@ class ModbusLink : public Driver {
   }
 
   void command(Slot& slot, int word) {
-    outputs_.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
+    outputs_.words.at(profile_.command(slot.number)) = static_cast<std::uint16_t>(word);
     if (slot.command == word) return;
     slot.command = word;
     slot.since = steadyNow();
@@ -543,19 +519,17 @@ class ModbusLink : public Driver {
                                      [&](const Slot& slot) { return statusOf(slot) != status; });
       if (late == slots_.end()) return;
       if (steadyNow() >= end) {
-        std::ostringstream text;
-        text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
-             << purpose << " within " << profile_.app->activation_time << " s: its status is "
-             << hex(statusOf(*late)) << ", expected " << hex(status)
-             << "; check that the slot exists and has no fault or lock";
-        throw LinkError(text.str());
+        throw LinkError(basics::messageOf(
+            tcp_.place(), ": slot ", late->number, " of ", profile_.name, " does not ", purpose,
+            " within ", profile_.app->activation_time, " s: its status is ", hex(statusOf(*late)),
+            ", expected ", hex(status), "; check that the slot exists and has no fault or lock"));
       }
       std::this_thread::sleep_for(kBetweenLooks);
     }
   }
 
   int statusOf(const Slot& slot) const {
-    return inputs_.at(profile_.status(slot.number)) & profile_.app->status_mask;
+    return inputs_.words.at(profile_.status(slot.number)) & profile_.app->status_mask;
   }
 
   std::uint16_t countOf(double pressure) const {
@@ -570,41 +544,39 @@ class ModbusLink : public Driver {
     const double pressure =
         static_cast<std::int16_t>(word) * profile_.pascals - profile_.atmosphere;
     if (pressure < kVacuum) {
-      std::ostringstream text;
-      text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
-           << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
-           << "atmosphere_kpa of the profile";
-      throw BadReply(text.str());
+      throw BadReply(basics::messageOf(
+          tcp_.place(), ": register ", place, " of ", profile_.name, " reads ", pressure / 1e3,
+          " kPa; expected no less than vacuum: check registers, count_pa and atmosphere_kpa of the "
+          "profile"));
     }
     return pressure;
   }
 
   // No app and the pressure of the atmosphere, also in a device that counts from vacuum.
   void clearOutputs() {
-    outputs_.clear();
     for (const Slot& slot : slots_) {
       for (int i = 0; i < profile_.outlets; ++i) {
-        outputs_.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
+        outputs_.words.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
       }
     }
   }
 
   void send() {
-    for (const ModbusRegisters::Run& run : outputs_.runs()) send(run);
+    for (const ModbusRegisters::Run& run : outputs_.runs) send(run);
   }
 
   void send(const ModbusRegisters::Run& run) {
-    const auto size = static_cast<int>(run.words.size());
-    check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
+    const std::uint16_t* const words = outputs_.words.data() + run.first;
+    check(modbus_write_registers(context(), run.first, run.size, words) == run.size,
           "does not accept set points");
   }
 
   void fetch() {
-    for (ModbusRegisters::Run& run : inputs_.runs()) {
-      const auto size = static_cast<int>(run.words.size());
-      const auto take =
-          profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
-      check(take(context(), run.first, size, run.words.data()) == size, "gives no readings");
+    const auto take =
+        profile_.input_registers ? modbus_read_input_registers : modbus_read_registers;
+    for (const ModbusRegisters::Run& run : inputs_.runs) {
+      std::uint16_t* const words = inputs_.words.data() + run.first;
+      check(take(context(), run.first, run.size, words) == run.size, "gives no readings");
     }
   }
 
@@ -640,7 +612,8 @@ class ModbusLink : public Driver {
   bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
-ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)
-    : link_(std::make_unique<ModbusLink>(valid(config))) {}
+std::unique_ptr<Driver> modbusTcpDriver(const ModbusConfig& config) {
+  return std::make_unique<ModbusTcpDriver>(config);
+}
 
 }  // namespace helix_arm::regulator

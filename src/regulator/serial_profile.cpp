@@ -1,7 +1,6 @@
 #include "helix_arm/regulator/serial_profile.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
@@ -48,6 +47,11 @@ std::string numberText(double value, int decimals) {
          fraction;
 }
 
+constexpr const char* kFields[] = {"{address}",   "{pressure}", "{pressures}",
+                                   "{set_point}", "{supply}",   "{unit}",
+                                   "{*}",         "{words}",    "{...}"};
+bool isField(const std::string& part) { return part[0] == '{'; }
+
 constexpr const char* kCulprit = "serial profile";
 constexpr int kMostChannels = 1024;
 
@@ -56,34 +60,28 @@ void require(bool holds, const char* key, const Value& value, const char* rule) 
   basics::requireValue(holds, kCulprit, key, value, rule);
 }
 
-LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
+// @throws std::invalid_argument naming the key and the fault in its line.
+std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
+                                const LineStyle& style) {
+  std::vector<LineFormat> lines;
   try {
-    return LineFormat(text, style);
+    for (const std::string& text : texts) lines.emplace_back(text, style);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(std::string(kCulprit) + ": " + key + " " + error.what());
   }
+  return lines;
 }
 
 std::optional<LineFormat> optionalFormat(const char* key, const std::string& text,
                                          const LineStyle& style) {
-  return text.empty() ? std::nullopt : std::optional(formatOf(key, text, style));
-}
-
-std::vector<LineFormat> formats(const char* key, const std::vector<std::string>& texts,
-                                const LineStyle& style) {
-  std::vector<LineFormat> lines;
-  for (const std::string& text : texts) lines.push_back(formatOf(key, text, style));
-  return lines;
+  return text.empty() ? std::nullopt : std::optional(formats(key, {text}, style).front());
 }
 
 // A line to the device must not have fields that cannot be filled in.
 void requireSendable(const char* key, const LineFormat& line,
                      std::initializer_list<const char*> allowed) {
-  for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
-                            "{*}", "{words}", "{...}"}) {
-    const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
-      return std::string_view(word) == field;
-    });
+  for (const std::string_view field : kFields) {
+    const bool known = std::count(allowed.begin(), allowed.end(), field) > 0 || field == "{unit}";
     basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
                     ", which a line to the device cannot have");
   }
@@ -171,37 +169,28 @@ class LineFormat::Reader {
 
   // Takes one part of a template. @return what was expected where it does not match; empty if it
   // does.
-  std::string take(const Part& part, const Part* following, const LineStyle& style,
+  std::string take(const std::string& part, const std::string& following, const LineStyle& style,
                    const std::string& address, std::size_t pressures, LineFields& fields) {
-    switch (part.kind) {
-      case Kind::kLiteral:
-        return skip(part.text) ? "" : "\"" + part.text + "\"";
-      case Kind::kBlank:
-        return skipBlanks() ? "" : "a blank";
-      case Kind::kAddress:
-        return skip(address) ? "" : "the address " + address;
-      case Kind::kUnit:
-        if (!skip(style.unit_word)) return "the unit " + style.unit_word;
-        return isLetter(next()) ? "the end of the unit " + style.unit_word : "";
-      case Kind::kPressure:
-        return takePressures(1, style.separator, fields);
-      case Kind::kPressures:
-        return takePressures(pressures, style.separator, fields);
-      case Kind::kSetPoint:
-        return (fields.set_point = number()) ? "" : "a number";
-      case Kind::kSupply:
-        return (fields.supply = number()) ? "" : "a number";
-      case Kind::kWord: {
-        const bool literal = following != nullptr && following->kind == Kind::kLiteral;
-        return skipWord(literal ? following->text.front() : '\0') ? "" : "a word";
-      }
-      case Kind::kWords:
-        return skipWords() ? "" : "words of letters, or the end";
-      case Kind::kRest:
-        at_ = line_.size();
-        break;
+    if (part == "{address}") return skip(address) ? "" : "the address " + address;
+    if (part == "{pressure}") return takePressures(1, style.separator, fields);
+    if (part == "{pressures}") return takePressures(pressures, style.separator, fields);
+    if (part == "{set_point}") return (fields.set_point = number()) ? "" : "a number";
+    if (part == "{supply}") return (fields.supply = number()) ? "" : "a number";
+    if (part == "{unit}") {
+      if (!skip(style.unit_word)) return "the unit " + style.unit_word;
+      return isLetter(next()) ? "the end of the unit " + style.unit_word : "";
     }
-    return "";
+    if (part == "{*}") {
+      return skipWord(isField(following) || isBlank(following[0]) ? '\0' : following[0]) ? ""
+                                                                                         : "a word";
+    }
+    if (part == "{words}") return skipWords() ? "" : "words of letters, or the end";
+    if (part == "{...}") {
+      at_ = line_.size();
+      return "";
+    }
+    if (isBlank(part[0])) return skipBlanks() ? "" : "a blank";
+    return skip(part) ? "" : "\"" + part + "\"";
   }
 
  private:
@@ -294,17 +283,6 @@ class LineFormat::Reader {
 
 LineFormat::LineFormat(const std::string& text, LineStyle style)
     : text_(text), style_(std::move(style)) {
-  static const std::array<std::pair<const char*, Kind>, 9> kFields = {{
-      {"{address}", Kind::kAddress},
-      {"{pressure}", Kind::kPressure},
-      {"{pressures}", Kind::kPressures},
-      {"{set_point}", Kind::kSetPoint},
-      {"{supply}", Kind::kSupply},
-      {"{unit}", Kind::kUnit},
-      {"{*}", Kind::kWord},
-      {"{words}", Kind::kWords},
-      {"{...}", Kind::kRest},
-  }};
   demand(!text_.empty(), "is empty; expected a line of text");
   demand(text_.size() <= kLongestLine, "is longer than 512 bytes");
   demand(std::all_of(text_.begin(), text_.end(), isPrintable),
@@ -317,22 +295,20 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
     const std::size_t begin = at;
     if (isBlank(text_[at])) {
       while (isBlank(text_[at])) ++at;
-      parts_.push_back({Kind::kBlank, text_.substr(begin, at - begin)});
+      parts_.push_back(text_.substr(begin, at - begin));
     } else if (text_[at] == '{') {
       at = text_.find('}', at);
       demand(at != std::string::npos, "has a { without a }");
       const std::string field = text_.substr(begin, ++at - begin);
-      const auto known = std::find_if(kFields.begin(), kFields.end(),
-                                      [&](const auto& entry) { return field == entry.first; });
-      demand(known != kFields.end(),
+      demand(std::count(std::begin(kFields), std::end(kFields), field) > 0,
              "has " + basics::quoted(field) +
                  "; expected {address}, {pressure}, {pressures}, {set_point}, {supply}, {unit}, "
                  "{*}, {words} or {...}");
-      parts_.push_back({known->second, field});
+      parts_.push_back(field);
     } else {
       at = std::min(text_.find_first_of("{ \t", at), text_.size());
-      parts_.push_back({Kind::kLiteral, text_.substr(begin, at - begin)});
-      demand(parts_.back().text.find('}') == std::string::npos, "has a } without a {");
+      parts_.push_back(text_.substr(begin, at - begin));
+      demand(parts_.back().find('}') == std::string::npos, "has a } without a {");
     }
   }
   checkFields();
@@ -344,66 +320,48 @@ void LineFormat::demand(bool holds, const std::string& fault) const {
 
 void LineFormat::checkFields() const {
   bool after_value = false;
-  for (std::size_t i = 0; i < parts_.size(); ++i) {
-    const Kind kind = parts_[i].kind;
-    const bool tail = kind == Kind::kWords || kind == Kind::kRest;
-    demand(!tail || i + 1 == parts_.size(), "has " + parts_[i].text + " before its end");
-    const bool fixed = kind == Kind::kLiteral || kind == Kind::kBlank;
-    demand(fixed || tail || !after_value,
-           "has nothing before " + parts_[i].text + " to separate it from the previous field");
-    after_value = !fixed;
-    demand(
-        fixed || kind == Kind::kWord || text_.find(parts_[i].text) == text_.rfind(parts_[i].text),
-        "has " + parts_[i].text + " twice");
+  for (const std::string& part : parts_) {
+    const bool tail = part == "{words}" || part == "{...}";
+    demand(!tail || &part == &parts_.back(), "has " + part + " before its end");
+    demand(!isField(part) || tail || !after_value,
+           "has nothing before " + part + " to separate it from the previous field");
+    after_value = isField(part);
+    demand(!isField(part) || part == "{*}" || text_.find(part) == text_.rfind(part),
+           "has " + part + " twice");
   }
   demand(!(has("{pressure}") && has("{pressures}")), "has both {pressure} and {pressures}");
   demand(!has("{unit}") || !style_.unit_word.empty(), "has {unit}, but unit_word is missing");
 }
 
 bool LineFormat::has(std::string_view field) const {
-  return std::any_of(parts_.begin(), parts_.end(), [&](const Part& p) { return p.text == field; });
+  return std::find(parts_.begin(), parts_.end(), field) != parts_.end();
 }
 
 std::string LineFormat::line(const std::string& address, const LineFields& fields) const {
-  const auto number = [&](const std::optional<double>& value, const Part& part) {
-    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" needs ", part.text,
+  const auto number = [&](const std::optional<double>& value, const std::string& part) {
+    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" needs ", part,
                     ", which is not given");
     return numberText(*value, style_.decimals);
   };
+  const std::vector<double>& pressures = fields.pressures;
   std::string line;
-  for (const Part& part : parts_) {
-    switch (part.kind) {
-      case Kind::kLiteral:
-      case Kind::kBlank:
-        line += part.text;
-        break;
-      case Kind::kAddress:
-        line += address;
-        break;
-      case Kind::kPressure:
-        line += number(
-            fields.pressures.size() == 1 ? std::optional(fields.pressures[0]) : std::nullopt, part);
-        break;
-      case Kind::kPressures:
-        for (std::size_t i = 0; i < fields.pressures.size(); ++i) {
-          line += (i == 0 ? "" : style_.separator) + number(fields.pressures[i], part);
-        }
-        break;
-      case Kind::kSetPoint:
-        line += number(fields.set_point, part);
-        break;
-      case Kind::kSupply:
-        line += number(fields.supply, part);
-        break;
-      case Kind::kUnit:
-        line += style_.unit_word;
-        break;
-      case Kind::kWord:
-        line += "0";
-        break;
-      case Kind::kWords:
-      case Kind::kRest:
-        break;
+  for (const std::string& part : parts_) {
+    if (part == "{address}") {
+      line += address;
+    } else if (part == "{pressure}") {
+      line += number(pressures.size() == 1 ? std::optional(pressures[0]) : std::nullopt, part);
+    } else if (part == "{pressures}") {
+      for (std::size_t i = 0; i < pressures.size(); ++i) {
+        line += (i == 0 ? "" : style_.separator) + number(pressures[i], part);
+      }
+    } else if (part == "{set_point}" || part == "{supply}") {
+      line += number(part == "{supply}" ? fields.supply : fields.set_point, part);
+    } else if (part == "{unit}") {
+      line += style_.unit_word;
+    } else if (part == "{*}") {
+      line += "0";
+    } else if (!isField(part)) {
+      line += part;
     }
   }
   return line;
@@ -423,7 +381,7 @@ std::optional<LineFields> LineFormat::read(std::string_view line, const std::str
   Reader reader(line);
   LineFields fields;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
-    const Part* const following = i + 1 < parts_.size() ? &parts_[i + 1] : nullptr;
+    const std::string following = i + 1 < parts_.size() ? parts_[i + 1] : "";
     std::string expected = reader.take(parts_[i], following, style_, address, pressures, fields);
     if (!expected.empty()) return miss(reader.at(), std::move(expected));
   }

@@ -123,48 +123,32 @@ cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
 
 constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
 
-// Bars that move through the picture, in front of everything else.
-class Occluders {
- public:
-  // @param count  of bars, >= 0.
-  Occluders(int count, std::mt19937& generator) : bars_(count) {
-    const auto rate = [&generator] {
+// A bar that moves through the picture, in front of everything else; in fractions of the picture
+// and radians per picture.
+struct Occluder {
+  double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
+
+  explicit Occluder(std::mt19937& generator) {
+    for (const auto& [rate, phase] :
+         {std::pair{&x_rate, &x_phase}, {&y_rate, &y_phase}, {&turn_rate, &turn_phase}}) {
       const double speed = uniform(generator, 0.015, 0.05);
-      return uniform(generator, -1, 1) < 0 ? -speed : speed;
-    };
-    const auto phase = [&generator] { return uniform(generator, 0, 2 * CV_PI); };
-    for (Bar& bar : bars_) {
-      bar.x_rate = rate();
-      bar.x_phase = phase();
-      bar.y_rate = rate();
-      bar.y_phase = phase();
-      bar.turn_rate = rate();
-      bar.turn_phase = phase();
-      bar.half_width = uniform(generator, 0.02, 0.04);
-      bar.half_length = uniform(generator, 0.2, 0.4);
-      bar.gray = uniform(generator, 50, 120);
+      *rate = uniform(generator, -1, 1) < 0 ? -speed : speed;
+      *phase = uniform(generator, 0, 2 * CV_PI);
     }
+    half_width = uniform(generator, 0.02, 0.04);
+    half_length = uniform(generator, 0.2, 0.4);
+    gray = uniform(generator, 50, 120);
   }
 
-  // Draws the bars at their positions in picture number picture_number.
-  void draw(int picture_number, cv::Mat& picture) const {
+  // Draws it at its position in picture number t.
+  void draw(double t, cv::Mat& picture) const {
     const double width = picture.cols, height = picture.rows;
-    for (const Bar& bar : bars_) {
-      const double t = picture_number, angle = bar.turn_rate * t + bar.turn_phase;
-      const Place place{{width * (0.5 + kWander * std::sin(bar.x_rate * t + bar.x_phase)),
-                         height * (0.5 + kWander * std::sin(bar.y_rate * t + bar.y_phase))},
-                        {std::cos(angle), std::sin(angle)}};
-      fillBox(picture, place, 0, 0, bar.half_length * height, bar.half_width * height, bar.gray);
-    }
+    const double angle = turn_rate * t + turn_phase;
+    const Place place{{width * (0.5 + kWander * std::sin(x_rate * t + x_phase)),
+                       height * (0.5 + kWander * std::sin(y_rate * t + y_phase))},
+                      {std::cos(angle), std::sin(angle)}};
+    fillBox(picture, place, 0, 0, half_length * height, half_width * height, gray);
   }
-
- private:
-  // In fractions of the picture and radians per picture.
-  struct Bar {
-    double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
-  };
-
-  std::vector<Bar> bars_;
 };
 
 constexpr double kOutside = 1e4;  // beyond all points in use [units]
@@ -555,8 +539,8 @@ struct SimulatedCamera::Workspace {
         body(body_in),
         config(config_in),
         tags(view.camera, prints, config.bleed),
-        generator(config.seed),
-        occluders(config.occluders, generator) {
+        generator(config.seed) {
+    for (int i = 0; i < config.occluders; ++i) occluders.emplace_back(generator);
     const estimation::Camera& camera = view.camera;
     backdrop = paintBackdrop(camera.width, camera.height, config.clutter, config.seed);
     noise = noiseTable(config.noise, config.seed);
@@ -580,7 +564,7 @@ struct SimulatedCamera::Workspace {
         tags.draw(layer.tag, tag_poses[layer.tag], sharp);
       }
     }
-    occluders.draw(picture_number, sharp);
+    for (const Occluder& bar : occluders) bar.draw(picture_number, sharp);
     if (config.blur > 0) {
       const int reach = std::max(1, static_cast<int>(std::ceil(kBlurReach * config.blur)));
       cv::GaussianBlur(sharp, blurred, cv::Size(2 * reach + 1, 2 * reach + 1), config.blur,
@@ -674,7 +658,7 @@ struct SimulatedCamera::Workspace {
   cv::Mat backdrop, sharp, blurred, picture;
   std::vector<float> noise;  // added by develop() before truncation
   std::mt19937 generator;
-  Occluders occluders;
+  std::vector<Occluder> occluders;
   int picture_number = 0;
 
   // State of the picture that is being rendered.

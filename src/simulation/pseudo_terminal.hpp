@@ -11,6 +11,7 @@
 #include <utility>
 
 #include <fcntl.h>
+#include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -21,42 +22,23 @@ namespace helix_arm::simulation {
   throw std::runtime_error(what + ": " + std::strerror(error));
 }
 
-/// The device's end of a pseudo terminal whose other end is not open yet.
-class PseudoTerminal {
+/// An open file that bytes come from and go to without waiting. It is closed at the end.
+class Stream {
  public:
-  /// @throws std::runtime_error if the system provides none.
-  PseudoTerminal() {
-    file_ = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-    if (file_ < 0) failSystemCall("no pseudo terminal is available");
-    char path[128];
-    if (grantpt(file_) != 0 || unlockpt(file_) != 0 || ptsname_r(file_, path, sizeof path) != 0) {
-      const int error = errno;
-      close(file_);
-      failSystemCall("a pseudo terminal cannot be unlocked", error);
-    }
-    path_ = path;
-    // Raw mode from the start; otherwise the terminal would echo until a program opens it.
-    const int other = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
-    termios settings{};
-    if (other < 0 || tcgetattr(other, &settings) != 0) {
-      const int error = errno;
-      if (other >= 0) close(other);
-      close(file_);
-      failSystemCall(path_ + " cannot be opened", error);
-    }
-    cfmakeraw(&settings);
-    tcsetattr(other, TCSANOW, &settings);
-    close(other);
+  explicit Stream(int file = -1) : file_(file) {}
+  Stream(Stream&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
+  Stream& operator=(Stream&& other) noexcept {
+    std::swap(file_, other.file_);
+    return *this;
   }
-  ~PseudoTerminal() { close(file_); }
-  PseudoTerminal(const PseudoTerminal&) = delete;
-  PseudoTerminal& operator=(const PseudoTerminal&) = delete;
+  ~Stream() {
+    if (file_ >= 0) close(file_);
+  }
 
-  int file() const { return file_; }                 ///< to wait for
-  const std::string& path() const { return path_; }  ///< of the other end
+  int file() const { return file_; }  ///< to wait for
 
   /// Received bytes, possibly none; absent while the other end is not open.
-  std::optional<std::string> receive() {
+  std::optional<std::string> receive() const {
     char bytes[512];
     const ssize_t count = read(file_, bytes, sizeof bytes);
     if (count > 0) return std::string(bytes, static_cast<std::size_t>(count));
@@ -65,16 +47,45 @@ class PseudoTerminal {
   }
 
   /// Sends bytes; those that do not fit are lost, as on a line that nobody reads.
-  void send(const std::string& bytes) {
+  void send(const std::string& bytes) const {
     for (std::size_t sent = 0; sent < bytes.size();) {
-      const ssize_t count = write(file_, bytes.data() + sent, bytes.size() - sent);
+      const char* const next = bytes.data() + sent;
+      ssize_t count = ::send(file_, next, bytes.size() - sent, MSG_NOSIGNAL);
+      if (count < 0 && errno == ENOTSOCK) count = write(file_, next, bytes.size() - sent);
       if (count <= 0) return;
       sent += static_cast<std::size_t>(count);
     }
   }
 
  private:
-  int file_ = -1;
+  int file_;
+};
+
+/// The device's end of a pseudo terminal whose other end is not open yet.
+class PseudoTerminal : public Stream {
+ public:
+  /// @throws std::runtime_error if the system provides none.
+  PseudoTerminal() : Stream(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC)) {
+    if (file() < 0) failSystemCall("no pseudo terminal is available");
+    char path[128];
+    if (grantpt(file()) != 0 || unlockpt(file()) != 0 ||
+        ptsname_r(file(), path, sizeof path) != 0) {
+      failSystemCall("a pseudo terminal cannot be unlocked");
+    }
+    path_ = path;
+    // Raw mode from the start; otherwise the terminal would echo until a program opens it.
+    const Stream other(open(path, O_RDWR | O_NOCTTY | O_CLOEXEC));
+    termios settings{};
+    if (other.file() < 0 || tcgetattr(other.file(), &settings) != 0) {
+      failSystemCall(path_ + " cannot be opened");
+    }
+    cfmakeraw(&settings);
+    tcsetattr(other.file(), TCSANOW, &settings);
+  }
+
+  const std::string& path() const { return path_; }  ///< of the other end
+
+ private:
   std::string path_;
 };
 

@@ -14,7 +14,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
+constexpr double kLeastVisibleCosine = 0.2;  // as in estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
@@ -60,7 +60,7 @@ struct SimulatedVision::Workspace {
   }
 
   void observe(const model::Shape& shape) {
-    estimation::visibleTags(truth, shape, kLeastCosine, visible);
+    estimation::visibleTags(truth, shape, kLeastVisibleCosine, visible);
     seen.clear();
     for (const estimation::TagImage& tag : visible) {
       if (estimation::longestSide(tag.corners) < config.least_side) continue;

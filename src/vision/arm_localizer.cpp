@@ -84,19 +84,13 @@ struct ArmLocalizer::Workspace {
         observation.unknown_ids.push_back(id);
       } else if (repeated) {
         observation.repeated_ids.push_back(id);
+      } else if (const auto directions = estimation::directionsOf(view.camera, tags[i].corners)) {
+        seen.push_back({tag, *directions});
       } else {
-        observe(tag, tags[i].corners);
+        observation.unusable_ids.push_back(id);
       }
     }
     if (found.whole_picture) copied_ids = observation.repeated_ids;
-  }
-
-  void observe(int tag, const estimation::Corners& corners) {
-    if (const auto directions = estimation::directionsOf(view.camera, corners)) {
-      seen.push_back({tag, *directions});
-    } else {
-      observation.unusable_ids.push_back(view.layout.tags[tag].id);
-    }
   }
 
   // Fits from the last shape and, if that does not explain the tags, from other starts.

@@ -4,15 +4,14 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <limits>
-#include <sstream>
 
 #include <opencv2/calib3d.hpp>
 
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -78,12 +77,6 @@ struct Fit {
   std::vector<View> views;
   cv::Mat K, D;
 };
-
-std::vector<bool> fittedOf(int coefficients) {
-  std::vector<bool> fitted(kIntrinsics, false);
-  std::fill_n(fitted.begin(), 4 + coefficients, true);
-  return fitted;
-}
 
 int flagsOf(int coefficients) {
   int flags = coefficients == 8 ? cv::CALIB_RATIONAL_MODEL : 0;
@@ -180,42 +173,20 @@ Linearised linearise(const Fit& fit, const View& view) {
   return out;
 }
 
-// Columns of the fitted parameters, scaled to a similar size.
-struct Columns {
-  std::vector<int> of;
-  Eigen::VectorXd scale;
-};
-
-Columns columnsOf(const std::vector<Linearised>& views, int coefficients) {
-  Columns columns;
-  const std::vector<bool> fitted = fittedOf(coefficients);
-  for (int k = 0; k < kIntrinsics; ++k) {
-    if (fitted[static_cast<std::size_t>(k)]) columns.of.push_back(k);
-  }
-  columns.scale.resize(static_cast<Eigen::Index>(columns.of.size()));
-  for (std::size_t i = 0; i < columns.of.size(); ++i) {
-    double square = 0;
-    for (const Linearised& view : views) {
-      square += view.by_intrinsics.col(columns.of[i]).squaredNorm();
-    }
-    columns.scale[static_cast<Eigen::Index>(i)] = 1 / std::sqrt(std::max(square, 1e-300));
-  }
-  return columns;
-}
-
 // (intrinsics) standard errors: the larger of the two that CameraParameter describes.
 Eigen::VectorXd standardErrors(const std::vector<Linearised>& views, int coefficients) {
-  const Columns columns = columnsOf(views, coefficients);
-  const auto count = static_cast<Eigen::Index>(columns.of.size());
+  const Eigen::Index count = 4 + coefficients;           // the first ones are fitted
+  Eigen::VectorXd scale = Eigen::VectorXd::Zero(count);  // so that their columns are of one size
+  for (const Linearised& view : views) {
+    scale += view.by_intrinsics.leftCols(count).colwise().squaredNorm().transpose();
+  }
+  scale = scale.cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd information = Eigen::MatrixXd::Zero(count, count);
   Eigen::MatrixXd shared = Eigen::MatrixXd::Zero(count, count);
   double square = 0;
   Eigen::Index rows = 0;
   for (const Linearised& view : views) {
-    Eigen::MatrixXd J(view.residual.size(), count);
-    for (Eigen::Index i = 0; i < count; ++i) {
-      J.col(i) = columns.scale[i] * view.by_intrinsics.col(columns.of[static_cast<std::size_t>(i)]);
-    }
+    Eigen::MatrixXd J = view.by_intrinsics.leftCols(count) * scale.asDiagonal();
     // What the pose of the board does not explain.
     const Eigen::MatrixXd& P = view.by_pose;
     J -= P * (P.transpose() * P).ldlt().solve(P.transpose() * J);
@@ -233,16 +204,12 @@ Eigen::VectorXd standardErrors(const std::vector<Linearised>& views, int coeffic
   for (Eigen::Index i = 0; i < count; ++i) {
     const double variance =
         std::max(inverse(i, i) * square / std::max(freedom, 1.0), by_views(i, i));
-    errors[columns.of[static_cast<std::size_t>(i)]] = columns.scale[i] * std::sqrt(variance);
+    errors[i] = scale[i] * std::sqrt(variance);
   }
   return errors;
 }
 
-std::string number(double value, int digits) {
-  std::ostringstream text;
-  text << std::setprecision(digits) << value;
-  return text.str();
-}
+std::string number(double value, int digits) { return basics::format("%.*g", digits, value); }
 
 double reachOf(const Fit& fit, const estimation::Camera& camera) {
   const Eigen::Vector2d centre(camera.cx, camera.cy);

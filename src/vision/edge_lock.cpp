@@ -19,15 +19,9 @@ bool hasClosedBorder(const TagFamily& family) {
   return family.borderCells() <= kMostCells && family.bitCount() == within * within;
 }
 
-TagPattern patternOf(const TagFamily& family, int id) {
-  const cv::Mat cells = family.cells(id);
-  TagPattern pattern{family.borderCells(), 0};
-  const int first = family.quietCells() + 1, within = pattern.cells - 2;
-  for (int bit = 0; bit < within * within; ++bit) {
-    const bool white = cells.at<std::uint8_t>(first + bit / within, first + bit % within) != 0;
-    pattern.white |= std::uint64_t{white} << bit;
-  }
-  return pattern;
+TagCells cellsOf(const TagFamily& family, int id) {
+  const int first = family.quietCells(), size = family.borderCells();
+  return family.cells(id)(cv::Rect(first, first, size, size));
 }
 
 namespace {
@@ -259,8 +253,11 @@ struct TagBits {
   Eigen::Vector3d threshold;  ///< between black and white, over (u, v, 1)
 };
 
-TagBits readBits(const TagFace& face, const TagPattern& pattern) {
-  const int n = pattern.cells;
+TagBits readBits(const TagFace& face, const TagCells& cells) {
+  const int n = cells.cols;
+  const auto isBorder = [n](int row, int column) {
+    return row == 0 || column == 0 || row == n - 1 || column == n - 1;
+  };
   // Including the ring of white cells around the border.
   std::array<std::array<double, kMostCells + 2>, kMostCells + 2> level;
   Plane white, black;
@@ -276,7 +273,7 @@ TagBits readBits(const TagFace& face, const TagPattern& pattern) {
       level[row + 1][column + 1] = 0.25 * sum;
       if (row < 0 || column < 0 || row == n || column == n) {
         white.add(middle, 0.25 * sum);
-      } else if (isBorder(pattern, row, column)) {
+      } else if (isBorder(row, column)) {
         black.add(middle, 0.25 * sum);
       }
     }
@@ -289,13 +286,13 @@ TagBits readBits(const TagFace& face, const TagPattern& pattern) {
     for (int column = 0; column < n; ++column) {
       const double here = level[row + 1][column + 1];
       const double threshold = bits.threshold.dot(Vector3d(column + 0.5, row + 0.5, 1));
-      if (isBorder(pattern, row, column)) {
+      if (isBorder(row, column)) {
         bits.closed = bits.closed && here < threshold;
         continue;
       }
       const double around = level[row][column + 1] + level[row + 2][column + 1] +
                             level[row + 1][column] + level[row + 1][column + 2];
-      const bool is_white = isWhite(pattern, row, column);
+      const bool is_white = cells(row, column) != 0;
       const double over = here + kSharpening * (4 * here - around) - threshold;
       if ((over > 0) != is_white) ++bits.wrong;
       sum[is_white] += is_white ? over : -over;
@@ -331,18 +328,17 @@ struct EdgeSums {
   int count = 0;
 };
 
-EdgeSums sumEdges(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
-                  int axis) {
+EdgeSums sumEdges(const TagFace& face, const TagCells& cells, const Vector3d& threshold, int axis) {
   const auto across = [axis](double first, double second) {
     return axis == 0 ? Vector2d(first, second) : Vector2d(second, first);
   };
-  const int n = pattern.cells;
+  const int n = cells.cols;
   const double beside = std::min(0.25, kBesideEdge / face.cell()[axis]);
   EdgeSums sums;
   for (int second = 0; second < n; ++second) {
     for (int first = 1; first < n; ++first) {
       const auto white = [&](int i) {
-        return axis == 0 ? isWhite(pattern, second, i) : isWhite(pattern, i, second);
+        return (axis == 0 ? cells(second, i) : cells(i, second)) != 0;
       };
       if (white(first) == white(first - 1)) continue;
       const double sign = white(first) ? 1 : -1;
@@ -369,14 +365,14 @@ EdgeSums sumEdges(const TagFace& face, const TagPattern& pattern, const Vector3d
 }
 
 // Whether the edges between the cells agree with the corners.
-bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
+bool innerEdgesAgree(const TagFace& face, const TagCells& cells, const Vector3d& threshold,
                      const EdgeTolerance& tolerance) {
   const double smallest = face.cell().minCoeff();
   const double small = std::max(1.0, std::pow(kPlainCell / smallest, 1.5));
   const double least = small * std::max(tolerance.px, tolerance.cells * smallest);
   const double most = std::max(least, small * tolerance.most_px);
   for (int axis = 0; axis < 2; ++axis) {
-    const EdgeSums sums = sumEdges(face, pattern, threshold, axis);
+    const EdgeSums sums = sumEdges(face, cells, threshold, axis);
     if (!(sums.count > 5 && sums.slope > 0)) return false;
     const Eigen::LDLT<Matrix5d> solver(sums.squares);
     const Vector5d fit = solver.solve(sums.moments);
@@ -402,7 +398,7 @@ double largestMove(const Corners& a, const Corners& b) {
 }  // namespace
 
 std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& family, int id,
-                                        const TagPattern& pattern, const Corners& expected,
+                                        const TagCells& cells, const Corners& expected,
                                         int max_hamming) {
   if (std::min(gray.cols, gray.rows) < kLeastSide || !isTagLike(expected)) return std::nullopt;
   const GrayPicture picture(gray);
@@ -418,20 +414,20 @@ std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& fa
     if (settled) break;
   }
   if (!isTagLike(*found) || !picture.contains(*found)) return std::nullopt;
-  const TagFace face(picture, *found, pattern.cells);
-  const TagBits bits = readBits(face, pattern);
+  const TagFace face(picture, *found, cells.cols);
+  const TagBits bits = readBits(face, cells);
   if (!bits.closed || bits.wrong > max_hamming || !(bits.margin >= kLeastMargin) ||
-      !innerEdgesAgree(face, pattern, bits.threshold, kOfLock)) {
+      !innerEdgesAgree(face, cells, bits.threshold, kOfLock)) {
     return std::nullopt;
   }
   return TagDetection{id, bits.wrong, bits.margin, *found};
 }
 
-bool cornersHold(const cv::Mat& gray, const TagPattern& pattern, const Corners& corners) {
+bool cornersHold(const cv::Mat& gray, const TagCells& cells, const Corners& corners) {
   if (!isTagLike(corners)) return true;  // too small to decide
   const GrayPicture picture(gray);
-  const TagFace face(picture, corners, pattern.cells);
-  return innerEdgesAgree(face, pattern, readBits(face, pattern).threshold, kOfDetection);
+  const TagFace face(picture, corners, cells.cols);
+  return innerEdgesAgree(face, cells, readBits(face, cells).threshold, kOfDetection);
 }
 
 }  // namespace helix_arm::vision

@@ -13,30 +13,16 @@ namespace helix_arm::vision {
 /// Maximum number of cells along a border, over all families with a closed one.
 inline constexpr int kMostCells = 8;
 
-/// The cells of one tag of a family with a closed border.
-struct TagPattern {
-  int cells;  ///< along a side of the border's outer edge
-  /// White cells inside the border, row by row from the top, the first in bit 0.
-  std::uint64_t white;
-};
+/// The cells of one tag of a family with a closed border, as one reads it, up to the outer edge of
+/// that: 0, or white.
+using TagCells = cv::Mat_<std::uint8_t>;
 
 /// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be
 /// found by their edges.
 bool hasClosedBorder(const TagFamily& family);
 
 /// @throws std::out_of_range on an unknown id.
-TagPattern patternOf(const TagFamily& family, int id);
-
-/// Whether a cell belongs to the border; rows count from the top.
-inline bool isBorder(const TagPattern& pattern, int row, int column) {
-  const int last = pattern.cells - 1;
-  return row == 0 || column == 0 || row == last || column == last;
-}
-
-inline bool isWhite(const TagPattern& pattern, int row, int column) {
-  if (isBorder(pattern, row, column)) return false;
-  return (pattern.white >> ((row - 1) * (pattern.cells - 2) + column - 1) & 1) != 0;
-}
+TagCells cellsOf(const TagFamily& family, int id);
 
 /// Finds one tag by the edges of its border and verifies it: the border is black all around, the
 /// bits are the tag's, and the edges between its cells agree with the corners.
@@ -48,16 +34,15 @@ inline bool isWhite(const TagPattern& pattern, int row, int column) {
 /// @param family    with a closed border.
 /// @param expected  [px]; any values; at worst the tag is not found.
 std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& family, int id,
-                                        const TagPattern& pattern,
-                                        const estimation::Corners& expected, int max_hamming);
+                                        const TagCells& cells, const estimation::Corners& expected,
+                                        int max_hamming);
 
 /// False if the edges between the cells of a tag contradict its corners, for example because
 /// something lies along one of its sides.
 ///
 /// @param gray     (CV_8UC1)
 /// @param corners  [px]
-bool cornersHold(const cv::Mat& gray, const TagPattern& pattern,
-                 const estimation::Corners& corners);
+bool cornersHold(const cv::Mat& gray, const TagCells& cells, const estimation::Corners& corners);
 
 /// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
 /// where the gray level is half-way between the centres of the cells on its two sides; pixels

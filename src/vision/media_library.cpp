@@ -1,5 +1,4 @@
 #include <cstring>
-#include <sstream>
 #include <utility>
 
 #include <opencv2/imgcodecs.hpp>
@@ -7,18 +6,14 @@
 #include <opencv2/videoio.hpp>
 #include <unistd.h>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  (out << ... << parts);
-  return out.str();
-}
+using basics::messageOf;
 
 int codeOf(const std::string& fourcc) {
   return cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]);
@@ -54,9 +49,9 @@ class V4l2Device : public VideoDevice {
     const double width = capture_.get(cv::CAP_PROP_FRAME_WIDTH);
     const double height = capture_.get(cv::CAP_PROP_FRAME_HEIGHT);
     if (fourcc != config_.fourcc || width != config_.width || height != config_.height) {
-      return text("it gives ", width, " x ", height, " ", fourcc, " instead of ", config_.width,
-                  " x ", config_.height, " ", config_.fourcc,
-                  "; choose one of the formats that it supports");
+      return messageOf("it gives ", width, " x ", height, " ", fourcc, " instead of ",
+                       config_.width, " x ", config_.height, " ", config_.fourcc,
+                       "; choose one of the formats that it supports");
     }
     constexpr double kManualExposure = 1;  // V4L2_EXPOSURE_MANUAL
     std::optional<std::string> fault =
@@ -99,8 +94,8 @@ class V4l2Device : public VideoDevice {
   // Without a valid header nothing is refused here; decoding reports it better.
   std::optional<std::string> wrongSize(const cv::Size& size) const {
     if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
-    return text("a picture of ", size.width, " x ", size.height, " px; expected ", config_.width,
-                " x ", config_.height);
+    return messageOf("a picture of ", size.width, " x ", size.height, " px; expected ",
+                     config_.width, " x ", config_.height);
   }
 
   // OpenCV reads -1 for a control that the camera does not have, which then cannot drift.
@@ -109,11 +104,11 @@ class V4l2Device : public VideoDevice {
     capture_.set(mode, manual);
     const double accepted = capture_.get(mode);
     if (accepted >= 0 && accepted != manual) {
-      return text("its automatic ", name, " does not switch off; use a camera where it does");
+      return messageOf("its automatic ", name, " does not switch off; use a camera where it does");
     }
     if (capture_.get(control) >= 0 && !capture_.set(control, value)) {
-      return text("its ", name, " cannot be ", value,
-                  "; choose a value from what v4l2-ctl --list-ctrls says");
+      return messageOf("its ", name, " cannot be ", value,
+                       "; choose a value from what v4l2-ctl --list-ctrls says");
     }
     return std::nullopt;
   }
@@ -164,8 +159,8 @@ class VideoFile : public FrameSource {
 
  private:
   FrameStatus failSize(Frame& frame, const cv::Size& size) const {
-    return fail(frame, text(frame.name, ": a picture of ", size.width, " x ", size.height,
-                            " px in a video of ", size_.width, " x ", size_.height));
+    return fail(frame, messageOf(frame.name, ": a picture of ", size.width, " x ", size.height,
+                                 " px in a video of ", size_.width, " x ", size_.height));
   }
 
   bool open() {
@@ -187,15 +182,6 @@ class VideoFile : public FrameSource {
   JpegDecoder decoder_;
 };
 
-std::unique_ptr<VideoDevice> openWebcam(const WebcamConfig& config) {
-  return std::make_unique<V4l2Device>(config);
-}
-
-std::unique_ptr<FrameSource> openVideo(const std::string& path,
-                                       const std::optional<cv::Size>& expected) {
-  return std::make_unique<VideoFile>(path, expected);
-}
-
 std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
   try {
     // In the orientation of the sensor: the calibration does not know the orientation stored in the
@@ -212,4 +198,10 @@ std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Ma
 }  // namespace helix_arm::vision
 
 const helix_arm::vision::Media helix_arm_media = {
-    helix_arm::vision::openWebcam, helix_arm::vision::openVideo, helix_arm::vision::decode};
+    [](const auto& config) -> std::unique_ptr<helix_arm::vision::VideoDevice> {
+      return std::make_unique<helix_arm::vision::V4l2Device>(config);
+    },
+    [](const auto& path, const auto& expected) -> std::unique_ptr<helix_arm::vision::FrameSource> {
+      return std::make_unique<helix_arm::vision::VideoFile>(path, expected);
+    },
+    helix_arm::vision::decode};

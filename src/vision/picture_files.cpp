@@ -34,16 +34,13 @@ class Header {
     const std::size_t size = std::strlen(text);
     return place + size <= bytes_.size() && std::equal(text, text + size, at(place));
   }
-  std::uint32_t little(std::size_t place, int count) const {
+  std::uint32_t number(std::size_t place, int count, bool is_big) const {
     std::uint32_t value = 0;
-    for (int i = count - 1; i >= 0; --i) value = value << 8 | byte(place + i);
+    for (int i = 0; i < count; ++i) value = value << 8 | byte(place + (is_big ? i : count - 1 - i));
     return value;
   }
-  std::uint32_t big(std::size_t place, int count) const {
-    std::uint32_t value = 0;
-    for (int i = 0; i < count; ++i) value = value << 8 | byte(place + i);
-    return value;
-  }
+  std::uint32_t little(std::size_t place, int count) const { return number(place, count, false); }
+  std::uint32_t big(std::size_t place, int count) const { return number(place, count, true); }
   std::size_t size() const { return bytes_.size(); }
   std::uint8_t byte(std::size_t place) const { return place < size() ? bytes_[place] : 0; }
 
@@ -94,7 +91,7 @@ Claim ofWebp(const Header& header) {
 Claim ofTiff(const Header& header) {
   const bool is_big = header.byte(0) == 'M';
   const auto number = [&](std::size_t place, int count) {
-    return is_big ? header.big(place, count) : header.little(place, count);
+    return header.number(place, count, is_big);
   };
   constexpr std::uint32_t kWidth = 256, kHeight = 257, kBits = 258, kSamples = 277, kRows = 278,
                           kTileWidth = 322, kTileHeight = 323, kShort = 3;

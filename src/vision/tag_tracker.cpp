@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <optional>
 #include <utility>
 
 #include "edge_lock.hpp"
@@ -72,12 +71,12 @@ struct TagTracker::Workspace {
       : detector(config),
         mode(tracking_mode),
         closed_border(hasClosedBorder(detector.family())),
-        patterns(closed_border ? detector.family().count() : 0) {}
+        cells_by_id(closed_border ? detector.family().count() : 0) {}
 
-  const TagPattern& pattern(int id) {
-    std::optional<TagPattern>& known = patterns[id];
-    if (!known) known = patternOf(detector.family(), id);
-    return *known;
+  const TagCells& cells(int id) {
+    TagCells& known = cells_by_id[id];
+    if (known.empty()) known = cellsOf(detector.family(), id);
+    return known;
   }
 
   // Detections, without tags that are displaced by something along their sides.
@@ -85,7 +84,7 @@ struct TagTracker::Workspace {
     std::vector<TagDetection> tags = detector.detect(gray, region);
     if (!closed_border) return tags;
     const auto displaced = [&](const TagDetection& tag) {
-      return !cornersHold(gray, pattern(tag.id), tag.corners);
+      return !cornersHold(gray, cells(tag.id), tag.corners);
     };
     tags.erase(std::remove_if(tags.begin(), tags.end(), displaced), tags.end());
     return tags;
@@ -101,7 +100,7 @@ struct TagTracker::Workspace {
                  const Eigen::Vector2d& displacement) {
     if (tag.id < 0 || tag.id >= detector.family().count()) return;
     const Corners expected = tag.corners.colwise() + displacement;
-    const auto lock = lockOnEdges(gray, detector.family(), tag.id, pattern(tag.id), expected,
+    const auto lock = lockOnEdges(gray, detector.family(), tag.id, cells(tag.id), expected,
                                   detector.config().max_hamming);
     if (lock) take(*lock, i, Way::kEdges);
   }
@@ -224,7 +223,7 @@ struct TagTracker::Workspace {
   TagDetector detector;
   TrackingMode mode;
   bool closed_border;
-  std::vector<std::optional<TagPattern>> patterns;  // by id, once requested
+  std::vector<TagCells> cells_by_id;  // once requested
   TrackResult result;
   std::vector<Way> way;            // how each expected tag was found
   std::vector<std::size_t> place;  // index in the result

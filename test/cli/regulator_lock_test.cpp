@@ -13,7 +13,7 @@
 namespace helix_arm::test {
 namespace {
 
-using simulation::ModbusDevice;
+using simulation::EmulatedDevice;
 
 constexpr double kSet = 1e5;  // [Pa]
 
@@ -37,7 +37,7 @@ class RegulatorLock : public ::testing::Test {
   }
   bool stands() const { return device_.pressure().head(3).minCoeff() > 0.95 * kSet; }
 
-  ModbusDevice device_;
+  EmulatedDevice device_;
 };
 
 TEST_F(RegulatorLock, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {

@@ -15,7 +15,7 @@
 #include "command.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/modbus_tcp_driver.hpp"
+#include "regulator/drivers.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"
@@ -28,7 +28,7 @@ constexpr double kEmpty = 1.5e4;  // safety.vented_below_kpa by default [Pa]
 
 using control::Valve;
 using simulation::DeviceFault;
-using simulation::ModbusDevice;
+using simulation::EmulatedDevice;
 
 simulation::ModbusDeviceConfig deviceConfig() {
   simulation::ModbusDeviceConfig config = quietDevice(vtemProfile(), 4);
@@ -46,17 +46,18 @@ std::vector<std::string> at(int port, std::vector<std::string> more) {
 Outcome run(int port, const std::vector<std::string>& more) { return runCommand(at(port, more)); }
 
 // Pressure in all channels, and no program that holds them.
-void fill(const ModbusDevice& device) {
-  regulator::ModbusTcpDriver driver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
-  driver.connect();
+void fill(const EmulatedDevice& device) {
+  const auto driver =
+      regulator::modbusTcpDriver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
+  driver->connect();
   control::ValveOrders orders(3);
   orders.valve.assign(3, Valve::kRegulate);
   orders.set_point.setConstant(2e5);
-  driver.write(orders);
+  driver->write(orders);
   ASSERT_TRUE(eventually([&] { return device.pressure().head(3).minCoeff() > 1.9e5; }));
 }
 
-double fullest(const ModbusDevice& device) { return device.pressure().maxCoeff(); }
+double fullest(const EmulatedDevice& device) { return device.pressure().maxCoeff(); }
 
 // Ends a child with its parent, however the tests end.
 void endWith(pid_t parent) {
@@ -86,7 +87,7 @@ std::vector<std::string> words(std::vector<std::string> arguments) {
 }
 
 TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.3", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(outcome.err, "");
@@ -103,11 +104,11 @@ TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   }
   EXPECT_TRUE(result["supply_pa"].is_null());
   EXPECT_TRUE(result["reason"].is_null());
-  EXPECT_EQ(device.writes(), 3u);  // what connecting takes, no more
+  EXPECT_EQ(device.taken(), 3u);  // what connecting takes, no more
 }
 
 TEST(RegulatorProbe, TextSaysThatConnectingVents) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.2"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -126,7 +127,7 @@ TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
             std::string::npos);
   EXPECT_TRUE(refused.json()["channels"][0]["pressure_pa"].is_null());
   EXPECT_NE(refused.err.find("127.0.0.1:" + std::to_string(port)), std::string::npos);
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   device.setFault(DeviceFault::kNanText);
   const Outcome broken = run(device.port(), {"probe", "--seconds", "0.1"});
   EXPECT_EQ(broken.exit_code, 1);
@@ -134,7 +135,7 @@ TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
 }
 
 TEST(RegulatorProbe, CsvHasARowAChannel) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   const auto rows =
       csvRows(run(device.port(), {"probe", "--seconds", "0.1", "--format", "csv"}).out);
   ASSERT_EQ(rows.size(), 4u);
@@ -145,7 +146,7 @@ TEST(RegulatorProbe, CsvHasARowAChannel) {
 }
 
 TEST(RegulatorSet, GoesThereAndVents) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds",
                                               "1.5", "--yes", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -162,7 +163,7 @@ TEST(RegulatorSet, GoesThereAndVents) {
 }
 
 TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,50"}),
                     "set moves the hardware modbus_tcp festo_vtem at 127.0.0.1:" +
                         std::to_string(device.port()) + "; add --yes once nobody is within");
@@ -170,12 +171,12 @@ TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
                     "asks muscle_3 for 301 kPa; its limits are 0 kPa to 300 kPa");
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0", "--yes"}),
                     "has 2 values");
-  EXPECT_EQ(device.writes(), 0u);
+  EXPECT_EQ(device.taken(), 0u);
 }
 
 TEST(RegulatorSet, VentsWhenItIsInterrupted) {
   for (const int number : {SIGINT, SIGTERM}) {
-    ModbusDevice device(deviceConfig());
+    EmulatedDevice device(deviceConfig());
     Process command(words(
         at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
     ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
@@ -189,7 +190,7 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
 }
 
 TEST(RegulatorSet, AFaultEndsItWithItsReason) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   Process command(words(
       at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
   ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
@@ -200,7 +201,7 @@ TEST(RegulatorSet, AFaultEndsItWithItsReason) {
 }
 
 TEST(RegulatorSet, TheTimeToStayBeginsOnceTheSetPointsHaveArrived) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   const Outcome outcome =
       run(device.port(), {"set", "--pressure-kpa", "60,0,0", "--seconds", "0.3", "--yes",
                           "--format", "json", "--set", "safety.slew_kpa_s=40"});
@@ -211,7 +212,7 @@ TEST(RegulatorSet, TheTimeToStayBeginsOnceTheSetPointsHaveArrived) {
 TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
   simulation::ModbusDeviceConfig config = deviceConfig();
   config.regulator.time_constant = 0.4;  // such that it takes more than a line to vent
-  ModbusDevice device(config);
+  EmulatedDevice device(config);
   const Outcome outcome =
       run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1", "--yes", "--set",
                           "safety.follow.time_constant_s=0.4"});
@@ -222,7 +223,7 @@ TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
 
 TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
   for (const int number : {SIGSTOP, SIGKILL}) {
-    ModbusDevice device(deviceConfig());
+    EmulatedDevice device(deviceConfig());
     Process command(words(
         at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"})));
     ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
@@ -261,7 +262,7 @@ TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
 }
 
 TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   const Outcome outcome = run(device.port(), {"vent", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -271,7 +272,7 @@ TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
 }
 
 TEST(RegulatorVent, StatesThePressureThatCountsAsVented) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"vent", "--set", "safety.vented_below_kpa=12"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_NE(outcome.out.find("vented below  12 kPa"), std::string::npos) << outcome.out;
@@ -282,7 +283,7 @@ TEST(RegulatorVent, WhatCannotBeVentedIsNamed) {
   EXPECT_EQ(nobody.exit_code, 1);
   EXPECT_EQ(nobody.json()["vented"], false);
   EXPECT_NE(nobody.err.find("not vented: 127.0.0.1:"), std::string::npos) << nobody.err;
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   device.setFault(DeviceFault::kStuckValue);
   const Outcome stuck = run(device.port(), {"vent", "--set", "safety.vent_time_s=0.3"});
@@ -293,18 +294,18 @@ TEST(RegulatorVent, WhatCannotBeVentedIsNamed) {
 }
 
 TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
-  const std::uint64_t before = device.writes();
+  const std::uint64_t before = device.taken();
   Process guard(words(at(device.port(), {"guard"})));
   guard.say("q");
   EXPECT_EQ(guard.exitCode(), 0);
   EXPECT_EQ(guard.outputNow(), "");
-  EXPECT_EQ(device.writes(), before);
+  EXPECT_EQ(device.taken(), before);
 }
 
 TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   Process guard(words(at(device.port(), {"guard"})));
   // It is ready once it ignores the signals that would end it.
@@ -333,7 +334,7 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
 }
 
 TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   const std::vector<std::string> call = words(at(device.port(), {"guard"}));
   const pid_t parent = getpid();
@@ -353,21 +354,21 @@ TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
 }
 
 TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
-  auto device = std::make_unique<ModbusDevice>(deviceConfig());
+  auto device = std::make_unique<EmulatedDevice>(deviceConfig());
   const int port = device->port();
   device.reset();
   Process guard(words(at(port, {"guard"})));
   guard.endInput();
   simulation::ModbusDeviceConfig config = deviceConfig();
   config.port = port;
-  device = std::make_unique<ModbusDevice>(config);
+  device = std::make_unique<EmulatedDevice>(config);
   EXPECT_EQ(guard.exitCode(), 0);
   EXPECT_NE(guard.outputNow().find(" is vented"), std::string::npos) << guard.outputNow();
-  EXPECT_GT(device->writes(), 0u);
+  EXPECT_GT(device->taken(), 0u);
 }
 
 TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
-  ModbusDevice device(deviceConfig());
+  EmulatedDevice device(deviceConfig());
   fill(device);
   device.setFault(DeviceFault::kStuckValue);
   Process guard(words(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"})));
@@ -437,7 +438,7 @@ TEST(RegulatorEmulate, WhatItCannotBeIsRefused) {
                     "emulate listens on 127.0.0.1, but the scene's regulator is at 192.168.1.10");
   expectCallerError(run(1502, {"emulate", "--format", "json"}),
                     "emulate prints only text; leave out --format");
-  const ModbusDevice device(deviceConfig());
+  const EmulatedDevice device(deviceConfig());
   expectCallerError(run(device.port(), {"emulate"}), "cannot listen at 127.0.0.1");
 }
 

@@ -11,7 +11,7 @@
 #include <mutex>
 #include <vector>
 
-#include "regulator/modbus_tcp_driver.hpp"
+#include "regulator/drivers.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/reply_server.hpp"
 
@@ -120,25 +120,25 @@ regulator::ModbusConfig configOf(regulator::ModbusProfile profile, int port) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   static Script script;
   static test::ReplyServer server([](const Bytes& request) { return script.answer(request); });
-  static regulator::ModbusTcpDriver mpa(configOf(test::mpaProfile(), server.port()));
-  static regulator::ModbusTcpDriver vtem(configOf(test::vtemProfile(), server.port()));
+  static const auto mpa = regulator::modbusTcpDriver(configOf(test::mpaProfile(), server.port()));
+  static const auto vtem = regulator::modbusTcpDriver(configOf(test::vtemProfile(), server.port()));
   static Tally tally;
   if (size == 0) return 0;
   script.begin(bytes + 1, size - 1);
-  regulator::ModbusTcpDriver& driver = bytes[0] % 8 == 0 ? vtem : mpa;
-  call([&driver] { driver.connect(); });
+  const auto& driver = bytes[0] % 8 == 0 ? vtem : mpa;
+  call([&driver] { driver->connect(); });
   bool read = false;
   for (int i = 0; i < 3; ++i) {
     read |= call([&driver] {
       regulator::Pressures pressures(kChannels);
-      driver.read(pressures);
+      driver->read(pressures);
       for (const double pressure : pressures.pressure) {
         demand(std::isnan(pressure) || (pressure > -1.1e5 && pressure <= 32767 * 100.0));
       }
     });
-    call([&driver] { driver.vent(); });
+    call([&driver] { driver->vent(); });
   }
-  driver.close();
+  driver->close();
   ++tally.inputs;
   tally.with_reading += read ? 1 : 0;
   return 0;

@@ -211,8 +211,8 @@ LAWS = {
         Law("true mounts: the base tag keeps its pose", GTEST + "simulation_rig_test",
             "if (i == base_tag) continue;", "if (i < base_tag) continue;"),
         Law("emulated Modbus device: counts from vacuum", GTEST + "modbus_tcp_driver_test",
-            "return output(profile_.setPoint(place)) * profile_.pascals - profile_.atmosphere;",
-            "return output(profile_.setPoint(place)) * profile_.pascals + profile_.atmosphere;"),
+            "return holding_[profile_.setPoint(place)] * profile_.pascals - profile_.atmosphere;",
+            "return holding_[profile_.setPoint(place)] * profile_.pascals + profile_.atmosphere;"),
     ],
     "io": [
         Law("roll, pitch and yaw are about fixed axes, roll first", GTEST + "scene_loader_test",

@@ -1,11 +1,10 @@
-#include "regulator/ascii_serial_driver.hpp"
-
 #include <cmath>
 
 #include <sys/stat.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/drivers.hpp"
 #include "regulator/serial_port.hpp"
 #include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
@@ -21,7 +20,7 @@ namespace {
 using control::Valve;
 using control::ValveOrders;
 using simulation::DeviceFault;
-using simulation::SerialDevice;
+using simulation::EmulatedDevice;
 using simulation::SerialDeviceConfig;
 using test::eventually;
 using test::has;
@@ -47,8 +46,8 @@ SerialDeviceConfig deviceOf(const SerialProfile& profile, const std::string& lin
   return config;
 }
 
-AsciiSerialDriver driverOf(const SerialProfile& profile, const std::string& device) {
-  return {{profile, device, addressesOf(profile)}, kChannels};
+std::unique_ptr<Driver> driverOf(const SerialProfile& profile, const std::string& device) {
+  return asciiSerialDriver({profile, device, addressesOf(profile)}, kChannels);
 }
 
 ValveOrders regulate(const Eigen::VectorXd& set_point) {
@@ -59,10 +58,10 @@ ValveOrders regulate(const Eigen::VectorXd& set_point) {
 }
 
 // Readings of all channels; of those that come unasked, the next ones.
-Pressures readAll(AsciiSerialDriver& driver) {
+Pressures readAll(const std::unique_ptr<Driver>& driver) {
   Pressures pressures(kChannels);
   const bool read = eventually([&] {
-    driver.read(pressures);
+    driver->read(pressures);
     return pressures.pressure.allFinite();
   });
   EXPECT_TRUE(read);
@@ -91,7 +90,7 @@ struct SerialLine {
       : device(deviceOf(profile)), driver(driverOf(profile, device.path())) {}
 
   bool fills() {
-    driver.write(regulate(kFull));
+    driver->write(regulate(kFull));
     return eventually([this] { return device.pressure().minCoeff() > 1.99e5; });
   }
   bool empties() const {
@@ -103,15 +102,15 @@ struct SerialLine {
   }
 
   static inline const Eigen::Vector3d kFull = Eigen::Vector3d::Constant(2e5);
-  SerialDevice device;
-  AsciiSerialDriver driver;
+  EmulatedDevice device;
+  std::unique_ptr<Driver> driver;
 };
 
 class AsciiSerialProfiles : public testing::TestWithParam<SerialProfile> {
  protected:
   SerialLine line_{GetParam()};
-  SerialDevice& device_ = line_.device;
-  AsciiSerialDriver& driver_ = line_.driver;
+  EmulatedDevice& device_ = line_.device;
+  const std::unique_ptr<Driver>& driver_ = line_.driver;
 };
 
 std::string nameOfProfile(const testing::TestParamInfo<SerialProfile>& info) {
@@ -119,9 +118,9 @@ std::string nameOfProfile(const testing::TestParamInfo<SerialProfile>& info) {
 }
 
 TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
-  driver_.connect();
+  driver_->connect();
   const Eigen::Vector3d goal(1.2e5, 0.5e5, 3e5);
-  driver_.write(regulate(goal));
+  driver_->write(regulate(goal));
   // What the device's digits hold, and never more than was ordered.
   const double digit = GetParam().pascals * std::pow(10.0, -GetParam().decimals);
   ASSERT_TRUE(eventually([&] { return device_.setPoint().isApprox(goal, 2e-3); }));
@@ -145,43 +144,43 @@ TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
 }
 
 TEST_P(AsciiSerialProfiles, ConnectingVentsWhatStood) {
-  driver_.connect();
+  driver_->connect();
   ASSERT_TRUE(line_.fills());
-  driver_.close();
-  driver_.connect();
+  driver_->close();
+  driver_->connect();
   EXPECT_TRUE(line_.empties());
 }
 
 TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
-  driver_.connect();
+  driver_->connect();
   for (int round = 0; round < 2; ++round) {
     ASSERT_TRUE(line_.fills()) << round;
-    driver_.vent();
+    driver_->vent();
     ASSERT_TRUE(line_.empties()) << round;
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
-    driver_.write(ValveOrders(kChannels));  // stays so
+    driver_->write(ValveOrders(kChannels));  // stays so
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
   }
 }
 
 TEST_P(AsciiSerialProfiles, OneChannelVentsWhileOthersRegulate) {
-  driver_.connect();
+  driver_->connect();
   ASSERT_TRUE(line_.fills());
   ValveOrders orders = regulate(SerialLine::kFull);
   orders.valve[1] = Valve::kVent;
   orders.set_point[1] = 0;
-  driver_.write(orders);
+  driver_->write(orders);
   ASSERT_TRUE(eventually([&] { return device_.pressure()[1] < 1e3; }));
   EXPECT_GT(device_.pressure()[0], 1.9e5);
   EXPECT_GT(device_.pressure()[2], 1.9e5);
 }
 
 TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVent) {
-  driver_.connect();
+  driver_->connect();
   ASSERT_TRUE(line_.fills());
   ValveOrders orders = regulate(SerialLine::kFull);
   orders.valve.assign(kChannels, Valve::kClose);
-  driver_.write(orders);
+  driver_->write(orders);
   if (GetParam().close.empty()) {
     EXPECT_TRUE(line_.empties());
     return;
@@ -189,20 +188,20 @@ TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVe
   ASSERT_TRUE(line_.comesTo(Valve::kClose));
   const Eigen::VectorXd closed = device_.pressure();
   EXPECT_FALSE(eventually([&] { return device_.pressure() != closed; }, 5 * kTau));
-  driver_.write(regulate(Eigen::Vector3d::Constant(1e5)));
+  driver_->write(regulate(Eigen::Vector3d::Constant(1e5)));
   ASSERT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1.1e5; }));
-  driver_.write(orders);
-  driver_.vent();
+  driver_->write(orders);
+  driver_->vent();
   EXPECT_TRUE(line_.empties());
 }
 
 // Reads until it fails, for at most so long.
-Failure firstFailure(AsciiSerialDriver& driver, double longest) {
+Failure firstFailure(const std::unique_ptr<Driver>& driver, double longest) {
   Pressures pressures(kChannels);
   Failure failure{"none", ""};
   eventually(
       [&] {
-        failure = failureOf([&] { driver.read(pressures); });
+        failure = failureOf([&] { driver->read(pressures); });
         return failure.kind != "none";
       },
       longest);
@@ -213,30 +212,30 @@ Failure firstFailure(AsciiSerialDriver& driver, double longest) {
 TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   SerialProfile profile = test::genericProfile();
   profile.watchdog = 1;
-  SerialDevice device(deviceOf(profile));
-  AsciiSerialDriver driver = driverOf(profile, device.path());
+  EmulatedDevice device(deviceOf(profile));
+  const auto driver = driverOf(profile, device.path());
   const auto standStill = [](double time) {
     const double end = steadyNow() + time;
     eventually([&] { return steadyNow() >= end; }, kSoon);
   };
   const Eigen::Vector3d set_point(1e5, 2e5, 1.5e5);
-  driver.connect();
+  driver->connect();
   standStill(0.9);  // nothing stands, nothing can jump
-  EXPECT_EQ(failureOf([&] { driver.write(regulate(set_point)); }).text, "");
+  EXPECT_EQ(failureOf([&] { driver->write(regulate(set_point)); }).text, "");
   EXPECT_TRUE(device.setPoint().isApprox(set_point));
   standStill(0.9);  // not yet, but its clock may be faster
   const double before = device.lastSetTime();
   ValveOrders orders = regulate(set_point);
   orders.valve[0] = Valve::kVent;  // the first line after the silence lets air out
-  const Failure late = failureOf([&] { driver.write(orders); });
+  const Failure late = failureOf([&] { driver->write(orders); });
   EXPECT_EQ(late.kind, "link");
   EXPECT_TRUE(has(late.text, "may have vented by itself (watchdog_s of its profile generic)"));
   EXPECT_EQ(device.lastSetTime(), before);
   EXPECT_EQ(device.valves()[0], Valve::kVent);
   Pressures pressures(kChannels);
-  EXPECT_EQ(failureOf([&] { driver.read(pressures); }).kind, "link");
-  EXPECT_EQ(failureOf([&] { driver.vent(); }).text, "");
-  EXPECT_EQ(failureOf([&] { driver.write(regulate(set_point)); }).text, "");
+  EXPECT_EQ(failureOf([&] { driver->read(pressures); }).kind, "link");
+  EXPECT_EQ(failureOf([&] { driver->vent(); }).text, "");
+  EXPECT_EQ(failureOf([&] { driver->write(regulate(set_point)); }).text, "");
 }
 
 class AsciiSerialFaults : public testing::TestWithParam<std::tuple<SerialProfile, DeviceFault>> {};
@@ -264,9 +263,9 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
 TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   const auto& [profile, fault] = GetParam();
   SerialLine line(profile);
-  SerialDevice& device = line.device;
-  AsciiSerialDriver& driver = line.driver;
-  driver.connect();
+  EmulatedDevice& device = line.device;
+  const std::unique_ptr<Driver>& driver = line.driver;
+  driver->connect();
   ASSERT_TRUE(line.fills());
   readAll(driver);
 
@@ -281,10 +280,10 @@ TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   device.setFault(DeviceFault::kNone);
   if (expected == "link") {
     // Without a link a restart has another path.
-    driver.close();
-    AsciiSerialDriver again = driverOf(profile, device.path());
-    ASSERT_TRUE(eventually([&] { return failureOf([&] { again.connect(); }).kind == "none"; }));
-    again.write(regulate(SerialLine::kFull));
+    driver->close();
+    const auto again = driverOf(profile, device.path());
+    ASSERT_TRUE(eventually([&] { return failureOf([&] { again->connect(); }).kind == "none"; }));
+    again->write(regulate(SerialLine::kFull));
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   } else {
     Failure next;
@@ -296,7 +295,7 @@ TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
         },
         profile.read.empty() ? kSoon : 0.0))
         << next.text;
-    driver.write(regulate(SerialLine::kFull));
+    driver->write(regulate(SerialLine::kFull));
     EXPECT_TRUE(
         eventually([&] { return std::abs(readAll(driver).pressure.minCoeff() - 2e5) < 1e3; }));
   }
@@ -327,47 +326,48 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
   const SerialProfile with = test::withChecksums(test::genericProfile());
   const SerialProfile without = test::genericProfile();
-  SerialDevice old(deviceOf(without)), checked(deviceOf(with));
-  AsciiSerialDriver to_old = driverOf(with, old.path()),
-                    to_checked = driverOf(without, checked.path());
-  EXPECT_TRUE(has(failureOf([&] { to_old.connect(); }).text, "whose checksum is missing or wrong"));
-  EXPECT_TRUE(has(failureOf([&] { to_checked.connect(); }).text, "does not match"));
+  EmulatedDevice old(deviceOf(without)), checked(deviceOf(with));
+  const auto to_old = driverOf(with, old.path()), to_checked = driverOf(without, checked.path());
+  EXPECT_TRUE(
+      has(failureOf([&] { to_old->connect(); }).text, "whose checksum is missing or wrong"));
+  EXPECT_TRUE(has(failureOf([&] { to_checked->connect(); }).text, "does not match"));
 }
 
 TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
   const SerialProfile profile = test::genericProfile();
-  SerialDevice device(deviceOf(profile));
-  AsciiSerialDriver driver = driverOf(profile, device.path());
-  driver.connect();
+  EmulatedDevice device(deviceOf(profile));
+  const auto driver = driverOf(profile, device.path());
+  driver->connect();
   Pressures pressures(kChannels);
-  driver.read(pressures);  // those of connecting
-  const std::uint64_t before = device.lines();
-  driver.write(regulate(Eigen::Vector3d::Constant(1e5)));
-  driver.read(pressures);
+  driver->read(pressures);  // those of connecting
+  const std::uint64_t before = device.taken();
+  driver->write(regulate(Eigen::Vector3d::Constant(1e5)));
+  driver->read(pressures);
   EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(kChannels));
-  driver.read(pressures);
+  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(kChannels));
+  driver->read(pressures);
   EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(2 * kChannels));
+  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(2 * kChannels));
 }
 
 TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
   SerialLine with(test::togetherProfile()), without;
-  with.driver.connect();
+  with.driver->connect();
   EXPECT_NEAR(readAll(with.driver).supply, 6e5, 100.0);
-  without.driver.connect();
+  without.driver->connect();
   EXPECT_TRUE(std::isnan(readAll(without.driver).supply));
 }
 
 // One unit of a bus is dead (the device knows another address): the others still vent.
 TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   SerialLine line;
-  const SerialDevice& device = line.device;
-  line.driver.connect();
+  const EmulatedDevice& device = line.device;
+  line.driver->connect();
   ASSERT_TRUE(line.fills());
-  line.driver.close();
-  AsciiSerialDriver driver({test::genericProfile(), device.path(), {"X", "B", "C"}}, kChannels);
-  EXPECT_NE(failureOf([&] { driver.connect(); }).kind, "none");
+  line.driver->close();
+  const auto driver =
+      asciiSerialDriver({test::genericProfile(), device.path(), {"X", "B", "C"}}, kChannels);
+  EXPECT_NE(failureOf([&] { driver->connect(); }).kind, "none");
   EXPECT_TRUE(eventually([&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
   EXPECT_GT(device.pressure()[0], 1.9e5);
 }
@@ -375,21 +375,21 @@ TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
 TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
   const test::TemporaryFolder folder;
   const std::string link = folder / "regulator";
-  AsciiSerialDriver driver = driverOf(test::genericProfile(), link);
+  const auto driver = driverOf(test::genericProfile(), link);
   Pressures pressures(kChannels);
   for (int round = 0; round < 3; ++round) {
     {
-      SerialDevice device(deviceOf(test::genericProfile(), link));
-      driver.connect();
-      driver.write(regulate(Eigen::Vector3d::Constant(1e5)));
-      driver.read(pressures);
+      EmulatedDevice device(deviceOf(test::genericProfile(), link));
+      driver->connect();
+      driver->write(regulate(Eigen::Vector3d::Constant(1e5)));
+      driver->read(pressures);
       EXPECT_TRUE(pressures.pressure.allFinite());
     }
-    const Failure gone = failureOf([&] { driver.read(pressures); });
+    const Failure gone = failureOf([&] { driver->read(pressures); });
     EXPECT_EQ(gone.kind, "link");
     EXPECT_EQ(gone.text,
               link + " hung up: it was unplugged or switched off; check its cable and power");
-    const Failure missing = failureOf([&] { driver.connect(); });
+    const Failure missing = failureOf([&] { driver->connect(); });
     EXPECT_EQ(missing.kind, "link");
     EXPECT_EQ(
         missing.text,
@@ -399,22 +399,22 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
 
 // Root's second open() is not stopped by the terminal itself.
 TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
-  SerialDevice device(deviceOf(test::genericProfile()));
-  AsciiSerialDriver first = driverOf(test::genericProfile(), device.path());
-  AsciiSerialDriver second = driverOf(test::genericProfile(), device.path());
-  first.connect();
-  first.write(regulate(Eigen::Vector3d::Constant(1e5)));
+  EmulatedDevice device(deviceOf(test::genericProfile()));
+  const auto first = driverOf(test::genericProfile(), device.path());
+  const auto second = driverOf(test::genericProfile(), device.path());
+  first->connect();
+  first->write(regulate(Eigen::Vector3d::Constant(1e5)));
   for (int round = 0; round < 2; ++round) {
-    const Failure held = failureOf([&] { second.connect(); });
+    const Failure held = failureOf([&] { second->connect(); });
     EXPECT_EQ(held.kind, "link");
     EXPECT_EQ(held.text, device.path() +
                              " is used by another program; end that one (fuser shows which it is)");
-    first.write(regulate(Eigen::Vector3d::Constant(1e5)));
+    first->write(regulate(Eigen::Vector3d::Constant(1e5)));
   }
   EXPECT_EQ(device.valves(), std::vector<Valve>(kChannels, Valve::kRegulate));
-  first.close();
-  second.connect();
-  EXPECT_EQ(failureOf([&] { first.connect(); }).kind, "link");
+  first->close();
+  second->connect();
+  EXPECT_EQ(failureOf([&] { first->connect(); }).kind, "link");
 }
 
 // What opening a line says in a process of its own, that of a user without privileges: "" where it
@@ -427,56 +427,56 @@ std::string openedByNobody(const std::string& device) {
 }
 
 TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
-  SerialDevice device(deviceOf(test::genericProfile()));
+  EmulatedDevice device(deviceOf(test::genericProfile()));
   ASSERT_EQ(chmod(device.path().c_str(), 0666), 0);
-  AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
+  const auto driver = driverOf(test::genericProfile(), device.path());
   const std::string held =
       device.path() + " is used by another program; end that one (fuser shows which it is)";
   const auto open = [&] { return openedByNobody(device.path()); };
   {
     const test::HoldingChild holder(open);
     ASSERT_EQ(holder.text(), "");
-    EXPECT_EQ(failureOf([&] { driver.connect(); }).text, held);
+    EXPECT_EQ(failureOf([&] { driver->connect(); }).text, held);
     EXPECT_EQ(test::HoldingChild(open).text(), held);
   }
   EXPECT_EQ(test::HoldingChild(open).text(), "");
-  EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
+  EXPECT_EQ(failureOf([&] { driver->connect(); }).text, "");
 }
 
 TEST(AsciiSerialDriver, AFileThatIsNotASerialLineIsRefused) {
   const test::TemporaryFile file("p0=1.00 kPa\n");
-  AsciiSerialDriver driver = driverOf(test::genericProfile(), file.path());
-  EXPECT_EQ(failureOf([&] { driver.connect(); }).text,
+  const auto driver = driverOf(test::genericProfile(), file.path());
+  EXPECT_EQ(failureOf([&] { driver->connect(); }).text,
             file.path() + " is not a serial line; expected one such as /dev/ttyUSB0");
-  AsciiSerialDriver folder = driverOf(test::genericProfile(), "/tmp");
-  EXPECT_EQ(failureOf([&] { folder.connect(); }).text,
+  const auto folder = driverOf(test::genericProfile(), "/tmp");
+  EXPECT_EQ(failureOf([&] { folder->connect(); }).text,
             "/tmp is a folder; expected a serial line such as /dev/ttyUSB0");
 }
 
 TEST(AsciiSerialDriver, ClosedItSaysSo) {
-  AsciiSerialDriver driver = driverOf(test::genericProfile(), "/dev/nowhere");
+  const auto driver = driverOf(test::genericProfile(), "/dev/nowhere");
   Pressures pressures(kChannels);
-  EXPECT_EQ(failureOf([&] { driver.read(pressures); }).kind, "link");
-  EXPECT_EQ(failureOf([&] { driver.vent(); }).kind, "link");
-  EXPECT_EQ(failureOf([&] { driver.write(ValveOrders(kChannels)); }).kind, "link");
-  driver.close();
+  EXPECT_EQ(failureOf([&] { driver->read(pressures); }).kind, "link");
+  EXPECT_EQ(failureOf([&] { driver->vent(); }).kind, "link");
+  EXPECT_EQ(failureOf([&] { driver->write(ValveOrders(kChannels)); }).kind, "link");
+  driver->close();
 }
 
 TEST(AsciiSerialDriver, FilesDoNotLeakOverReconnects) {
   SerialProfile profile = test::genericProfile();
   profile.timeout = 0.02;  // connecting waits for quiet for so long
-  SerialDevice device(deviceOf(profile));
-  AsciiSerialDriver driver = driverOf(profile, device.path());
-  AsciiSerialDriver missing = driverOf(profile, "/dev/nowhere");
+  EmulatedDevice device(deviceOf(profile));
+  const auto driver = driverOf(profile, device.path());
+  const auto missing = driverOf(profile, "/dev/nowhere");
   const auto before = openFiles();
   int connected = 0;
   for (int i = 0; i < 200; ++i) {
-    connected += failureOf([&] { driver.connect(); }).kind == "none" ? 1 : 0;
-    EXPECT_EQ(failureOf([&] { missing.connect(); }).kind, "link");
+    connected += failureOf([&] { driver->connect(); }).kind == "none" ? 1 : 0;
+    EXPECT_EQ(failureOf([&] { missing->connect(); }).kind, "link");
     ASSERT_LE(openFiles(), before + 1);
   }
   EXPECT_GT(connected, 0);  // a busy machine may miss 20 ms
-  driver.close();
+  driver->close();
   EXPECT_EQ(openFiles(), before);
 }
 
@@ -484,7 +484,7 @@ TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
   const SerialProfile generic = test::genericProfile();
   const auto refused = [&](const SerialProfile& profile, std::vector<std::string> addresses,
                            int channels, const std::string& device = "/dev/ttyUSB0") {
-    return refusal([&] { AsciiSerialDriver driver({profile, device, addresses}, channels); });
+    return refusal([&] { asciiSerialDriver({profile, device, addresses}, channels); });
   };
   EXPECT_EQ(refused(generic, {"0", "1", "2"}, 3), "accepted");
   EXPECT_EQ(refused(generic, {"0", "1"}, 3),
@@ -511,15 +511,15 @@ TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
 }
 
 TEST(AsciiSerialDriver, OrdersThatAreNotOfItsChannelsAreRefused) {
-  SerialDevice device(deviceOf(test::genericProfile()));
-  AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
-  driver.connect();
-  const std::uint64_t before = device.lines();
-  EXPECT_THROW(driver.write(ValveOrders(2)), std::invalid_argument);
+  EmulatedDevice device(deviceOf(test::genericProfile()));
+  const auto driver = driverOf(test::genericProfile(), device.path());
+  driver->connect();
+  const std::uint64_t before = device.taken();
+  EXPECT_THROW(driver->write(ValveOrders(2)), std::invalid_argument);
   ValveOrders orders = regulate(Eigen::Vector3d::Constant(1e5));
   orders.set_point[1] = std::nan("");
-  EXPECT_THROW(driver.write(orders), std::invalid_argument);
-  EXPECT_EQ(device.lines(), before);
+  EXPECT_THROW(driver->write(orders), std::invalid_argument);
+  EXPECT_EQ(device.taken(), before);
 }
 
 }  // namespace

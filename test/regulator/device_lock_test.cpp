@@ -2,7 +2,7 @@
 
 #include <unistd.h>
 
-#include "regulator/modbus_tcp_driver.hpp"
+#include "regulator/drivers.hpp"
 #include "support/bounded_child.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
@@ -13,7 +13,7 @@ namespace {
 
 using regulator::DeviceLock;
 using regulator::LinkError;
-using regulator::ModbusTcpDriver;
+using regulator::modbusTcpDriver;
 
 // A name that is unique to this test process.
 std::string deviceName(pid_t process = getpid()) {
@@ -69,44 +69,46 @@ class TwoDrivers : public ::testing::Test {
     out.places = 2;
     return out;
   }
-  simulation::ModbusDevice device_{deviceConfig()};
+  simulation::EmulatedDevice device_{deviceConfig()};
 };
 
 TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
-  ModbusTcpDriver first(config()), second(config()), by_name(config("localhost"));
-  first.connect();
-  const std::uint64_t writes = device_.writes();
-  for (ModbusTcpDriver* driver : {&second, &by_name}) {
+  const auto first = modbusTcpDriver(config()), second = modbusTcpDriver(config()),
+             by_name = modbusTcpDriver(config("localhost"));
+  first->connect();
+  const std::uint64_t writes = device_.taken();
+  for (const auto* driver : {&second, &by_name}) {
     EXPECT_TRUE(
-        has(refusal<LinkError>([&] { driver->connect(); }),
+        has(refusal<LinkError>([&] { (*driver)->connect(); }),
             std::to_string(device_.port()) + " is driven by process " + std::to_string(getpid())));
   }
-  EXPECT_EQ(device_.writes(), writes);
-  first.connect();  // again: it stays its own
-  EXPECT_THROW(second.connect(), LinkError);
-  first.close();
-  second.connect();
-  EXPECT_THROW(first.connect(), LinkError);
+  EXPECT_EQ(device_.taken(), writes);
+  first->connect();  // again: it stays its own
+  EXPECT_THROW(second->connect(), LinkError);
+  first->close();
+  second->connect();
+  EXPECT_THROW(first->connect(), LinkError);
 }
 
 // A guard vents immediately, whichever program drives the device.
 TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
-  ModbusTcpDriver ward(config()), guard(config()), third(config());
-  ward.connect();
-  guard.ignoreOthers();
-  guard.connect();
-  guard.vent();
-  ward.close();
-  guard.connect();
-  EXPECT_THROW(third.connect(), LinkError);
+  const auto ward = modbusTcpDriver(config()), guard = modbusTcpDriver(config()),
+             third = modbusTcpDriver(config());
+  ward->connect();
+  guard->ignoreOthers();
+  guard->connect();
+  guard->vent();
+  ward->close();
+  guard->connect();
+  EXPECT_THROW(third->connect(), LinkError);
 }
 
 // What is not reached is not held.
 TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
   regulator::ModbusConfig nowhere = config();
   nowhere.port = 1;
-  ModbusTcpDriver lost(nowhere);
-  EXPECT_THROW(lost.connect(), LinkError);
+  const auto lost = modbusTcpDriver(nowhere);
+  EXPECT_THROW(lost->connect(), LinkError);
   DeviceLock lock;
   EXPECT_FALSE(lock.take("modbus_tcp 127.0.0.1 port 1"));
 }

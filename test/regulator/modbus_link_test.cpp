@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "regulator/modbus_tcp_driver.hpp"
+#include "regulator/drivers.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
@@ -16,7 +16,7 @@ namespace helix_arm::regulator {
 namespace {
 
 using simulation::DeviceFault;
-using simulation::ModbusDevice;
+using simulation::EmulatedDevice;
 using test::eventually;
 using test::mpaProfile;
 using test::quietDevice;
@@ -66,12 +66,12 @@ class Link : public testing::TestWithParam<const char*> {
   Link()
       : profile_(std::string(GetParam()) == "festo_vtem" ? vtemProfile() : mpaProfile()),
         device_(quietDevice(profile_, 3)),
-        driver_(configOf(profile_, device_.port())) {
-    driver_.connect();
+        driver_(modbusTcpDriver(configOf(profile_, device_.port()))) {
+    driver_->connect();
     fill(2e5);
   }
   void fill(double pressure) {
-    driver_.write(regulate(pressure));
+    driver_->write(regulate(pressure));
     ASSERT_TRUE(eventually([=] { return std::abs(device_.pressure()[2] - pressure) < 1; }));
   }
   // What a call comes to, which does not take long.
@@ -82,7 +82,7 @@ class Link : public testing::TestWithParam<const char*> {
   }
   Eigen::VectorXd read() {
     Pressures pressures(3);
-    driver_.read(pressures);
+    driver_->read(pressures);
     return pressures.pressure;
   }
   void heal() {
@@ -91,12 +91,12 @@ class Link : public testing::TestWithParam<const char*> {
   }
   // Connects until the device is there again.
   void reconnect() {
-    ASSERT_TRUE(eventually([this] { return endOf([this] { driver_.connect(); }) == End::kDone; }));
+    ASSERT_TRUE(eventually([this] { return endOf([this] { driver_->connect(); }) == End::kDone; }));
   }
 
   ModbusProfile profile_;
-  ModbusDevice device_;
-  ModbusTcpDriver driver_;
+  EmulatedDevice device_;
+  std::unique_ptr<Driver> driver_;
 };
 
 INSTANTIATE_TEST_SUITE_P(Profiles, Link, testing::Values("festo_vtem", "festo_mpa"),
@@ -114,9 +114,9 @@ TEST_P(Link, SilenceIsALostLinkWithinTheTimeout) {
   EXPECT_LT(seconds, kBounded);
   // A lost link stays lost until the next connect().
   EXPECT_TRUE(
-      test::has(refusal<LinkError>([this] { driver_.write(regulate(1e5)); }), "there is no link"));
+      test::has(refusal<LinkError>([this] { driver_->write(regulate(1e5)); }), "there is no link"));
   // The port is open, so it connects, and then there is no answer.
-  EXPECT_EQ(ends([this] { driver_.connect(); }), End::kLinkError);
+  EXPECT_EQ(ends([this] { driver_->connect(); }), End::kLinkError);
   heal();
   EXPECT_EQ(device_.setPoint().head(3), Eigen::Vector3d(0, 0, 0));
 }
@@ -133,12 +133,12 @@ TEST_P(Link, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   fill(1e5);
   device_.setFault(DeviceFault::kSlow);
   EXPECT_EQ(endOf([this] { read(); }), End::kLinkError);
-  EXPECT_NE(endOf([this] { driver_.vent(); }), End::kDone);
-  EXPECT_EQ(driver_.keepsAirOnClose(), profile_.app.has_value());
+  EXPECT_NE(endOf([this] { driver_->vent(); }), End::kDone);
+  EXPECT_EQ(driver_->keepsAirOnClose(), profile_.app.has_value());
   EXPECT_TRUE(eventually([this] { return device_.pressure().maxCoeff() < 100; }));
-  EXPECT_EQ(endOf([this] { driver_.write(regulate(1e5)); }), End::kLinkError);
-  driver_.close();
-  EXPECT_FALSE(driver_.keepsAirOnClose());
+  EXPECT_EQ(endOf([this] { driver_->write(regulate(1e5)); }), End::kLinkError);
+  driver_->close();
+  EXPECT_FALSE(driver_->keepsAirOnClose());
 }
 
 // What is asked again is never taken for a reading, and whoever is well again is read.
@@ -157,13 +157,13 @@ TEST_P(Link, EveryFaultComesToItsEndInTimeAndIsSurvived) {
     SCOPED_TRACE(simulation::nameOf(row.fault));
     device_.setFault(row.fault);
     if (row.fault == DeviceFault::kStuckValue) {
-      driver_.vent();
+      driver_->vent();
       ASSERT_TRUE(eventually([this] { return device_.pressure().maxCoeff() < 1e3; }));
     }
     for (int i = 0; i < 20 && row.fault == DeviceFault::kGarbage; ++i) {
       EXPECT_NE(ends([this] { read(); }), End::kDone);
-      EXPECT_NE(ends([this] { driver_.vent(); }), End::kDone);
-      EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError);
+      EXPECT_NE(ends([this] { driver_->vent(); }), End::kDone);
+      EXPECT_EQ(endOf([this] { driver_->connect(); }), End::kLinkError);
     }
     Eigen::VectorXd reading;
     const End end = ends([&] { reading = read(); });
@@ -181,7 +181,7 @@ TEST_P(Link, EveryFaultComesToItsEndInTimeAndIsSurvived) {
 TEST_P(Link, ARestartedDeviceIsConnectedAnewAndVented) {
   device_.setFault(DeviceFault::kRestart);
   ASSERT_TRUE(eventually([this] { return endOf([this] { read(); }) == End::kLinkError; }));
-  EXPECT_EQ(endOf([this] { driver_.write(regulate(2e5)); }), End::kLinkError);  // not by itself
+  EXPECT_EQ(endOf([this] { driver_->write(regulate(2e5)); }), End::kLinkError);  // not by itself
   reconnect();
   EXPECT_EQ(device_.fault(), DeviceFault::kNone);
   EXPECT_EQ(read(), Eigen::Vector3d(0, 0, 0));
@@ -190,32 +190,32 @@ TEST_P(Link, ARestartedDeviceIsConnectedAnewAndVented) {
 }
 
 TEST_P(Link, ReconnectingLeavesNothingOpen) {
-  driver_.connect();
+  driver_->connect();
   ASSERT_TRUE(eventually([this] { return device_.connections() == 1; }));
   const int before = test::openFiles();
-  for (int i = 0; i < 200; ++i) driver_.connect();
+  for (int i = 0; i < 200; ++i) driver_->connect();
   device_.setFault(DeviceFault::kGarbage);
-  for (int i = 0; i < 5; ++i) EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(endOf([this] { driver_->connect(); }), End::kLinkError);
   device_.setFault(DeviceFault::kNone);
-  driver_.connect();
+  driver_->connect();
   ASSERT_TRUE(eventually([this] { return device_.connections() == 1; }));
   EXPECT_EQ(test::openFiles(), before);
-  driver_.close();
-  driver_.close();
+  driver_->close();
+  driver_->close();
   EXPECT_TRUE(eventually([this] { return device_.connections() == 0; }));
 }
 
 std::string connectRefusal(const std::string& host, int port) {
-  ModbusTcpDriver driver({mpaProfile(), host, port, {0}});
-  return refusal<LinkError>([&driver] { driver.connect(); });
+  const auto driver = modbusTcpDriver({mpaProfile(), host, port, {0}});
+  return refusal<LinkError>([&driver] { driver->connect(); });
 }
 
 TEST(ModbusConnecting, WithoutALinkNothingIsSent) {
-  ModbusTcpDriver driver({mpaProfile(), "127.0.0.1", 502, {0, 1, 2}});
+  const auto driver = modbusTcpDriver({mpaProfile(), "127.0.0.1", 502, {0, 1, 2}});
   Pressures pressures(3);
-  for (const auto& call : std::vector<std::function<void()>>{[&] { driver.write(regulate(0)); },
-                                                             [&] { driver.vent(); },
-                                                             [&] { driver.read(pressures); }}) {
+  for (const auto& call : std::vector<std::function<void()>>{[&] { driver->write(regulate(0)); },
+                                                             [&] { driver->vent(); },
+                                                             [&] { driver->read(pressures); }}) {
     EXPECT_TRUE(
         test::has(refusal<LinkError>(call), "127.0.0.1:502: there is no link; connect first"));
   }
@@ -299,18 +299,18 @@ class Answered {
           if (request[7] != kWrite) return answer(request);
           return framed(request, Bytes(request.begin() + 7, request.begin() + 12));
         }),
-        driver_({mpaProfile(), "127.0.0.1", server_.port(), {0}}) {
-    driver_.connect();
+        driver_(modbusTcpDriver({mpaProfile(), "127.0.0.1", server_.port(), {0}})) {
+    driver_->connect();
   }
   double read() {
     Pressures pressures(1);
-    driver_.read(pressures);
+    driver_->read(pressures);
     return pressures.pressure[0];
   }
 
  private:
   ReplyServer server_;
-  ModbusTcpDriver driver_;
+  std::unique_ptr<Driver> driver_;
 };
 
 TEST(ModbusReplies, ARegisterIsANumberWithASign) {

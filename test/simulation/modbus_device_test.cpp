@@ -23,14 +23,15 @@ using control::Valve;
 using namespace test;
 using Words = RawModbus::Words;
 
+// Valves, clock and times are the same on every line.
 TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
   ModbusDeviceConfig config = quietDevice(mpaProfile(), 2);
   config.regulator.time_constant = 0.3;
-  ModbusDevice device(config);
+  EmulatedDevice device(config);
   const RawModbus raw(device.port());
   EXPECT_EQ(raw.read(45395, 6), (Words{0, 0, 0, 0, 0, 0}));
   ASSERT_TRUE(raw.write(40003, {2000, 500}));
-  const double begin = device.lastWrite();
+  const double begin = device.lastSetTime();
   const double before = regulator::steadyNow();
   const Eigen::VectorXd pressure = device.pressure();
   const double after = regulator::steadyNow();
@@ -44,7 +45,7 @@ TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
 }
 
 TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
-  ModbusDevice device(quietDevice(vtemProfile(), 2));
+  EmulatedDevice device(quietDevice(vtemProfile(), 2));
   const RawModbus raw(device.port());
   const auto status = [&raw] { return raw.read(45395, 1).at(0); };
   EXPECT_NE(status(), 125);
@@ -69,7 +70,7 @@ TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
 // config/regulators/festo_vtem.yaml: what the device does when the link is lost.
 TEST(ModbusDevice, VtemEndsItsAppsAndKeepsItsAirWithoutAConnection) {
   for (const bool device_closes : {false, true}) {
-    ModbusDevice device(quietDevice(vtemProfile(), 4));
+    EmulatedDevice device(quietDevice(vtemProfile(), 4));
     auto first = std::make_unique<RawModbus>(device.port());
     auto second = std::make_unique<RawModbus>(device.port());
     ASSERT_TRUE(first->write(40003, {126, 0, 0}));
@@ -99,7 +100,7 @@ TEST(ModbusDevice, VtemEndsItsAppsAndKeepsItsAirWithoutAConnection) {
 }
 
 TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
-  ModbusDevice device(quietDevice(mpaProfile(), 2));
+  EmulatedDevice device(quietDevice(mpaProfile(), 2));
   const RawModbus raw(device.port());
   EXPECT_TRUE(raw.read(40002, 1).empty());
   EXPECT_TRUE(raw.read(40003, 3).empty());
@@ -107,13 +108,13 @@ TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
   EXPECT_TRUE(raw.readInputs(45395, 1).empty());
   EXPECT_FALSE(raw.write(40005, {1}));
   EXPECT_FALSE(raw.write(45395, {1}));
-  EXPECT_EQ(device.writes(), 0u);
-  EXPECT_TRUE(std::isinf(device.lastWrite()));
+  EXPECT_EQ(device.taken(), 0u);
+  EXPECT_TRUE(std::isinf(device.lastSetTime()));
   EXPECT_EQ(raw.read(40003, 2), (Words{0, 0}));  // and it is still there
 }
 
 TEST(ModbusDevice, ServesSeveralAtOnce) {
-  ModbusDevice device(quietDevice(mpaProfile(), 1));
+  EmulatedDevice device(quietDevice(mpaProfile(), 1));
   std::vector<std::unique_ptr<RawModbus>> clients;
   for (int i = 0; i < 5; ++i) clients.push_back(std::make_unique<RawModbus>(device.port()));
   for (int round = 0; round < 3; ++round) {
@@ -124,7 +125,7 @@ TEST(ModbusDevice, ServesSeveralAtOnce) {
     }
   }
   EXPECT_EQ(device.connections(), 5);
-  EXPECT_EQ(device.writes(), 15u);
+  EXPECT_EQ(device.taken(), 15u);
   clients.resize(2);
   EXPECT_TRUE(eventually([&] { return device.connections() == 2; }));
 }
@@ -132,7 +133,7 @@ TEST(ModbusDevice, ServesSeveralAtOnce) {
 TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
   ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
   config.regulator.noise = 5e3;
-  ModbusDevice device(config);
+  EmulatedDevice device(config);
   const RawModbus raw(device.port());
   std::set<std::uint16_t> seen;
   for (int i = 0; i < 50; ++i) seen.insert(raw.read(45395, 1).at(0));
@@ -141,7 +142,7 @@ TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
 }
 
 TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
-  ModbusDevice device(quietDevice(mpaProfile(), 1));
+  EmulatedDevice device(quietDevice(mpaProfile(), 1));
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40003, {1000}));
   device.setFault(DeviceFault::kSilence);
@@ -154,7 +155,7 @@ TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
 }
 
 TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
-  ModbusDevice device(quietDevice(mpaProfile(), 1));
+  EmulatedDevice device(quietDevice(mpaProfile(), 1));
   std::unique_ptr<modbus_t, void (*)(modbus_t*)> thief(modbus_new_tcp("127.0.0.1", device.port()),
                                                        modbus_free);
   int listener = -1;
@@ -171,25 +172,25 @@ TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
 }
 
 TEST(ModbusDevice, WhatItCannotBeIsRefused) {
-  ModbusDevice first(quietDevice(mpaProfile(), 1));
+  EmulatedDevice first(quietDevice(mpaProfile(), 1));
   ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
   config.port = first.port();
   EXPECT_NE(test::refusal<std::runtime_error>([&] {
-              ModbusDevice second(config);
+              EmulatedDevice second(config);
             }).find("cannot listen at 127.0.0.1:" + std::to_string(first.port())),
             std::string::npos);
   config.port = 0;
   config.places = 0;
   EXPECT_NE(test::refusal([&] {
-              ModbusDevice none(config);
+              EmulatedDevice none(config);
             }).find("the number of places is 0; expected at least 1"),
             std::string::npos);
   config.places = 100000;
-  EXPECT_NE(test::refusal([&] { ModbusDevice many(config); }).find("registers below 65536"),
+  EXPECT_NE(test::refusal([&] { EmulatedDevice many(config); }).find("registers below 65536"),
             std::string::npos);
   config.places = 1;
   config.activation_time = -1;
-  EXPECT_THROW(ModbusDevice device(config), std::invalid_argument);
+  EXPECT_THROW(EmulatedDevice device(config), std::invalid_argument);
 }
 
 }  // namespace

@@ -44,7 +44,7 @@ SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::strin
 // A user at a terminal.
 class Terminal {
  public:
-  Terminal(const SerialDevice& device, std::string terminator)
+  Terminal(const EmulatedDevice& device, std::string terminator)
       : terminator_(std::move(terminator)) {
     port_.open(device.path(), 115200);
   }
@@ -72,7 +72,7 @@ class Terminal {
 };
 
 TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
-  const SerialDevice device(configOf(test::alicatProfile(), {"A", "B"}, 2));
+  const EmulatedDevice device(configOf(test::alicatProfile(), {"A", "B"}, 2));
   Terminal terminal(device, "\r");
   EXPECT_EQ(terminal.ask("A"), "A 0.00 0.00");
   EXPECT_EQ(terminal.ask("BS20.00"), "B 0.00 20.00");
@@ -86,7 +86,7 @@ TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
 // Every flipped bit shows in a checksum: line_format_test.
 TEST(SerialDevice, WithChecksumsALineWithoutOrWithAWrongOneIsRefused) {
   const SerialProfile profile = test::withChecksums(test::genericProfile());
-  const SerialDevice device(configOf(profile, {"0"}, 1));
+  const EmulatedDevice device(configOf(profile, {"0"}, 1));
   Terminal terminal(device, "\n");
   const std::string line = regulator::withChecksum("p0=100.00");
   for (const std::string& wrong : {std::string("p0=100.00"), "p0=101.00" + line.substr(9)}) {
@@ -98,7 +98,7 @@ TEST(SerialDevice, WithChecksumsALineWithoutOrWithAWrongOneIsRefused) {
 }
 
 TEST(SerialDevice, AHeldAlicatAcceptsSetPointsButFollowsThemOnlyWhenReleased) {
-  const SerialDevice device(configOf(test::alicatProfile(), {"A"}, 1));
+  const EmulatedDevice device(configOf(test::alicatProfile(), {"A"}, 1));
   Terminal terminal(device, "\r");
   terminal.ask("AS20.00");
   ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 1.378e5; }));
@@ -113,7 +113,7 @@ TEST(SerialDevice, AHeldAlicatAcceptsSetPointsButFollowsThemOnlyWhenReleased) {
 
 TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
   SerialDeviceConfig config = configOf(test::ctrlPProfile(), {}, 3);
-  const SerialDevice device(config);
+  const EmulatedDevice device(config);
   Terminal terminal(device, "\n");
   EXPECT_FALSE(terminal.hear(kSilence));
   terminal.say("on");
@@ -129,30 +129,10 @@ TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
   EXPECT_TRUE(eventually([&] { return device.pressure()[2] > 2.49e4; }));
 }
 
-TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.regulator.time_constant = 0.3;
-  const SerialDevice device(config);
-  Terminal terminal(device, "\n");
-  EXPECT_TRUE(std::isnan(device.lastSetTime()));
-  const double before = steadyNow();
-  terminal.ask("p0=200.00");
-  const double after = steadyNow();
-  EXPECT_GE(device.lastSetTime(), before);
-  EXPECT_LE(device.lastSetTime(), after);
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  const double early = steadyNow();
-  const double pressure = device.pressure()[0];
-  const double late = steadyNow();
-  const auto lag = [](double t) { return 2e5 * -std::expm1(-t / 0.3); };
-  EXPECT_GE(pressure, lag(early - after) - 1);
-  EXPECT_LE(pressure, lag(late - before) + 1);
-}
-
 TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0", "1"}, 2);
   config.profile.watchdog = 2;
-  const SerialDevice device(config);
+  const EmulatedDevice device(config);
   Terminal terminal(device, "\n");
   terminal.ask("p0=200.00");
   terminal.ask("p1=close");
@@ -178,7 +158,7 @@ TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
 
 TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   SerialProfile profile = test::genericProfile();
-  SerialDevice device(configOf(profile, {"0"}, 1));
+  EmulatedDevice device(configOf(profile, {"0"}, 1));
   Terminal terminal(device, "\n");
   terminal.ask("p0=200.00");
   ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 2e5 - 1; }));
@@ -198,18 +178,18 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   EXPECT_EQ(terminal.ask("p0?"), "p0=100p0=100.00 kPa");  // and what came of the half line before
 
   device.setFault(DeviceFault::kSilence);
-  const std::uint64_t lines = device.lines();
+  const std::uint64_t lines = device.taken();
   EXPECT_TRUE(terminal.asksInVain("p0=50.00"));
-  EXPECT_EQ(device.lines(), lines);
+  EXPECT_EQ(device.taken(), lines);
   EXPECT_EQ(device.setPoint()[0], 1e5);
   device.setFault(DeviceFault::kSlow);
   const Clock::time_point asked = Clock::now();
   EXPECT_EQ(terminal.ask("p0?"), "p0=100.00 kPa");
   EXPECT_GT(std::chrono::duration<double>(Clock::now() - asked).count(), profile.timeout);
   constexpr int kOwed = 100;
-  const std::uint64_t asked_before = device.lines();
+  const std::uint64_t asked_before = device.taken();
   for (int i = 0; i < kOwed; ++i) terminal.say("p0?");
-  ASSERT_TRUE(eventually([&] { return device.lines() == asked_before + kOwed; }));
+  ASSERT_TRUE(eventually([&] { return device.taken() == asked_before + kOwed; }));
   device.setFault(DeviceFault::kNone);  // else it would be busy with them for much longer
   int heard = 0;
   EXPECT_TRUE(eventually([&] {
@@ -226,7 +206,7 @@ TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
   config.link = folder / "regulator";
   {
-    SerialDevice device(config);
+    EmulatedDevice device(config);
     EXPECT_EQ(device.path(), config.link);
     Terminal before(device, "\n");
     before.ask("p0=200.00");
@@ -246,7 +226,7 @@ TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
   const test::TemporaryFolder folder;
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
   config.link = folder / "regulator";
-  SerialDevice device(config);
+  EmulatedDevice device(config);
   std::filesystem::remove(config.link);
   std::ofstream(config.link) << "precious";
   device.setFault(DeviceFault::kRestart);
@@ -262,11 +242,11 @@ TEST(SerialDevice, OnlyALinkIsReplacedByTheLink) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
   config.link = folder / "file";
   std::ofstream(config.link) << "precious";
-  EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice device(config); }),
+  EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice device(config); }),
             config.link + " exists and is not a symlink; expected a path where one can be created");
   config.link = folder / "stale";
   std::filesystem::create_symlink("/dev/pts/nowhere", config.link);
-  const SerialDevice device(config);
+  const EmulatedDevice device(config);
   Terminal terminal(device, "\n");
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
 }
@@ -276,9 +256,9 @@ TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
   config.link = folder / "regulator";
   {
-    SerialDevice first(config);
+    EmulatedDevice first(config);
     const std::string terminal = std::filesystem::read_symlink(config.link);
-    EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice second(config); }),
+    EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice second(config); }),
               config.link + " points to " + terminal +
                   ", which is in use; end the program that made it, or remove the link");
     EXPECT_EQ(std::filesystem::read_symlink(config.link), terminal);
@@ -289,13 +269,13 @@ TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
     EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
   }
   EXPECT_FALSE(std::filesystem::is_symlink(config.link));
-  const SerialDevice later(config);
+  const EmulatedDevice later(config);
   EXPECT_TRUE(std::filesystem::is_symlink(config.link));
 }
 
 TEST(SerialDevice, FaultyConfigurationsAreRefused) {
   const auto refused = [](const SerialDeviceConfig& config) {
-    return refusal([&] { SerialDevice device(config); });
+    return refusal([&] { EmulatedDevice device(config); });
   };
   EXPECT_EQ(refused(configOf(test::genericProfile(), {"0"}, 2)),
             "serial device: the number of addresses is 1; expected one per channel if the profile "

@@ -1,7 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <map>
 #include <string>
@@ -11,10 +10,9 @@
 
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "support/has.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -285,10 +283,6 @@ TEST(SimulatedCamera, ClutterLooksLikeTagsAndIsNone) {
     ASSERT_EQ(found.size(), 1u) << "seed " << seed;
     EXPECT_EQ(found.front().id, 0);
   }
-}
-
-void expectRefusal(const std::string& message, const std::function<void()>& call) {
-  EXPECT_TRUE(has(refusal(call), message));
 }
 
 TEST(SimulatedCamera, EveryRuleOfTheConfigIsNamed) {

@@ -60,10 +60,7 @@ class LatencyHistogram {
 // An emulated device, of whichever line.
 struct SoakedDevice {
   std::string name;
-  std::shared_ptr<void> device;  //< keeps it
-  std::function<void(simulation::DeviceFault)> setFault;
-  std::function<Eigen::VectorXd()> pressure;  //< true, gauge [Pa]
-  std::function<double()> last_write;         //< of set points, of steadyNow() [s]
+  std::shared_ptr<simulation::EmulatedDevice> device;
 };
 
 // What is done to the arm: the faults of its device, by their number, and three more.
@@ -200,7 +197,7 @@ class SoakedArm {
     } else {
       path_.turn(now_);
     }
-    true_pressure_ = device_.pressure().head(goal_.size());
+    true_pressure_ = device_.device->pressure().head(goal_.size());
     for (int i = 0; i < goal_.size(); ++i) {
       const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
       if (overfills(trouble_)) continue;
@@ -214,7 +211,7 @@ class SoakedArm {
   }
 
   void follow() {
-    const double written = device_.last_write();
+    const double written = device_.device->lastSetTime();
     if (pending_target_ > 0 && written > pending_target_) {
       tally_.writes.add(written - pending_target_);
       pending_target_ = 0;
@@ -239,7 +236,7 @@ class SoakedArm {
     decided_ = emptied_ = missed_ = false;
     pending_target_ = 0;
     ++tally_.troubles[static_cast<std::size_t>(trouble)].injected;
-    if (isDevices(trouble)) device_.setFault(static_cast<DeviceFault>(trouble));
+    if (isDevices(trouble)) device_.device->setFault(static_cast<DeviceFault>(trouble));
     if (trouble == kStopEngaged) path_.core().emergencyStop(now_, true);
     if (trouble == kVentAsked) path_.core().vent(now_);
     enter(Phase::kTrouble, random_.logUniform(0.05, 5));
@@ -254,7 +251,7 @@ class SoakedArm {
       miss("pressure stands");
     }
     if (now_ < phase_ends_) return;
-    if (isDevices(trouble_)) device_.setFault(DeviceFault::kNone);
+    if (isDevices(trouble_)) device_.device->setFault(DeviceFault::kNone);
     if (trouble_ == kStopEngaged) path_.core().emergencyStop(now_, false);
     trouble_ended_ = now_;
     enter(Phase::kRecover, kStranded);
@@ -402,12 +399,8 @@ SoakedArm serialArm(const TemporaryFolder& folder, unsigned seed) {
   config.channels = scene.arm.actuatorCount();
   config.regulator = valves(seed);
   config.seed = seed;
-  const auto device = std::make_shared<simulation::SerialDevice>(config);
-  return {scene,
-          {"ascii_serial alicat", device,
-           [device](simulation::DeviceFault fault) { device->setFault(fault); },
-           [device] { return device->pressure(); }, [device] { return device->lastSetTime(); }},
-          seed};
+  const auto device = std::make_shared<simulation::EmulatedDevice>(config);
+  return {scene, {"ascii_serial alicat", device}, seed};
 }
 
 SoakedArm modbusArm(unsigned seed) {
@@ -419,12 +412,8 @@ SoakedArm modbusArm(unsigned seed) {
   config.profile = std::get<regulator::ModbusConfig>(*sceneAt(502).regulator).profile;
   config.places = 4;
   config.regulator = valves(seed);
-  const auto device = std::make_shared<simulation::ModbusDevice>(config);
-  return {sceneAt(device->port()),
-          {"modbus_tcp festo_vtem", device,
-           [device](simulation::DeviceFault fault) { device->setFault(fault); },
-           [device] { return device->pressure(); }, [device] { return device->lastWrite(); }},
-          seed + 1};
+  const auto device = std::make_shared<simulation::EmulatedDevice>(config);
+  return {sceneAt(device->port()), {"modbus_tcp festo_vtem", device}, seed + 1};
 }
 
 double residentMegabytes() {

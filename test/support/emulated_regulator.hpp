@@ -55,32 +55,25 @@ class EmulatedRegulator {
       device.channels = kChannels;
       device.regulator = valves;
       device.link = folder_ / "line";
-      serial_ = std::make_unique<simulation::SerialDevice>(device);
+      device_ = std::make_unique<simulation::EmulatedDevice>(device);
     } else {
       simulation::ModbusDeviceConfig device;
       device.profile = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
       device.regulator = valves;
-      modbus_ = std::make_unique<simulation::ModbusDevice>(device);
+      device_ = std::make_unique<simulation::EmulatedDevice>(device);
     }
-    scene_.emplace(sceneText(line, folder_ / "line", modbus_ ? modbus_->port() : 1));
+    scene_.emplace(sceneText(line, folder_ / "line", device_->port()));
   }
 
   const std::string& scene() const { return scene_->path(); }
-  void setFault(simulation::DeviceFault fault) {
-    if (serial_) serial_->setFault(fault);
-    if (modbus_) modbus_->setFault(fault);
-  }
-  Eigen::VectorXd setPoint() const {
-    return (serial_ ? serial_->setPoint() : modbus_->setPoint()).head(kChannels);
-  }
+  void setFault(simulation::DeviceFault fault) { device_->setFault(fault); }
+  Eigen::VectorXd setPoint() const { return device_->setPoint().head(kChannels); }
   /// When the last set point came, of regulator::steadyNow() [s].
-  double lastSetTime() const { return serial_ ? serial_->lastSetTime() : modbus_->lastWrite(); }
-  Eigen::VectorXd pressure() const {
-    return (serial_ ? serial_->pressure() : modbus_->pressure()).head(kChannels);
-  }
+  double lastSetTime() const { return device_->lastSetTime(); }
+  Eigen::VectorXd pressure() const { return device_->pressure().head(kChannels); }
   /// Whether every channel lets its air out, by its valve or by its set point.
   bool vents() const {
-    const auto valves = serial_ ? serial_->valves() : modbus_->valves();
+    const auto valves = device_->valves();
     const Eigen::VectorXd set_point = setPoint();
     for (int i = 0; i < kChannels; ++i) {
       const bool lets_out = valves[i] == control::Valve::kVent ||
@@ -145,8 +138,7 @@ safety:
 
   const bool measures_supply_;
   TemporaryFolder folder_;
-  std::unique_ptr<simulation::SerialDevice> serial_;
-  std::unique_ptr<simulation::ModbusDevice> modbus_;
+  std::unique_ptr<simulation::EmulatedDevice> device_;
   std::optional<TemporaryFile> scene_;
 };
 

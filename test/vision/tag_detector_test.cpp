@@ -4,9 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "support/has.hpp"
+#include "support/expect_refusal.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 #include "support/tag_picture.hpp"
 
 namespace helix_arm::test {
@@ -46,10 +45,6 @@ void expectSame(const std::vector<TagDetection>& a, const std::vector<TagDetecti
     EXPECT_EQ(a[i].hamming, b[i].hamming);
     EXPECT_LE((a[i].corners - b[i].corners).cwiseAbs().maxCoeff(), tolerance) << a[i].id;
   }
-}
-
-void expectRefused(const std::function<void()>& call, const std::string& message) {
-  EXPECT_TRUE(has(refusal(call), message));
 }
 
 class EveryFamily : public testing::TestWithParam<std::string> {};
@@ -236,10 +231,10 @@ TEST(TagDetector, TooLargePicturesAreRefused) {
   TagDetector detector(configOf("36h11", 2));
   EXPECT_TRUE(detector.detect(paper(32767, 8)).empty());
   EXPECT_TRUE(detector.detect(paper(8, 32767)).empty());
-  expectRefused([&] { detector.detect(paper(32768, 8)); },
-                "the picture has 32768 x 8 px; expected at most 32767 px per side");
-  expectRefused([&] { detector.detect(paper(8, 32768)); }, "8 x 32768 px");
-  expectRefused([&] { detector.detect(paper(32768, 8), {0, 0, 8, 8}); }, "32768 x 8 px");
+  expectRefusal("the picture has 32768 x 8 px; expected at most 32767 px per side",
+                [&] { detector.detect(paper(32768, 8)); });
+  expectRefusal("8 x 32768 px", [&] { detector.detect(paper(8, 32768)); });
+  expectRefusal("32768 x 8 px", [&] { detector.detect(paper(32768, 8), {0, 0, 8, 8}); });
 }
 
 // Sizes at which libapriltag itself reads beyond its memory.
@@ -310,21 +305,19 @@ TEST(TagDetector, NothingIsPrinted) {
 
 TEST(TagDetector, OtherTypesOfPicturesAreRefused) {
   TagDetector detector(configOf("36h11", 2));
-  expectRefused([&] { detector.detect(cv::Mat(100, 100, CV_8UC3, cv::Scalar(0))); },
-                "the picture is of type CV_8UC3; expected gray of 8 bits, CV_8UC1");
-  expectRefused(
-      [&] {
-        detector.detect(cv::Mat(100, 100, CV_16UC1, cv::Scalar(0)), {0, 0, 9, 9});
-      },
-      "CV_16UC1");
+  expectRefusal("the picture is of type CV_8UC3; expected gray of 8 bits, CV_8UC1",
+                [&] { detector.detect(cv::Mat(100, 100, CV_8UC3, cv::Scalar(0))); });
+  expectRefusal("CV_16UC1", [&] {
+    detector.detect(cv::Mat(100, 100, CV_16UC1, cv::Scalar(0)), {0, 0, 9, 9});
+  });
 }
 
 TEST(DetectorConfig, EveryRuleIsNamed) {
   const auto refused = [](const auto& change, const std::string& message) {
     DetectorConfig config;
     change(config);
-    expectRefused([&] { config.validate(); }, message);
-    expectRefused([&] { TagDetector detector(config); }, message);
+    expectRefusal(message, [&] { config.validate(); });
+    expectRefusal(message, [&] { TagDetector detector(config); });
   };
   const double nan = std::numeric_limits<double>::quiet_NaN();
   DetectorConfig().validate();

@@ -65,23 +65,6 @@ class LineFormat {
   LineFields parse(std::string_view line, const std::string& address, std::size_t pressures) const;
 
  private:
-  enum class Kind {
-    kLiteral,
-    kBlank,
-    kAddress,
-    kPressure,
-    kPressures,
-    kSetPoint,
-    kSupply,
-    kUnit,
-    kWord,
-    kWords,
-    kRest
-  };
-  struct Part {
-    Kind kind;
-    std::string text;  ///< as in the template
-  };
   struct Mismatch {
     std::size_t at = 0;
     std::string expected;
@@ -95,7 +78,7 @@ class LineFormat {
 
   std::string text_;
   LineStyle style_;
-  std::vector<Part> parts_;
+  std::vector<std::string> parts_;  ///< fields, blanks and what is literal
 };
 
 /// Protocol of a device on a serial line: lines of text in the syntax of LineFormat.

@@ -5,8 +5,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/modbus_profile.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
@@ -39,8 +41,6 @@ const char* nameOf(DeviceFault fault);
 std::string deviceFaultNames();
 /// The fault with this name; nothing if there is none.
 std::optional<DeviceFault> parseDeviceFault(const std::string& name);
-/// The pneumatic fault behind it; kNone if only the device is faulty.
-regulator::AirFault airFaultOf(DeviceFault fault);
 
 /// Configuration of an emulated regulator on a serial line.
 struct SerialDeviceConfig {
@@ -55,45 +55,6 @@ struct SerialDeviceConfig {
   std::uint32_t seed = 1;  ///< seed of the garbage
 };
 
-/// Emulates a pressure regulator at the other end of a pseudo terminal: speaks the device's side of
-/// a profile, follows its set points in real time, and produces faults on demand.
-///
-/// It behaves like the real devices. Once closed, or vented by a line that is not a set point, it
-/// accepts set points but follows them only after a resume line, if the profile has such lines. It
-/// sends unsolicited lines only after the last of the profile's start lines. It vents by itself if
-/// the profile has a watchdog.
-class SerialDevice {
- public:
-  /// Starts answering, vented.
-  /// @throws std::invalid_argument naming the value and its rule.
-  /// @throws std::runtime_error if the system provides no terminal or the link cannot be made; the
-  /// message names the other terminal if the link points to one.
-  explicit SerialDevice(SerialDeviceConfig config);
-  ~SerialDevice();
-  SerialDevice(const SerialDevice&) = delete;
-  SerialDevice& operator=(const SerialDevice&) = delete;
-
-  // All members below are thread-safe.
-
-  /// Path to connect to: the link, or the terminal's own path, which a restart changes.
-  std::string path() const;
-  /// Takes effect with the next line; kRestart takes effect immediately and then counts as kNone.
-  void setFault(DeviceFault fault);
-  DeviceFault fault() const;
-
-  Eigen::VectorXd pressure() const;            ///< (channels) true, gauge, now [Pa]
-  Eigen::VectorXd setPoint() const;            ///< (channels) last taken, gauge [Pa]
-  std::vector<control::Valve> valves() const;  ///< (channels)
-  std::uint64_t lines() const;                 ///< number of lines understood
-  std::uint64_t restarts() const;              ///< number of completed restarts
-  /// Time of the last line with set points, on the steady clock [s]; NaN before the first.
-  double lastSetTime() const;
-
- private:
-  class Worker;
-  std::unique_ptr<Worker> worker_;
-};
-
 /// Configuration of an emulated Modbus device.
 struct ModbusDeviceConfig {
   regulator::ModbusProfile profile;
@@ -103,47 +64,72 @@ struct ModbusDeviceConfig {
   double activation_time = 0.02;  ///< time that an app takes to start, >= 0 [s]
 };
 
-/// Emulates a pressure regulator with Modbus TCP: a server on 127.0.0.1 in its own thread, with
-/// simulated pressures that follow the steady clock. Serves several connections. All members are
-/// thread-safe.
+class Emulation;
+
+/// Emulates a pressure regulator in its own thread: speaks the device's side of a profile, follows
+/// its set points by the steady clock, and produces faults on demand. Starts vented. All members
+/// are thread-safe.
 ///
-/// It starts vented. A device with apps starts not ready, regulates once it is acknowledged and
-/// commanded to, and keeps its air while no app runs. When the last connection is closed, by either
-/// side, its outputs are reset, which ends its apps; a device without apps continues as commanded.
-/// Access to registers that it does not have is refused, and so are writes to its inputs. A
-/// pressure beyond a register's range reads as the limit of the range.
+/// On a serial line it is at the other end of a pseudo terminal. Once closed, or vented by a line
+/// that is not a set point, it accepts set points but follows them only after a resume line, if the
+/// profile has such lines. It sends unsolicited lines only after the last of the profile's start
+/// lines. It vents by itself if the profile has a watchdog.
 ///
-/// Faults: kHalfLine omits the second half of every reply; kGarbage replaces it by random bytes;
-/// kWrongUnit reads a tenth (kPa for millibar); kNanText reads regulator::kNoReading; kSlow answers
-/// after one and a half times the profile's timeout; kRestart closes all sockets for a moment.
-/// After kSilence, all connections are closed and their data is lost.
-class ModbusDevice {
+/// With Modbus TCP it is a server on 127.0.0.1 for several connections. A device with apps starts
+/// not ready, regulates once it is acknowledged and commanded to, and keeps its air while no app
+/// runs. When the last connection is closed, by either side, its outputs are reset, which ends its
+/// apps; a device without apps continues as commanded. Access to registers that it does not have is
+/// refused, and so are writes to its inputs. A pressure beyond a register's range reads as the
+/// limit of the range.
+///
+/// Faults: kHalfLine omits the second half of every answer; kGarbage replaces it by random bytes;
+/// kWrongUnit answers in another unit, in registers a tenth (kPa for millibar); kNanText reads
+/// regulator::kNoReading in registers; kSlow answers after two and a half times the profile's
+/// timeout, one after the other, and what is still owed at once when the fault ends. kRestart gives
+/// a terminal another path, and closes all sockets for a moment. After kSilence, all sockets are
+/// closed and what was sent meanwhile is lost.
+class EmulatedDevice {
  public:
-  /// @throws std::invalid_argument on a broken rule; std::runtime_error naming the port if it
-  /// cannot listen there.
-  explicit ModbusDevice(const ModbusDeviceConfig& config);
-  ~ModbusDevice();
-  ModbusDevice(const ModbusDevice&) = delete;
-  ModbusDevice& operator=(const ModbusDevice&) = delete;
+  /// @throws std::invalid_argument naming the value and its rule.
+  /// @throws std::runtime_error if the system provides no terminal, the link cannot be made (the
+  /// message names the other terminal if the link points to one), or the port is in use.
+  explicit EmulatedDevice(const SerialDeviceConfig& config);
+  explicit EmulatedDevice(const ModbusDeviceConfig& config);
+  ~EmulatedDevice();
+  EmulatedDevice(const EmulatedDevice&) = delete;
+  EmulatedDevice& operator=(const EmulatedDevice&) = delete;
 
-  int port() const;
+  /// Path to connect to: the link, or the terminal's own path, which a restart changes.
+  std::string path() const;
+  int port() const;  ///< of Modbus
 
-  /// kRestart becomes kNone by itself.
+  /// Takes effect with the next request; kRestart takes effect immediately and then counts as
+  /// kNone.
   void setFault(DeviceFault fault);
   DeviceFault fault() const;
-  /// Gives a slot a fault that cannot be acknowledged: its app ends and does not start.
+  /// Gives a slot with an app a fault that cannot be acknowledged: its app ends and does not start.
   void jam(int slot, bool jammed);
 
-  Eigen::VectorXd pressure() const;            ///< true pressures (places), gauge [Pa]
-  Eigen::VectorXd setPoint() const;            ///< set points as written (places), gauge [Pa]
-  std::vector<control::Valve> valves() const;  ///< (places)
-  std::uint64_t writes() const;                ///< number of accepted write requests
-  double lastWrite() const;  ///< time of the last write, as steadyNow(); -infinity: never [s]
-  int connections() const;   ///< number of open connections
+  Eigen::VectorXd pressure() const;            ///< (channels) true, gauge, now [Pa]
+  Eigen::VectorXd setPoint() const;            ///< (channels) last taken, gauge [Pa]
+  std::vector<control::Valve> valves() const;  ///< (channels)
+  std::uint64_t taken() const;     ///< number of lines understood, or of writes accepted
+  std::uint64_t restarts() const;  ///< number of completed restarts
+  int connections() const;         ///< number of open ones, of Modbus
+  /// Time of the last set points, as regulator::steadyNow(); -infinity before the first [s].
+  double lastSetTime() const;
 
  private:
-  class Server;
-  std::unique_ptr<Server> server_;
+  explicit EmulatedDevice(std::unique_ptr<Emulation> emulation);
+  template <class Ask>
+  auto ask(const Ask& ask) const;
+  void run();
+
+  mutable basics::Mutex mutex_;
+  const std::unique_ptr<Emulation> emulation_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool ended_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  const int wake_;  // event counter: a new fault, or the end
+  std::thread thread_;
 };
 
 }  // namespace helix_arm::simulation
