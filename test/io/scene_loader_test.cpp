@@ -7,7 +7,6 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "scene_faults.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -480,12 +479,7 @@ TEST(SceneLinks, ThePlaneHasThemToo) {
   EXPECT_LT(apart(model::tipPose(scene.model.solve(q).shape), scene.arm.tip(q)), 1e-13);
 }
 
-TEST(SceneLinks, RulesAreChecked) {
-  for (const auto& [key, value] : {std::pair("arm.sections.0.ring.phase_deg", "90"),
-                                   std::pair("arm.tool.position_m", "[0, 0, 0.1]"),
-                                   std::pair("arm.tool.rpy_deg", "[10, 0, 0]")}) {
-    EXPECT_EQ(test::faultsOf(kPlanarScene, {{key, value}}).size(), 1u) << key;
-  }
+TEST(SceneLinks, APlanarToolMayTurnInThePlane) {
   EXPECT_EQ(test::faultsOf(kPlanarScene, {{"arm.tool.rpy_deg", "[0, 0, 10]"}}), test::Faults());
 }
 
@@ -569,21 +563,6 @@ TEST(SceneStiffnessTable, WithoutLoadItHasNoEffect) {
               table = shippedScene("demo", {{"arm.stiffness.K_eps_n", kTable}});
   const Eigen::Vector3d q(3e5, 1e5, 0);
   EXPECT_EQ(table.model.tip(q).tip.translation, plain.model.tip(q).tip.translation);
-}
-
-TEST(SceneStiffnessTable, RulesAreChecked) {
-  for (const auto& [table, rule] :
-       {std::pair("{pressure_kpa: [0, 414], force_n: [45]}",
-                  "force_n has 1 entries for 2 of pressure_kpa"),
-        std::pair("{pressure_kpa: [0, 200, 100], force_n: [45, 14, 30]}",
-                  "expected ascending pressures"),
-        std::pair("{pressure_kpa: [0, 414], force_n: [45, 0]}", "force_n[1] is 0"),
-        std::pair("{pressure_kpa: [0, 300], force_n: [45, 30]}",
-                  "expected to cover its limits of 0 to 413.6856 kPa")}) {
-    const std::string text = table;
-    const std::string said = test::refusal<DocumentError>([&text] { loadedWith(text); });
-    EXPECT_TRUE(has(said, rule));
-  }
 }
 
 }  // namespace
