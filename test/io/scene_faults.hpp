@@ -4,6 +4,7 @@
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -25,6 +26,23 @@ inline io::Scene sceneOf(const std::string& text, const std::vector<io::Override
 inline io::Scene shippedScene(const std::string& name,
                               const std::vector<io::Override>& overrides = {}) {
   return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml", overrides);
+}
+
+/// What a scene says of vision, except for rotations, which are converted: all else is bit for bit.
+inline auto membersOf(const vision::LocalizerConfig& config) {
+  const vision::DetectorConfig& d = config.detector;
+  const estimation::TwistFitOptions& fit = config.fit;
+  return std::tie(d.family, d.quad_decimate, d.quad_sigma, d.threads, d.refine_edges, d.max_hamming,
+                  config.tracking, config.min_tags, fit.corner_noise, fit.position_noise,
+                  fit.robust_scale, fit.base_prior.translation, fit.bleed_prior);
+}
+
+/// What it says of the loop over vision, except for rotations.
+inline auto membersOf(const follow::VisualServoConfig& loop) {
+  return std::tie(loop.smoothing, loop.stale_after, loop.coast_time, loop.watch_creep,
+                  loop.reading_noise, loop.filter.hysteresis, loop.filter.creep,
+                  loop.filter.settling_time, loop.filter.bias_translation, loop.on_contact,
+                  loop.contact.limit);
 }
 
 using Faults = std::vector<std::string>;

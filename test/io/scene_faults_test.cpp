@@ -11,35 +11,6 @@ namespace {
 
 using namespace test;
 
-TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
-  const std::string lengths = "length_m: [0.1, 0.12, 0.13]",
-                    invalid = " is not a valid contraction";
-  const struct {
-    std::string from, to, fault, detail;
-  } kCases[] = {
-      {lengths, "length_m: [0.1, 0.12, 0.11]",
-       ":9 contractions.bellows.table" + invalid + " (values in Pa, m and rad): length of point 3",
-       ""},
-      // l' = -0.1 + 0.2 u vanishes at u = 0.5, which is 200 kPa.
-      {"[0.4, -0.1, 0, 0, 0, 0]", "[0.4, -0.1, 0.1, 0, 0, 0]",
-       ":4 contractions.muscle.quintic" + invalid, " 200000;"},
-      {lengths, "length_m: [0.1, 0.12]", ":9 contractions.bellows.table" + invalid, ""},
-      {"max_angle_rad: 10", "max_angle_rad: 31", ":11 contractions.cable.tendon" + invalid, ""}};
-  for (const auto& [from, to, fault, detail] : kCases) {
-    const Faults faults = faultsOf(replaced(kSpatialScene, from, to));
-    ASSERT_EQ(faults.size(), 1u) << to;
-    EXPECT_EQ(faults[0].find(fault), 0u) << faults[0];
-    EXPECT_TRUE(has(faults[0], detail));
-  }
-}
-
-TEST(SceneFaults, ARegulatorOfPressuresRefusesTendons) {
-  const auto faults =
-      faultsOf(replaced(kSpatialScene, "contraction: bellows}", "contraction: cable}"));
-  EXPECT_EQ(faults, Faults{":33 regulator.simulated regulates pressures, but left is a tendon; "
-                           "expected an arm of pressure actuators or no regulator"});
-}
-
 TEST(SceneFaults, TooManySectionsOrActuatorsAreReported) {
   const std::string ring =
       "    - {name: only, ring: {count: 2, radius_m: 0.03, contraction: muscle}}\n";

@@ -182,20 +182,6 @@ TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {
   EXPECT_EQ(first(hasty, {}).find(":9 budget.time_us: "), 0u) << first(hasty, {});
 }
 
-TEST(LoadedScene, WithoutAnythingThatPullsIsRefused) {
-  const std::string stiff =
-      replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
-  const std::string rule =
-      "expected a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
-      "is zero; leave out the key load if that is intended";
-  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0}\n"), Faults{":11 load.mass_kg is 0; " + rule});
-  EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0, tip: {mass_kg: 0}}\n"),
-            Faults{":11 load.mass_kg is 0; " + rule});
-  EXPECT_EQ(faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
-            Faults{":11 load.mass_kg is missing; expected the mass of the whole arm "
-                   "[kg], or a list of one number per section; 0 if it is negligible"});
-}
-
 TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
   const std::string text = replaced(replaced(kLoadedScene, ", K_eps_n: 900", ""),
                                     "K_kappa_m2: 2.0e-4}", "K_kappa_m2: 2.0e-4, K_eps_n: 700}");
@@ -204,21 +190,6 @@ TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
   EXPECT_EQ(faults[0].find(":15 arm.stiffness.K_eps_n is missing"), 0u) << faults[0];
   EXPECT_TRUE(has(faults[0], "in their own stiffness: sections lower"));
   EXPECT_EQ(faults[0].find("upper"), std::string::npos) << faults[0];
-}
-
-TEST(LoadedScene, TiersOfALoadNeedOne) {
-  const std::vector<std::pair<std::string, std::string>> cases{
-      {kSpatialScene + "tier: loaded\n",
-       ":72 tier is loaded; expected auto or linear, since the scene has no key load; or add it"},
-      {kSpatialScene + "tier: exact\n",
-       ":72 tier is exact; expected auto or linear, since the scene has no key load; or add it"},
-      {kPlanarScene + "tier: exact\n",
-       ":11 tier is exact; expected auto, planar or linear, since the scene has no key load; or "
-       "add it"},
-  };
-  for (const auto& [text, fault] : cases) {
-    EXPECT_EQ(faultsOf(text), Faults{fault});
-  }
 }
 
 TEST(LoadedScene, FaultsOfArmLoadAndTierAreReportedTogether) {

@@ -7,7 +7,6 @@
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "scene_faults.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -191,16 +190,10 @@ TEST(SceneLoader, TheCameraLooksAlongTheXAxisOfItsBody) {
 }
 
 TEST(SceneLoader, TheWebcamTakesItsSizeFromTheCamera) {
-  const Scene scene = sceneOf(kSpatialScene);
-  ASSERT_TRUE(scene.camera && scene.camera->webcam);
-  const vision::WebcamConfig& webcam = *scene.camera->webcam;
-  EXPECT_EQ(webcam.device, "/dev/video2");
-  EXPECT_EQ(webcam.fourcc, "YUYV");
-  EXPECT_EQ(webcam.fps, 15);
-  EXPECT_EQ(webcam.focus, 20);
-  EXPECT_EQ(webcam.exposure, 300);
-  EXPECT_EQ(webcam.width, 640);
-  EXPECT_EQ(webcam.height, 480);
+  const vision::WebcamConfig webcam = sceneOf(kSpatialScene).camera.value().webcam.value();
+  EXPECT_EQ(std::tie(webcam.device, webcam.fourcc, webcam.fps, webcam.focus, webcam.exposure,
+                     webcam.width, webcam.height),
+            std::make_tuple("/dev/video2", "YUYV", 15, 20, 300, 640, 480));
 }
 
 TEST(SceneLoader, DistortionHasFourFiveOrEightNumbers) {
@@ -217,44 +210,27 @@ TEST(SceneLoader, DistortionHasFourFiveOrEightNumbers) {
 
 TEST(SceneLoader, VisionIsInSi) {
   const vision::LocalizerConfig config = sceneOf(kSpatialScene).vision;
-  EXPECT_EQ(config.detector.quad_decimate, 1.5);
-  EXPECT_EQ(config.detector.quad_sigma, 0.8);
-  EXPECT_EQ(config.detector.threads, 2);
-  EXPECT_FALSE(config.detector.refine_edges);
-  EXPECT_EQ(config.detector.max_hamming, 0);
-  EXPECT_EQ(config.tracking, vision::TrackingMode::kRegions);
-  EXPECT_EQ(config.min_tags, 3);
-  EXPECT_EQ(config.fit.corner_noise, 0.4);
-  EXPECT_EQ(config.fit.position_noise, 0.025);
+  EXPECT_EQ(membersOf(config),
+            std::make_tuple("25h9", 1.5, 0.8, 2, false, 0, vision::TrackingMode::kRegions, 3, 0.4,
+                            0.025, 4, 0.003, 0.0004));
   EXPECT_NEAR(config.fit.rotation_noise, 5 * kPi / 180, kTolerance);
-  EXPECT_EQ(config.fit.robust_scale, 4);
-  EXPECT_TRUE(config.fit.free_base);
-  EXPECT_EQ(config.fit.base_prior.translation, 0.003);
   EXPECT_NEAR(config.fit.base_prior.rotation, 0.9 * kPi / 180, kTolerance);
+  EXPECT_TRUE(config.fit.free_base);
   EXPECT_TRUE(config.fit.free_bleed);
-  EXPECT_EQ(config.fit.bleed_prior, 0.0004);
 }
 
 TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
-  const SimulationConfig config = sceneOf(kSpatialScene).simulation;
-  EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
-  EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
-  EXPECT_EQ(config.arm.length_scale, 1.02);
-  EXPECT_EQ(config.arm.length_scales.size(), 0);
-  EXPECT_EQ(config.arm.K_eps_scale, 0.9);
-  EXPECT_EQ(config.mounts.camera_translation, 0.02);
-  EXPECT_NEAR(config.mounts.camera_rotation, 2 * kPi / 180, kTolerance);
-  EXPECT_EQ(config.mounts.tag_translation, 0.003);
-  EXPECT_NEAR(config.mounts.tag_rotation, 4 * kPi / 180, kTolerance);
-  EXPECT_EQ(config.mounts.seed, 5u);
-  EXPECT_EQ(config.camera.blur, 0.5);
-  EXPECT_EQ(config.camera.noise, 3);
-  EXPECT_EQ(config.camera.exposure, 1.1);
-  EXPECT_EQ(config.camera.bleed, 0.0003);
-  EXPECT_EQ(config.camera.jpeg_quality, 80);
-  EXPECT_EQ(config.camera.clutter, 4);
-  EXPECT_EQ(config.camera.occluders, 2);
-  EXPECT_EQ(config.camera.seed, 9u);
+  const auto [arm, mounts, camera] = sceneOf(kSpatialScene).simulation;
+  EXPECT_EQ(std::tie(arm.K_gamma_scale, arm.K_kappa_scale, arm.length_scale, arm.K_eps_scale),
+            std::make_tuple(0.8, 1.2, 1.02, 0.9));
+  EXPECT_EQ(arm.length_scales.size(), 0);
+  EXPECT_EQ(std::tie(mounts.camera_translation, mounts.tag_translation, mounts.seed),
+            std::make_tuple(0.02, 0.003, 5u));
+  EXPECT_NEAR(mounts.camera_rotation, 2 * kPi / 180, kTolerance);
+  EXPECT_NEAR(mounts.tag_rotation, 4 * kPi / 180, kTolerance);
+  EXPECT_EQ(std::tie(camera.blur, camera.noise, camera.exposure, camera.bleed, camera.jpeg_quality,
+                     camera.clutter, camera.occluders, camera.seed),
+            std::make_tuple(0.5, 3, 1.1, 0.0003, 80, 4, 2, 9u));
 }
 
 TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
@@ -480,12 +456,7 @@ TEST(SceneLinks, ThePlaneHasThemToo) {
   EXPECT_LT(apart(model::tipPose(scene.model.solve(q).shape), scene.arm.tip(q)), 1e-13);
 }
 
-TEST(SceneLinks, RulesAreChecked) {
-  for (const auto& [key, value] : {std::pair("arm.sections.0.ring.phase_deg", "90"),
-                                   std::pair("arm.tool.position_m", "[0, 0, 0.1]"),
-                                   std::pair("arm.tool.rpy_deg", "[10, 0, 0]")}) {
-    EXPECT_EQ(test::faultsOf(kPlanarScene, {{key, value}}).size(), 1u) << key;
-  }
+TEST(SceneLinks, APlanarToolMayTurnInThePlane) {
   EXPECT_EQ(test::faultsOf(kPlanarScene, {{"arm.tool.rpy_deg", "[0, 0, 10]"}}), test::Faults());
 }
 
@@ -569,21 +540,6 @@ TEST(SceneStiffnessTable, WithoutLoadItHasNoEffect) {
               table = shippedScene("demo", {{"arm.stiffness.K_eps_n", kTable}});
   const Eigen::Vector3d q(3e5, 1e5, 0);
   EXPECT_EQ(table.model.tip(q).tip.translation, plain.model.tip(q).tip.translation);
-}
-
-TEST(SceneStiffnessTable, RulesAreChecked) {
-  for (const auto& [table, rule] :
-       {std::pair("{pressure_kpa: [0, 414], force_n: [45]}",
-                  "force_n has 1 entries for 2 of pressure_kpa"),
-        std::pair("{pressure_kpa: [0, 200, 100], force_n: [45, 14, 30]}",
-                  "expected ascending pressures"),
-        std::pair("{pressure_kpa: [0, 414], force_n: [45, 0]}", "force_n[1] is 0"),
-        std::pair("{pressure_kpa: [0, 300], force_n: [45, 30]}",
-                  "expected to cover its limits of 0 to 413.6856 kPa")}) {
-    const std::string text = table;
-    const std::string said = test::refusal<DocumentError>([&text] { loadedWith(text); });
-    EXPECT_TRUE(has(said, rule));
-  }
 }
 
 }  // namespace

@@ -23,36 +23,11 @@ TEST(SceneResponse, PlaysMayTakeAll) {
   }
 }
 
-TEST(SceneResponse, ATendonHasNone) {
-  const std::string tendon = "    tendon: {length_m: 0.3";
-  EXPECT_EQ(
-      faultsOf(
-          replaced(kSpatialScene, tendon, "    response: {rise_time_constant_s: 1}\n" + tendon)),
-      Faults{":11 contractions.cable.response is given for a tendon, which follows its spool; "
-             "expected it only where the input is a pressure"});
-}
-
 TEST(SceneVisionFaults, WhatMakesNoDetectorIsReported) {
-  const auto decimate =
-      faultsOf(replaced(kSpatialScene, "quad_decimate: 1.5", "quad_decimate: 2.5"));
-  ASSERT_EQ(decimate.size(), 1u);
-  EXPECT_EQ(decimate[0].find(":54 vision does not configure a tag detector: "), 0u) << decimate[0];
-  EXPECT_TRUE(has(decimate[0], "quad_decimate is 2.5"));
   const auto hamming = faultsOf(replaced(replaced(kSpatialScene, "family: 25h9", "family: 16h5"),
                                          "max_hamming: 0", "max_hamming: 3"));
   ASSERT_EQ(hamming.size(), 1u);
   EXPECT_TRUE(has(hamming[0], "max_hamming is 3"));
-}
-
-TEST(SceneVisionFaults, TooManyTagsAreReported) {
-  std::string ids, s;
-  for (int i = 0; i < 65; ++i) {
-    ids += (i == 0 ? "" : ", ") + std::to_string(i);
-    s += i == 0 ? "0" : ", 0";
-  }
-  EXPECT_EQ(faultsOf(kPlanarScene + "tags: {size_m: 0.03, groups: [{ids: [" + ids + "], s: [" + s +
-                     "]}]}\n"),
-            Faults{":11 tags.groups place 65 tags; expected at most 64"});
 }
 
 TEST(SceneVisionFaults, OverridesOfAbsentSectionsAreChecked) {

@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -47,8 +46,13 @@ class AtomicFile {
   void commit();
 
  private:
-  class Place;
-  std::unique_ptr<Place> place_;
+  AtomicFile(std::string path, std::string target);
+  void create();
+
+  const std::string path_, target_;  // as given, and what is replaced
+  std::string name_, temporary_;     // in their folder; no temporary one once it is renamed
+  int folder_ = -1, file_ = -1;
+  std::size_t end_ = 0;
 };
 
 /// Writes this text as an AtomicFile. Throws as AtomicFile does.

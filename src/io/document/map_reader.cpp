@@ -29,6 +29,10 @@ std::optional<std::string> brokenPart(const NumberRule& rule, const std::optiona
   return formatNumber(rule.lowest) + " to " + formatNumber(rule.highest) + rule.unit;
 }
 
+double inUnit(double number, double unit) {
+  return unit == kKilo ? kilopascals(number) : number / unit;
+}
+
 // Levenshtein distance between two words.
 std::size_t editDistance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
@@ -50,75 +54,15 @@ Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
 
 }  // namespace
 
-template <class Number>
-Key::Key(const char* name, const NumberRule& rule, Number& into, double unit)
-    : Key(
-          name,
-          [rule, &into, unit](const MapReader& keys, const std::string& key) {
-            if (const auto number = keys.number(key, rule)) into = *number * unit;
-          },
-          [&into, unit](Value& map, const std::string& key) {
-            const std::optional<double> number(into);
-            if (number) setValue(map, key, numberValue(*number / unit));
-          }) {}
-template Key::Key(const char*, const NumberRule&, double&, double);
-template Key::Key(const char*, const NumberRule&, std::optional<double>&, double);
+const Text kWord{"a word of letters, digits, _ and -", [](const std::string& text) {
+                   return std::all_of(text.begin(), text.end(), [](char c) {
+                     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
+                            (c >= '0' && c <= '9') || c == '_' || c == '-';
+                   });
+                 }};
 
-template <class Integer>
-Key::Key(const char* name, Whole rule, Integer& into)
-    : Key(
-          name,
-          [rule, &into](const MapReader& keys, const std::string& key) {
-            using Plain = typename decltype(std::optional(into))::value_type;
-            if (const auto number = keys.integer(key, rule)) into = static_cast<Plain>(*number);
-          },
-          [&into](Value& map, const std::string& key) {
-            const std::optional<double> number(into);
-            if (number) setValue(map, key, numberValue(*number));
-          }) {}
-template Key::Key(const char*, Whole, int&);
-template Key::Key(const char*, Whole, std::optional<int>&);
-template Key::Key(const char*, Whole, std::uint32_t&);
-
-Key::Key(const char* name, const NumberRule& rule, std::vector<double*> into)
-    : Key(
-          name,
-          [rule, into](const MapReader& keys, const std::string& key) {
-            const auto numbers = keys.numbers(key, into.size(), rule);
-            for (std::size_t i = 0; numbers && i < into.size(); ++i) *into[i] = (*numbers)[i];
-          },
-          [into](Value& map, const std::string& key) {
-            Eigen::VectorXd numbers(static_cast<Eigen::Index>(into.size()));
-            std::transform(into.begin(), into.end(), numbers.begin(), [](double* x) { return *x; });
-            setValue(map, key, numbersValue(numbers));
-          }) {}
 Key::Key(const char* name, bool& into)
-    : Key(
-          name,
-          [&into](const MapReader& keys, const std::string& key) {
-            if (const auto word = keys.choice(key, {"true", "false"})) into = *word == "true";
-          },
-          [&into](Value& map, const std::string& key) {
-            setValue(map, key, plainValue(into ? "true" : "false"));
-          }) {}
-Key::Key(const char* name, Text rule, std::string& into)
-    : Key(
-          name,
-          [rule, &into](const MapReader& keys, const std::string& key) {
-            if (const auto text = keys.text(key, rule.expected)) into = *text;
-          },
-          [&into](Value& map, const std::string& key) {
-            Value value = plainValue(basics::printable(into));
-            value.quoted = true;  // it is read back as text
-            if (!into.empty()) setValue(map, key, std::move(value));
-          }) {}
-Key::Key(const char* name, OneOf rule, std::string& into)
-    : Key(
-          name,
-          [rule, &into](const MapReader& keys, const std::string& key) {
-            if (const auto word = keys.choice(key, rule.words)) into = *word;
-          },
-          [&into](Value& map, const std::string& key) { setValue(map, key, plainValue(into)); }) {}
+    : Key(name, OneOf<bool>{{{"true", true}, {"false", false}}}, into) {}
 Key::Key(const char* name, std::vector<Key> keys)
     : Key(name,
           [keys](const MapReader& reader, const std::string& key) { reader.map(key, keys); }) {}
@@ -162,7 +106,7 @@ Value mapOf(const std::vector<Key>& keys) {
 
 MapReader::MapReader(const Value& map, std::string path, const std::vector<Key>& keys,
                      FaultList& faults)
-    : map_(map), path_(std::move(path)), faults_(faults) {
+    : map_(map), path_(std::move(path)), faults_(faults), faults_before_(faults.count()) {
   std::vector<std::string> known;
   for (const Key& key : keys) known.push_back(key.name());
   if (!isMap()) {
@@ -201,7 +145,16 @@ void MapReader::fault(const std::string& key, const std::string& rule) const {
            (value == nullptr ? "is missing" : "is " + value->describe()) + "; expected " + rule);
 }
 
-std::optional<double> MapReader::number(const std::string& key, const NumberRule& rule) const {
+// The value of a required key that fits; otherwise a fault.
+const Value* MapReader::valueOf(const std::string& key, const std::string& expected,
+                                const std::function<bool(const Value& value)>& holds) const {
+  const Value* value = required(key, expected);
+  if (value == nullptr || holds(*value)) return value;
+  fault(key, expected);
+  return nullptr;
+}
+
+std::optional<double> MapReader::read(const std::string& key, const NumberRule& rule) const {
   const Value* value = required(key, rule.text);
   if (value == nullptr) return std::nullopt;
   const std::optional<double> number = finiteNumber(*value);
@@ -210,113 +163,70 @@ std::optional<double> MapReader::number(const std::string& key, const NumberRule
   return broken ? std::nullopt : number;
 }
 
-std::optional<double> MapReader::optionalNumber(const std::string& key,
-                                                const NumberRule& rule) const {
-  return has(key) ? number(key, rule) : std::nullopt;
-}
-
-std::optional<long long> MapReader::integer(const std::string& key, Whole rule) const {
+std::optional<long long> MapReader::read(const std::string& key, const Whole& rule) const {
   const std::string expected =
       "a whole number from " + std::to_string(rule.lowest) + " to " + std::to_string(rule.highest);
-  const Value* value = required(key, expected);
-  if (value == nullptr) return std::nullopt;
-  const std::optional<double> number = finiteNumber(*value);
-  if (!number || *number != std::floor(*number) || *number < static_cast<double>(rule.lowest) ||
-      *number > static_cast<double>(rule.highest)) {
-    fault(key, expected);
-    return std::nullopt;
-  }
-  return static_cast<long long>(*number);
+  const Value* found = valueOf(key, expected, [&rule](const Value& value) {
+    const std::optional<double> number = finiteNumber(value);
+    return number && *number == std::floor(*number) &&
+           *number >= static_cast<double>(rule.lowest) &&
+           *number <= static_cast<double>(rule.highest);
+  });
+  if (found == nullptr) return std::nullopt;
+  return static_cast<long long>(*finiteNumber(*found));
 }
 
-std::optional<std::string> MapReader::text(const std::string& key,
-                                           const std::string& expected) const {
-  const Value* value = required(key, expected);
-  if (value == nullptr) return std::nullopt;
-  if (value->kind != Value::Kind::kText || value->text.empty()) {
-    fault(key, expected);
-    return std::nullopt;
-  }
+std::optional<std::string> MapReader::read(const std::string& key, const Text& rule) const {
+  const Value* found = valueOf(key, rule.expected, [&rule](const Value& value) {
+    return value.kind == Value::Kind::kText && !value.text.empty() &&
+           (rule.holds == nullptr || rule.holds(value.text));
+  });
+  if (found == nullptr) return std::nullopt;
   // Names and addresses reach messages, logs and terminals. Lines of a device may hold tabs.
-  if (!isPlain(value->text)) {
-    complain(key,
-             "is " + value->describe() + ", which holds a control character; expected " + expected);
+  if (!isPlain(found->text)) {
+    complain(key, "is " + found->describe() + ", which holds a control character; expected " +
+                      rule.expected);
     return std::nullopt;
   }
-  return value->text;
+  return found->text;
 }
 
-std::optional<std::vector<double>> MapReader::numbers(const std::string& key, std::size_t size,
-                                                      const NumberRule& rule) const {
+std::optional<std::vector<double>> MapReader::read(const std::string& key,
+                                                   const Numbers& rule) const {
   const std::string expected = "a list of " +
-                               (size == 0 ? "numbers" : std::to_string(size) + " numbers") +
-                               ", each " + rule.text;
-  const Value* value = required(key, expected);
-  if (value == nullptr) return std::nullopt;
-  if (value->kind != Value::Kind::kList) {
-    fault(key, expected);
-    return std::nullopt;
-  }
-  if (size != 0 && value->entries.size() != size) {
-    complainOfSize(key, value->entries.size(), expected);
+                               (rule.count == 0 ? "" : std::to_string(rule.count) + " ") +
+                               "numbers, each " + rule.each.text;
+  const Value* list =
+      valueOf(key, expected, [](const Value& value) { return value.kind == Value::Kind::kList; });
+  if (list == nullptr) return std::nullopt;
+  if (rule.count != 0 && list->entries.size() != rule.count) {
+    complainOfSize(key, list->entries.size(), expected);
     return std::nullopt;
   }
   std::vector<double> result;
-  for (std::size_t i = 0; i < value->entries.size(); ++i) {
-    const Value& entry = value->entries[i].value;
+  for (std::size_t i = 0; i < list->entries.size(); ++i) {
+    const Value& entry = list->entries[i].value;
     const std::optional<double> number = finiteNumber(entry);
-    if (const std::optional<std::string> broken = brokenPart(rule, number)) {
+    if (const std::optional<std::string> broken = brokenPart(rule.each, number)) {
       io::report(faults_, entry.place,
                  indexPath(path(key), i) + " is " + entry.describe() + "; expected " + *broken);
     } else {
       result.push_back(*number);
     }
   }
-  if (result.size() != value->entries.size()) return std::nullopt;
+  if (result.size() != list->entries.size()) return std::nullopt;
   return result;
 }
 
-std::optional<Eigen::Vector3d> MapReader::vector3(const std::string& key,
-                                                  const NumberRule& rule) const {
-  const auto given = numbers(key, 3, rule);
-  if (!given) return std::nullopt;
-  return Eigen::Vector3d((*given)[0], (*given)[1], (*given)[2]);
-}
-
-std::optional<std::string> MapReader::word(const std::string& key) const {
-  const std::string expected = "a word of letters, digits, _ and -";
-  const Value* value = required(key, expected);
-  if (value == nullptr) return std::nullopt;
-  const auto fits = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-           c == '-';
-  };
-  const std::string& text = value->text;
-  if (value->kind != Value::Kind::kText || text.empty() ||
-      !std::all_of(text.begin(), text.end(), fits)) {
-    fault(key, expected);
-    return std::nullopt;
-  }
-  return text;
-}
-
-std::optional<std::string> MapReader::choice(const std::string& key,
-                                             const std::vector<std::string>& choices) const {
-  const Value* value = required(key, alternatives(choices));
-  if (value == nullptr) return std::nullopt;
-  if (value->kind != Value::Kind::kText ||
-      std::find(choices.begin(), choices.end(), value->text) == choices.end()) {
-    fault(key, alternatives(choices));
-    return std::nullopt;
-  }
-  return value->text;
-}
-
-std::optional<int> MapReader::indexOf(const std::string& key,
-                                      const std::vector<std::string>& choices) const {
-  const std::optional<std::string> word = choice(key, choices);
-  if (!word) return std::nullopt;
-  return static_cast<int>(std::find(choices.begin(), choices.end(), *word) - choices.begin());
+std::optional<std::size_t> MapReader::indexOf(const std::string& key,
+                                              const std::vector<std::string>& words) const {
+  auto word = words.end();
+  valueOf(key, alternatives(words), [&](const Value& value) {
+    if (value.kind == Value::Kind::kText) word = std::find(words.begin(), words.end(), value.text);
+    return word != words.end();
+  });
+  if (word == words.end()) return std::nullopt;
+  return static_cast<std::size_t>(word - words.begin());
 }
 
 bool MapReader::eachOf(
@@ -345,15 +255,45 @@ const std::vector<Value::Entry>* MapReader::entries(const std::string& key, std:
   return nullptr;
 }
 
-std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>& keys) const {
-  if (map_.kind != Value::Kind::kMap) return std::nullopt;
-  std::vector<std::string> given;
-  std::copy_if(keys.begin(), keys.end(), std::back_inserter(given),
-               [this](const auto& key) { return has(key); });
+std::optional<std::size_t> MapReader::exactlyOne(const std::vector<std::string>& keys) const {
+  if (!isMap()) return std::nullopt;
+  std::vector<std::size_t> given;
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    if (has(keys[i])) given.push_back(i);
+  }
   if (given.size() == 1) return given.front();
-  const std::string found = given.empty() ? "none" : given[0] + " and " + given[1];
+  const std::string found = given.empty() ? "none" : keys[given[0]] + " and " + keys[given[1]];
   report("", nameOf(path_) + " has " + found + "; expected exactly one of " + alternatives(keys));
   return std::nullopt;
+}
+
+std::optional<Value> written(const std::optional<double>& number, const NumberRule&, double unit) {
+  if (!number) return std::nullopt;
+  return numberValue(inUnit(*number, unit));
+}
+
+std::optional<Value> written(const std::optional<long long>& number, const Whole&, double) {
+  if (!number) return std::nullopt;
+  return plainValue(std::to_string(*number));
+}
+
+std::optional<Value> written(const std::string& text, const Text&, double) {
+  if (text.empty()) return std::nullopt;
+  Value value = plainValue(basics::printable(text));
+  value.quoted = true;  // it is read back as text
+  return value;
+}
+
+std::optional<Value> written(const std::vector<double>& numbers, const Numbers&, double unit) {
+  std::vector<Value> values;
+  for (const double number : numbers) values.push_back(numberValue(inUnit(number, unit)));
+  return listValue(values);
+}
+
+OneOf<std::string> oneOf(const std::vector<std::string>& words) {
+  OneOf<std::string> rule;
+  for (const std::string& word : words) rule.words.emplace_back(word, word);
+  return rule;
 }
 
 std::string nearestWord(const std::string& word, const std::vector<std::string>& known) {

@@ -1,11 +1,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <limits>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -51,12 +53,31 @@ inline constexpr Whole kSeed{0, std::numeric_limits<std::uint32_t>::max()};
 /// Rule of a text that is not empty; `expected` describes it in the fault.
 struct Text {
   const char* expected;
+  bool (*holds)(const std::string&) = nullptr;  ///< none: of any text that can be printed
+};
+/// A word of letters, digits, `_` and `-`: valid as a tf frame and as a key.
+extern const Text kWord;
+
+/// Rule of a list of numbers: so many, or any number of them if that is 0.
+struct Numbers {
+  NumberRule each;
+  std::size_t count = 0;
 };
 
-/// Rule of one of a few words.
+/// Rule of one of a few words, and what each of them stands for.
+template <class Meaning>
 struct OneOf {
-  std::vector<std::string> words;
+  std::vector<std::pair<std::string, Meaning>> words;
 };
+/// Words that stand for themselves.
+OneOf<std::string> oneOf(const std::vector<std::string>& words);
+/// Values by their names.
+template <class Values>
+auto oneOfNamed(const Values& values) {
+  OneOf<std::decay_t<decltype(values[0])>> rule;
+  for (const auto& value : values) rule.words.emplace_back(nameOf(value), value);
+  return rule;
+}
 
 inline constexpr double kDegree = basics::kPi / 180;  ///< [rad]
 inline constexpr double kKilo = 1e3;                  ///< kPa [Pa], as pascals()
@@ -69,7 +90,8 @@ class MapReader;
 ///   Key{"rotation_deg", within(kPositive, 1e-4, 90, " degrees"), prior.rotation, kDegree}
 ///
 /// A missing key leaves its variable as it is, and so does a value that breaks the rule, which is a
-/// fault. A name alone is a key that its reader reads by other means.
+/// fault. An optional variable that is absent, and an empty text, are not written. A name alone is
+/// a key that its reader reads by other means.
 class Key {
  public:
   using Read = std::function<void(const MapReader& keys, const std::string& key)>;
@@ -79,20 +101,14 @@ class Key {
   Key(const char* name) : name_(name) {}
   Key(const char* name, Read read, Write write = {})
       : name_(name), read_(std::move(read)), write_(std::move(write)) {}
-  /// @tparam Number  double, or an optional of it, which is not written where it is absent.
-  template <class Number>
-  Key(const char* name, const NumberRule& rule, Number& into, double unit = 1);
-  /// A list of so many numbers.
-  Key(const char* name, const NumberRule& rule, std::vector<double*> into);
-  Key(const char* name, const NumberRule& rule, Eigen::Vector3d& into)
-      : Key(name, rule, std::vector{&into[0], &into[1], &into[2]}) {}
-  /// @tparam Integer  int, std::uint32_t, or an optional int.
-  template <class Integer>
-  Key(const char* name, Whole rule, Integer& into);
+  /// @tparam Rule  what MapReader::read() takes.
+  template <class Rule, class Variable>
+  Key(const char* name, const Rule& rule, Variable& into, double unit = 1);
+  /// A list of as many numbers as the vector has.
+  template <int size>
+  Key(const char* name, const NumberRule& rule, Eigen::Matrix<double, size, 1>& into)
+      : Key(name, Numbers{rule, size}, into) {}
   Key(const char* name, bool& into);
-  /// An empty text is not written.
-  Key(const char* name, Text rule, std::string& into);
-  Key(const char* name, OneOf rule, std::string& into);
   /// A map of keys, read if it is given.
   Key(const char* name, std::vector<Key> keys);
 
@@ -136,6 +152,8 @@ class MapReader {
   }
   std::string path(const std::string& key) const { return joinPath(path_, key); }
   FaultList& faults() const { return faults_; }
+  /// Whether no fault was found since this map is read.
+  bool isSound() const { return faults_.count() == faults_before_; }
 
   /// The map of a key; nothing without the key.
   std::optional<MapReader> map(const std::string& key, const std::vector<Key>& keys) const;
@@ -144,31 +162,25 @@ class MapReader {
   bool eachOf(const std::string& key,
               const std::function<void(const Value& value, const std::string& path)>& read) const;
 
-  /// A required number.
-  std::optional<double> number(const std::string& key, const NumberRule& rule) const;
-  /// A number that may be missing; an invalid one is a fault and counts as missing.
-  std::optional<double> optionalNumber(const std::string& key, const NumberRule& rule) const;
-  std::optional<long long> integer(const std::string& key, Whole rule) const;
-  /// A text that is not empty; `expected` describes it in the fault.
-  std::optional<std::string> text(const std::string& key, const std::string& expected) const;
-  /// A list of numbers; `size` of them unless that is 0.
-  std::optional<std::vector<double>> numbers(const std::string& key, std::size_t size,
-                                             const NumberRule& rule) const;
-  std::optional<Eigen::Vector3d> vector3(const std::string& key, const NumberRule& rule) const;
-  /// A word of letters, digits, `_` and `-`: valid as a tf frame and as a key.
-  std::optional<std::string> word(const std::string& key) const;
-  /// One of a few words.
-  std::optional<std::string> choice(const std::string& key,
-                                    const std::vector<std::string>& choices) const;
-  /// Index of the choice.
-  std::optional<int> indexOf(const std::string& key, const std::vector<std::string>& choices) const;
+  /// The required value of a key; where it breaks its rule, a fault and nothing.
+  std::optional<double> read(const std::string& key, const NumberRule& rule) const;
+  std::optional<long long> read(const std::string& key, const Whole& rule) const;
+  std::optional<std::string> read(const std::string& key, const Text& rule) const;
+  std::optional<std::vector<double>> read(const std::string& key, const Numbers& rule) const;
+  template <class Meaning>
+  std::optional<Meaning> read(const std::string& key, const OneOf<Meaning>& rule) const {
+    std::vector<std::string> words;
+    for (const auto& [word, meaning] : rule.words) words.push_back(word);
+    const std::optional<std::size_t> index = indexOf(key, words);
+    return index ? std::optional(rule.words[*index].second) : std::nullopt;
+  }
   /// A required value of any kind.
   const Value* required(const std::string& key, const std::string& expected) const;
   /// The entries of a map with at least so many; `expected` describes it in the fault.
   const std::vector<Value::Entry>* entries(const std::string& key, std::size_t least,
                                            const std::string& expected) const;
-  /// The one given key out of several; a fault if none or more than one is given.
-  std::optional<std::string> exactlyOne(const std::vector<std::string>& keys) const;
+  /// Which one of several keys is given; a fault if none or more than one is.
+  std::optional<std::size_t> exactlyOne(const std::vector<std::string>& keys) const;
 
   /// Reports `key value; expected rule` at the place of the key.
   void fault(const std::string& key, const std::string& rule) const;
@@ -186,10 +198,57 @@ class MapReader {
   }
 
  private:
+  const Value* valueOf(const std::string& key, const std::string& expected,
+                       const std::function<bool(const Value& value)>& holds) const;
+  std::optional<std::size_t> indexOf(const std::string& key,
+                                     const std::vector<std::string>& words) const;
+
   const Value& map_;
   std::string path_;
   FaultList& faults_;
+  std::size_t faults_before_;
 };
+
+/// The value of a variable in a document; nothing where it is absent.
+std::optional<Value> written(const std::optional<double>& number, const NumberRule& rule,
+                             double unit);
+std::optional<Value> written(const std::optional<long long>& number, const Whole& rule, double);
+std::optional<Value> written(const std::string& text, const Text& rule, double);
+std::optional<Value> written(const std::vector<double>& numbers, const Numbers& rule, double unit);
+template <class Meaning>
+std::optional<Value> written(const Meaning& meant, const OneOf<Meaning>& rule, double) {
+  for (const auto& [word, meaning] : rule.words) {
+    if (meaning == meant) return plainValue(word);
+  }
+  return std::nullopt;
+}
+
+template <class Rule, class Variable>
+Key::Key(const char* name, const Rule& rule, Variable& into, double unit)
+    : Key(
+          name,
+          [rule, &into, unit](const MapReader& keys, const std::string& key) {
+            const auto value = keys.read(key, rule);
+            if (!value) return;
+            if constexpr (std::is_same_v<Rule, NumberRule>) {
+              into = *value * unit;
+            } else if constexpr (std::is_same_v<Rule, Numbers>) {
+              into.resize(value->size());
+              std::transform(value->begin(), value->end(), into.begin(),
+                             [unit](double number) { return number * unit; });
+            } else {
+              into = *value;
+            }
+          },
+          [rule, &into, unit](Value& map, const std::string& key) {
+            std::optional<Value> value;
+            if constexpr (std::is_same_v<Rule, Numbers>) {
+              value = written(std::vector<double>(into.begin(), into.end()), rule, unit);
+            } else {
+              value = written(into, rule, unit);
+            }
+            if (value) setValue(map, key, std::move(*value));
+          }) {}
 
 /// The words as rows that have their readers.
 std::vector<Key> keysOf(const std::vector<std::string>& words);

@@ -51,8 +51,11 @@ std::vector<double> extensionalStiffness(const MapReader& scene,
   std::vector<double> values;
   std::string lacking;
   for (const auto& [section, look, stiffness] : sections) {
-    if (stiffness.K_eps) values.push_back(*stiffness.K_eps);
-    if (!stiffness.K_eps_given) lacking += (lacking.empty() ? "" : ", ") + look.name;
+    if (stiffness.K_eps) {
+      values.push_back(*stiffness.K_eps);
+    } else {
+      lacking += (lacking.empty() ? "" : ", ") + look.name;
+    }
   }
   if (!lacking.empty() && scene.has("load")) {
     const Value& arm = *scene.find("arm");
@@ -68,23 +71,23 @@ std::vector<double> extensionalStiffness(const MapReader& scene,
   return values;
 }
 
+const OneOf<bool> kGeometry{{{"planar", true}, {"spatial", false}}};
+
 // Reads `arm`; nothing if faults leave no arm.
 std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions) {
   FaultList& faults = scene.faults();
-  const std::size_t faults_before = faults.count();
-  std::string geometry;
+  bool planar = false;
   lie::SE3 X_WB, tool;
   scene.required("arm", "a map");
-  const auto arm =
-      scene.map("arm", {Key("geometry", OneOf{{"planar", "spatial"}}, geometry).required(),
-                        {"base", poseKeys(X_WB, kFinite)},
-                        "stiffness",
-                        "sections",
-                        {"tool", [&](const MapReader& map, const std::string& key) {
-                           readTool(map, key, geometry == "planar", tool);
-                         }}});
+  const auto arm = scene.map("arm", {Key("geometry", kGeometry, planar).required(),
+                                     {"base", poseKeys(X_WB, kFinite)},
+                                     "stiffness",
+                                     "sections",
+                                     {"tool", [&](const MapReader& map, const std::string& key) {
+                                        readTool(map, key, planar, tool);
+                                      }}});
   if (!arm) return std::nullopt;
-  ArmContext context{geometry == "planar", readStiffness(*arm, {}), contractions};
+  ArmContext context{planar, readStiffness(*arm, {}), contractions};
   std::vector<SectionParts> parts;
   const bool listed = arm->eachOf("sections", [&](const Value& value, const std::string& path) {
     parts.push_back(readSection(value, path, faults, context));
@@ -100,7 +103,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   }
   std::vector<double> K_eps = extensionalStiffness(scene, parts);
   // An unknown contraction omits its actuators, which is not a fault of their own.
-  if (faults.count() != faults_before) return std::nullopt;
+  if (!arm->isSound()) return std::nullopt;
   std::vector<model::Section> sections;
   std::vector<SectionLook> looks;
   for (SectionParts& one : parts) {
@@ -109,12 +112,12 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     looks.push_back(std::move(one.look));
   }
   try {
-    std::optional<model::PlanarArm> planar;
-    if (context.planar) planar = planarArm(sections, tool);
-    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections), tool);
+    std::optional<model::PlanarArm> flat;
+    if (planar) flat = planarArm(sections, tool);
+    model::Arm spatial = flat ? model::embed(*flat) : model::Arm(std::move(sections), tool);
     return ArmParts{X_WB,
                     std::move(spatial),
-                    std::move(planar),
+                    std::move(flat),
                     std::move(looks),
                     std::move(K_eps),
                     std::move(tables)};
@@ -135,11 +138,13 @@ std::vector<double> readMasses(const MapReader& load, const ArmParts* arm) {
     return {};
   }
   const std::size_t sections = arm == nullptr ? 0 : arm->looks.size();
-  if (load.isList("mass_kg")) {
-    return load.numbers("mass_kg", sections, kMass).value_or(std::vector<double>(sections, 0.0));
-  }
-  const double whole = load.number("mass_kg", kMass).value_or(0.0);
   std::vector<double> masses(sections);
+  if (load.isList("mass_kg")) {
+    Key("mass_kg", Numbers{kMass, sections}, masses).read(load);
+    return masses;
+  }
+  double whole = 0;
+  Key("mass_kg", kMass, whole).read(load);
   for (std::size_t k = 0; k < sections; ++k) {
     masses[k] = arm->arm.restLength(static_cast<int>(k));
   }
@@ -172,9 +177,7 @@ statics::PointLoad readPoint(const Value& value, const std::string& path, const 
   rows.insert(rows.begin(), {"section", Key("s", kFraction, point.s).required()});
   const MapReader keys(value, path, rows, faults);
   turnPull(keys, R_BW, point);
-  if (arm != nullptr && keys.has("section")) {
-    point.section = keys.indexOf("section", sectionNames(*arm)).value_or(point.section);
-  }
+  if (arm != nullptr) Key("section", sectionsOf(*arm), point.section).read(keys);
   return point;
 }
 
@@ -200,7 +203,6 @@ bool isWeightless(const statics::Load& load) {
 // faults leave none.
 // @param arm  null if faults leave no arm; the faults of `load` itself are still found.
 std::optional<statics::Load> readLoad(const MapReader& scene, const ArmParts* arm) {
-  const std::size_t faults_before = scene.faults().count();
   const Eigen::Matrix3d R_BW = (arm == nullptr ? lie::SE3() : arm->X_WB).rotation.transpose();
   statics::Load load;
   statics::PointLoad tip;
@@ -226,7 +228,7 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const ArmParts* ar
       load.points.push_back(readPoint(value, path, arm, R_BW, scene.faults()));
     });
   }
-  if (arm == nullptr || scene.faults().count() != faults_before) return std::nullopt;
+  if (arm == nullptr || !keys->isSound()) return std::nullopt;
   if (isWeightless(load)) {
     keys->fault("mass_kg",
                 "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
@@ -270,7 +272,7 @@ statics::TierRequest readTierRequest(const MapReader& scene, const ArmParts* arm
   std::string tier = statics::kAutoTier;
   bool known = true;
   if (scene.has("tier")) {
-    const auto word = scene.choice("tier", statics::tierWords());
+    const auto word = scene.read("tier", oneOf(statics::tierWords()));
     known = word.has_value();
     tier = word.value_or(tier);
     request.tier = statics::tierNamed(tier);
@@ -343,15 +345,17 @@ Value parseScene(const std::string& text, const std::vector<Override>& overrides
   return std::move(*document);
 }
 
-std::vector<std::string> sectionNames(const ArmParts& arm) {
-  std::vector<std::string> names;
-  for (const SectionLook& look : arm.looks) names.push_back(look.name);
-  return names;
+OneOf<int> sectionsOf(const ArmParts& arm) {
+  OneOf<int> sections;
+  for (const SectionLook& look : arm.looks) {
+    sections.words.emplace_back(look.name, static_cast<int>(sections.words.size()));
+  }
+  return sections;
 }
 
 SceneArmParts readSceneArm(const MapReader& scene) {
   SceneArmParts parts;
-  parts.name = scene.word("name");
+  parts.name = scene.read("name", kWord);
   parts.contractions = readContractions(scene);
   parts.arm = readArm(scene, parts.contractions);
   parts.model = readModel(scene, parts.arm ? &*parts.arm : nullptr);

@@ -22,37 +22,11 @@ constexpr NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
 constexpr NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 constexpr Whole kChannels{1, 1024};
 
-// A profile that was read from the map at `path`, if it is valid.
-template <class Profile>
-std::optional<Profile> checked(const Profile& profile, const Value& map, const std::string& path,
-                               std::size_t faults_before, FaultList& faults) {
-  if (faults.count() > faults_before) return std::nullopt;
-  try {
-    profile.validate();
-  } catch (const std::invalid_argument& error) {
-    report(faults, map.place, path + ": " + error.what());
-    return std::nullopt;
-  }
-  return profile;
-}
-
-double pascalsOf(const std::string& unit) {
-  if (unit == "psi") return 6894.757293168;
-  if (unit == "bar") return 1e5;
-  if (unit == "mbar") return 100;
-  return unit == "kPa" ? 1e3 : 1;
-}
-
-std::string terminatorOf(const std::string& word) {
-  if (word == "cr") return "\r";
-  return word == "lf" ? "\n" : "\r\n";
-}
-
 // The row of one line, or of a list of them.
 Key linesKey(const char* name, std::vector<std::string>& lines) {
   return {name, [&lines](const MapReader& keys, const std::string& key) {
             if (!keys.isList(key)) {
-              const auto line = keys.text(key, "a line of text, or a list of them");
+              const auto line = keys.read(key, Text{"a line of text, or a list of them"});
               if (line) lines.push_back(*line);
               return;
             }
@@ -105,121 +79,118 @@ Value* child(Value* map, const char* key) {
   return map == nullptr ? nullptr : findValue(*map, key);
 }
 
-std::optional<Value> readDocument(const fs::path& path, FaultList& faults) {
-  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
-  if (!text) return std::nullopt;
-  return parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
+MapReader readSerial(const Value& map, regulator::SerialProfile& profile, FaultList& faults) {
+  constexpr Text kLine{"a line of text"}, kSeparator{"the separator of numbers"};
+  const OneOf<std::string> kTerminator{{{"cr", "\r"}, {"lf", "\n"}, {"crlf", "\r\n"}}};
+  const OneOf<double> kUnit{
+      {{"psi", 6894.757293168}, {"kPa", 1e3}, {"bar", 1e5}, {"mbar", 100}, {"Pa", 1}}};
+  double scale = 1.0;
+  MapReader keys(map, kSerial,
+                 {{"baud", Whole{1200, 2000000}, profile.baud},
+                  Key("terminator", kTerminator, profile.terminator).required(),
+                  Key("unit", kUnit, profile.pascals).required(),
+                  {"scale", within(kPositive, 1e-6, 1e6), scale},
+                  {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
+                  {"unit_word", Text{"a word"}, profile.unit_word},
+                  {"decimals", Whole{0, 6}, profile.decimals},
+                  {"separator", kSeparator, profile.separator},
+                  {"reply_separator", kSeparator, profile.reply_separator},
+                  {"one_by_one", profile.one_by_one},
+                  linesKey("start", profile.start),
+                  Key("write", kLine, profile.write).required(),
+                  {"write_reply", kLine, profile.write_reply},
+                  {"read", kLine, profile.read},
+                  Key("reply", kLine, profile.reply).required(),
+                  {"supply_line", kLine, profile.supply_line},
+                  linesKey("skip", profile.skip),
+                  linesKey("vent", profile.vent).required(),
+                  linesKey("close", profile.close),
+                  linesKey("resume", profile.resume),
+                  {"vent_reply", kLine, profile.vent_reply},
+                  {"timeout_s", kTimeout, profile.timeout},
+                  {"watchdog_s", within(kPositive, 0.1, 60, " s"), profile.watchdog},
+                  {"highest_kpa", within(kPositive, 1e-3, 1e5, " kPa"), profile.highest, kKilo},
+                  {"channels", kChannels, profile.channels},
+                  {"checksum", OneOf<bool>{{{"none", false}, {"crc16", true}}}, profile.checksum}},
+                 faults);
+  profile.pascals *= scale;
+  if (!keys.has("reply_separator")) profile.reply_separator = profile.separator;
+  return keys;
 }
 
-// Content of a profile file: the map below its single key, which has to be `kind` unless that is
-// null. Nothing if there are faults.
-std::optional<RegulatorProfile> readContent(const fs::path& path, const char* kind,
-                                            FaultList& faults) {
-  const std::optional<Value> document = readDocument(path, faults);
-  if (!document) return std::nullopt;
-  const MapReader file(*document, "", {kSerial, kModbus}, faults);
-  const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
-  if (!found) return std::nullopt;
-  if (kind != nullptr && *found != kind) {
-    file.complain(
-        *found, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
+MapReader readModbus(const Value& map, regulator::ModbusProfile& profile, FaultList& faults) {
+  regulator::ModbusApp app;
+  const OneOf<bool> kRegisters{{{"holding", false}, {"input", true}}};
+  MapReader keys(map, kModbus,
+                 {{"unit_id", Whole{0, 255}, profile.unit_id},
+                  Key("count_pa", within(kPositive, 1e-3, 1e6, " Pa"), profile.pascals).required(),
+                  {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
+                  Key("highest_count", Whole{1, 32767}, profile.highest_count).required(),
+                  {"outlets", Whole{1, 64}, profile.outlets},
+                  {"channels", kChannels, profile.channels},
+                  {"outputs",
+                   {Key("first", kRegister, profile.output_base).required(),
+                    Key("stride", kStride, profile.output_stride).required(),
+                    Key("pressure", kInStride, profile.output_pressure).required()}},
+                  {"inputs",
+                   {Key("first", kRegister, profile.input_base).required(),
+                    Key("stride", kStride, profile.input_stride).required(),
+                    Key("pressure", kInStride, profile.input_pressure).required(),
+                    Key("registers", kRegisters, profile.input_registers).required()}},
+                  {"supply", kRegister, profile.supply},
+                  {"app", appKeys(app)},
+                  {"timeout_s", kTimeout, profile.timeout}},
+                 faults);
+  keys.required("outputs", "a map of first, stride and pressure");
+  keys.required("inputs", "a map of first, stride, pressure and registers");
+  if (keys.has("app")) profile.app = app;
+  return keys;
+}
+
+template <class Profile>
+std::optional<RegulatorProfile> checked(MapReader (*read)(const Value&, Profile&, FaultList&),
+                                        const Value& map, const char* kind, const std::string& name,
+                                        FaultList& faults) {
+  Profile profile;
+  profile.name = name;
+  if (!read(map, profile, faults).isSound()) return std::nullopt;
+  try {
+    profile.validate();
+    return profile;
+  } catch (const std::invalid_argument& error) {
+    report(faults, map.place, kind + std::string(": ") + error.what());
     return std::nullopt;
   }
-  const std::string name = path.stem().string();
-  std::optional<RegulatorProfile> profile;
-  if (*found == kSerial) {
-    profile = readSerialProfile(*file.find(*found), *found, name, faults);
-  } else {
-    profile = readModbusProfile(*file.find(*found), *found, name, faults);
-  }
+}
+
+// Content of a profile file, whose kind has to be `kind` unless that is null.
+std::optional<RegulatorProfile> readContent(const fs::path& path, const char* kind,
+                                            FaultList& faults) {
+  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
+  if (!text) return std::nullopt;
+  const std::optional<Value> document =
+      parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
+  if (!document) return std::nullopt;
+  auto profile = readProfile(*document, kind, path.stem(), faults);
   return faults.empty() ? std::move(profile) : std::nullopt;
 }
 
 }  // namespace
 
-std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults) {
-  const std::size_t before = faults.count();
-  constexpr Text kLine{"a line of text"};
-  constexpr Text kSeparator{"the separator of numbers"};
-  regulator::SerialProfile profile;
-  profile.name = name;
-  std::string terminator = "lf", unit = "Pa", checksum = "none";
-  double scale = 1.0;
-  const MapReader keys(
-      value, path,
-      {{"baud", Whole{1200, 2000000}, profile.baud},
-       Key("terminator", OneOf{{"cr", "lf", "crlf"}}, terminator).required(),
-       Key("unit", OneOf{{"psi", "kPa", "bar", "mbar", "Pa"}}, unit).required(),
-       {"scale", within(kPositive, 1e-6, 1e6), scale},
-       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
-       {"unit_word", Text{"a word"}, profile.unit_word},
-       {"decimals", Whole{0, 6}, profile.decimals},
-       {"separator", kSeparator, profile.separator},
-       {"reply_separator", kSeparator, profile.reply_separator},
-       {"one_by_one", profile.one_by_one},
-       linesKey("start", profile.start),
-       Key("write", kLine, profile.write).required(),
-       {"write_reply", kLine, profile.write_reply},
-       {"read", kLine, profile.read},
-       Key("reply", kLine, profile.reply).required(),
-       {"supply_line", kLine, profile.supply_line},
-       linesKey("skip", profile.skip),
-       linesKey("vent", profile.vent),
-       linesKey("close", profile.close),
-       linesKey("resume", profile.resume),
-       {"vent_reply", kLine, profile.vent_reply},
-       {"timeout_s", kTimeout, profile.timeout},
-       {"watchdog_s", within(kPositive, 0.1, 60, " s"), profile.watchdog},
-       {"highest_kpa", within(kPositive, 1e-3, 1e5, " kPa"), profile.highest, kKilo},
-       {"channels", kChannels, profile.channels},
-       {"checksum", OneOf{{"none", "crc16"}}, checksum}},
-      faults);
-  keys.required("vent", "a line of text, or a list of them");
-  profile.terminator = terminatorOf(terminator);
-  profile.pascals = pascalsOf(unit) * scale;
-  if (!keys.has("reply_separator")) profile.reply_separator = profile.separator;
-  profile.checksum = checksum == "crc16";
-  return checked(profile, value, path, before, faults);
-}
-
-std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults) {
-  const std::size_t before = faults.count();
-  regulator::ModbusProfile profile;
-  profile.name = name;
-  regulator::ModbusApp app;
-  std::string registers;
-  const MapReader keys(
-      value, path,
-      {{"unit_id", Whole{0, 255}, profile.unit_id},
-       Key("count_pa", within(kPositive, 1e-3, 1e6, " Pa"), profile.pascals).required(),
-       {"atmosphere_kpa", kAtmosphere, profile.atmosphere, kKilo},
-       Key("highest_count", Whole{1, 32767}, profile.highest_count).required(),
-       {"outlets", Whole{1, 64}, profile.outlets},
-       {"channels", kChannels, profile.channels},
-       {"outputs",
-        {Key("first", kRegister, profile.output_base).required(),
-         Key("stride", kStride, profile.output_stride).required(),
-         Key("pressure", kInStride, profile.output_pressure).required()}},
-       {"inputs",
-        {Key("first", kRegister, profile.input_base).required(),
-         Key("stride", kStride, profile.input_stride).required(),
-         Key("pressure", kInStride, profile.input_pressure).required(),
-         Key("registers", OneOf{{"holding", "input"}}, registers).required()}},
-       {"supply", kRegister, profile.supply},
-       {"app", appKeys(app)},
-       {"timeout_s", kTimeout, profile.timeout}},
-      faults);
-  keys.required("outputs", "a map of first, stride and pressure");
-  keys.required("inputs", "a map of first, stride, pressure and registers");
-  profile.input_registers = registers == "input";
-  if (keys.has("app")) profile.app = app;
-  return checked(profile, value, path, before, faults);
+std::optional<RegulatorProfile> readProfile(const Value& document, const char* kind,
+                                            const std::string& name, FaultList& faults) {
+  const std::vector<std::string> kinds{kSerial, kModbus};
+  const MapReader file(document, "", keysOf(kinds), faults);
+  const std::optional<std::size_t> found = file.exactlyOne(kinds);
+  if (!found) return std::nullopt;
+  if (kind != nullptr && kinds[*found] != kind) {
+    file.complain(kinds[*found], "is not the scene's kind of regulator; expected a profile of " +
+                                     std::string(kind));
+    return std::nullopt;
+  }
+  const Value& map = *file.find(kinds[*found]);
+  return *found == 0 ? checked(readSerial, map, kSerial, name, faults)
+                     : checked(readModbus, map, kModbus, name, faults);
 }
 
 std::vector<std::string> shippedProfiles() { return shippedNames(kShippedRegulators); }
@@ -255,7 +226,7 @@ std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std
   const std::vector<std::string> shipped = shippedProfiles();
   const std::string expected =
       alternatives(shipped) + ", or a path (with a / or ending in .yaml) from the scene's folder";
-  const std::optional<std::string> profile = keys.text("profile", expected);
+  const std::optional<std::string> profile = keys.read("profile", Text{expected.c_str()});
   if (!profile) return std::nullopt;
   if (!isKnown(*profile, shipped)) {
     keys.fault("profile", expected);

@@ -5,28 +5,19 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
-#include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
 
 namespace helix_arm::io {
 
-/// Reads the profile of a device on a serial line: the map below `ascii_serial`.
+/// The profile of a device: the map below the single key of a document, `ascii_serial` of one on a
+/// serial line or `modbus_tcp`.
 ///
-/// @param path  path of that map, for messages.
+/// @param kind  the key that is needed; null for any.
 /// @param name  the profile's.
 /// @return nothing, and at least one fault, if a rule is broken.
-std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults);
-
-/// The same of a device that speaks Modbus TCP: the map below `modbus_tcp`.
-std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
-                                                          const std::string& path,
-                                                          const std::string& name,
-                                                          FaultList& faults);
+std::optional<RegulatorProfile> readProfile(const Value& document, const char* kind,
+                                            const std::string& name, FaultList& faults);
 
 /// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
 /// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.

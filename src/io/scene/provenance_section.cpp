@@ -29,23 +29,17 @@ bool isHash(const std::string& text) {
          });
 }
 
-constexpr Text kHash{"64 hexadecimal digits"};
-constexpr Text kTime{"a time in UTC such as 2026-01-31T12:00:00Z"};
+constexpr Text kHash{"64 hexadecimal digits", isHash};
+constexpr Text kTime{"a time in UTC such as 2026-01-31T12:00:00Z", isUtcTime};
 
-void checkForm(const MapReader& keys, const std::string& key, const std::string& text,
-               const Text& rule, bool (*keeps)(const std::string&)) {
-  if (!text.empty() && !keeps(text)) keys.fault(key, rule.expected);
-}
-
-// The row of a list of maps. `keysOf` gives the rows of an entry; `check` looks at it once it is
-// read.
-template <class Entry, class KeysOf, class Check>
-Key listOf(const char* name, std::vector<Entry>& list, KeysOf keysOf, Check check) {
+// The row of a list of maps. `keysOf` gives the rows of an entry.
+template <class Entry, class KeysOf>
+Key listOf(const char* name, std::vector<Entry>& list, KeysOf keysOf) {
   return {name,
           [=, &list](const MapReader& keys, const std::string& key) {
             keys.eachOf(key, [&](const Value& value, const std::string& path) {
               Entry entry{};
-              check(MapReader(value, path, keysOf(entry), keys.faults()), entry);
+              MapReader(value, path, keysOf(entry), keys.faults());
               list.push_back(std::move(entry));
             });
           },
@@ -95,7 +89,7 @@ std::map<std::string, double> readExponents(const MapReader& combination, const 
     const bool known = std::any_of(parameters.begin(), parameters.end(),
                                    [&name](const auto& one) { return one.name == name; });
     if (!known) keys.complain(name, "is not one of calibration.parameters");
-    const auto exponent = keys.number(name, kFinite);
+    const auto exponent = keys.read(name, kFinite);
     if (!exponent) return {};
     out[name] = *exponent;
   }
@@ -148,11 +142,7 @@ std::vector<Key> provenanceKeys(Provenance& provenance) {
       Key("from", Text{"the path of the scene before the calibration"}, provenance.from).required(),
       {"from_sha256", kHash, provenance.from_sha256},
       {"overrides", Text{"the keys that were overridden"}, provenance.overrides},
-      listOf("data", provenance.data, dataKeys,
-             [](const MapReader& keys, const Provenance::Data& data) {
-               checkForm(keys, "sha256", data.sha256, kHash, isHash);
-             })
-          .required(),
+      listOf("data", provenance.data, dataKeys).required(),
       Key(
           "parameters",
           [&](const MapReader& keys, const std::string& key) {
@@ -166,13 +156,11 @@ std::vector<Key> provenanceKeys(Provenance& provenance) {
             setValue(map, key, std::move(named));
           })
           .required(),
-      listOf(
-          "combinations", provenance.combinations,
-          [&](Provenance::Combination& one) { return combinationKeys(one, parameters); },
-          [](const MapReader&, const Provenance::Combination&) {}),
+      listOf("combinations", provenance.combinations,
+             [&](Provenance::Combination& one) { return combinationKeys(one, parameters); }),
       Key("rms", kNotNegative, provenance.rms).required(),
       {"held_out_error", kNotNegative, provenance.held_out_error},
-      Key("error_unit", OneOf{{"rad", "px", "m"}}, provenance.error_unit).required()};
+      Key("error_unit", oneOf({"rad", "px", "m"}), provenance.error_unit).required()};
 }
 
 }  // namespace
@@ -181,8 +169,6 @@ std::optional<Provenance> readProvenance(const MapReader& scene) {
   Provenance provenance{};
   const auto keys = scene.map("calibration", provenanceKeys(provenance));
   if (!keys) return std::nullopt;
-  checkForm(*keys, "date", provenance.date, kTime, isUtcTime);
-  checkForm(*keys, "from_sha256", provenance.from_sha256, kHash, isHash);
   const std::vector<Provenance::Combination>& combinations = provenance.combinations;
   const bool read = std::none_of(combinations.begin(), combinations.end(),
                                  [](const auto& one) { return one.exponents.empty(); });

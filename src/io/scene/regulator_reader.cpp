@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <numeric>
@@ -69,7 +70,7 @@ std::optional<regulator::Config> readSerial(const MapReader& regulator, const st
   const MapReader keys = *regulator.map(kind, {"profile", "device", "addresses"});
   const auto file = readProfileFile(keys, kind);
   const auto* profile = file ? std::get_if<regulator::SerialProfile>(&*file) : nullptr;
-  const std::optional<std::string> device = keys.text("device", "a serial port like /dev/ttyUSB0");
+  const auto device = keys.read("device", Text{"a serial port like /dev/ttyUSB0"});
   regulator::SerialConfig config;
   const bool given = keys.has("addresses");
   if (given) config.addresses = readAddresses(keys, arm);
@@ -91,18 +92,15 @@ std::optional<regulator::Config> readSerial(const MapReader& regulator, const st
 
 std::vector<int> readSlots(const MapReader& keys, const ArmParts* arm) {
   const std::size_t count = arm == nullptr ? 0 : arm->arm.actuatorCount();
-  std::vector<int> slots(count);
+  std::vector<double> slots(count);
   std::iota(slots.begin(), slots.end(), 0);
-  if (!keys.has("slots")) return slots;
-  const auto given = keys.numbers("slots", count, within(kNotNegative, 0, kMostSlots - 1));
-  if (!given) return slots;
-  slots.assign(given->begin(), given->end());
-  const std::set<double> different(given->begin(), given->end());
-  const bool whole = std::equal(slots.begin(), slots.end(), given->begin());
-  if (!whole || different.size() != given->size()) {
+  Key("slots", Numbers{within(kNotNegative, 0, kMostSlots - 1), count}, slots).read(keys);
+  const bool whole =
+      std::all_of(slots.begin(), slots.end(), [](double slot) { return slot == std::floor(slot); });
+  if (!whole || std::set<double>(slots.begin(), slots.end()).size() != slots.size()) {
     keys.fault("slots", "distinct whole numbers");
   }
-  return slots;
+  return {slots.begin(), slots.end()};
 }
 
 // The device must accept the limits of the arm: pressures are written as counts from 0 on.
@@ -131,7 +129,7 @@ std::optional<regulator::Config> readModbus(const MapReader& regulator, const st
       *regulator.map(kind, {"profile", "host", {"port", Whole{1, 65535}, config.port}, "slots"});
   const auto file = readProfileFile(keys, kind);
   const auto* profile = file ? std::get_if<regulator::ModbusProfile>(&*file) : nullptr;
-  const std::optional<std::string> host = keys.text("host", "a name or address");
+  const std::optional<std::string> host = keys.read("host", Text{"a name or address"});
   config.slots = readSlots(keys, arm);
   if (profile && arm != nullptr) checkRange(keys, *profile, *arm);
   if (!profile || !host) return std::nullopt;
@@ -152,16 +150,9 @@ constexpr double kHardwareSlew = 3e5;  // [Pa/s]
 
 constexpr NumberRule seconds(const NumberRule& sign) { return within(sign, 0, 3600, " s"); }
 
-// Leaves the action as it is if it is invalid.
 void readAction(const MapReader& keys, const std::string& key,
                 const std::optional<regulator::Config>& regulator, control::FaultAction& action) {
-  std::vector<std::string> words;
-  for (const control::FaultAction known : control::kFaultActions) {
-    words.emplace_back(control::nameOf(known));
-  }
-  const std::optional<int> index = keys.indexOf(key, words);
-  if (!index) return;
-  action = control::kFaultActions[*index];
+  Key(key.c_str(), oneOfNamed(control::kFaultActions), action).read(keys);
   if (action == control::FaultAction::kClose && regulator && !regulator::closesValves(*regulator)) {
     keys.complain(key, "is close, but the valves of " + regulator::describe(*regulator) +
                            " cannot be closed; expected vent or hold");
@@ -233,25 +224,23 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Arm
   for (const RegulatorKind& known : kKinds) kinds.emplace_back(known.key);
   const std::optional<MapReader> regulator = scene.map("regulator", keysOf(kinds));
   if (!regulator) return std::nullopt;
-  const std::optional<std::string> kind = regulator->exactlyOne(kinds);
-  if (!kind) return std::nullopt;
-  const RegulatorKind& known = *std::find_if(std::begin(kKinds), std::end(kKinds),
-                                             [&](const auto& one) { return *kind == one.key; });
-  const std::size_t before = scene.faults().count();
+  const std::optional<std::size_t> given = regulator->exactlyOne(kinds);
+  if (!given) return std::nullopt;
+  const std::string& kind = kinds[*given];
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm->arm.actuator(i);
     if (model::isPressure(actuator.drive)) continue;
-    regulator->complain(*kind,
+    regulator->complain(kind,
                         "regulates pressures, but " + actuator.name +
                             " is a tendon; expected an arm of pressure actuators or no regulator");
   }
-  std::optional<regulator::Config> config = known.read(*regulator, *kind, arm);
-  if (!config || arm == nullptr || scene.faults().count() != before) return std::nullopt;
+  std::optional<regulator::Config> config = kKinds[*given].read(*regulator, kind, arm);
+  if (!config || arm == nullptr || !regulator->isSound()) return std::nullopt;
   try {
     regulator::makeDriver(*config,
                           arm->arm.actuatorCount());  // constructed for its checks, not connected
   } catch (const std::invalid_argument& error) {
-    regulator->complain(*kind, std::string("cannot be used: ") + error.what());
+    regulator->complain(kind, std::string("cannot be used: ") + error.what());
   }
   return config;
 }
@@ -264,7 +253,6 @@ SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
   const bool hardware = regulator && regulator::isHardware(*regulator);
   std::optional<double> slew;
   if (hardware) slew = kHardwareSlew;
-  const std::size_t before = scene.faults().count();
   const auto safety = scene.map(
       "safety",
       {{"commander_timeout_s", kPositive, config.commander_timeout},
@@ -292,7 +280,7 @@ SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
   // A regulator that was given but has faults is not also reported as unknown.
   const bool unknown = !regulator && scene.has("regulator");
   setTargetTimeout(*safety, unknown || (regulator && !hardware), rules.target_timeout);
-  if (scene.faults().count() == before) checkVentedBelow(*safety, config);
+  if (safety->isSound()) checkVentedBelow(*safety, config);
   return config;
 }
 

@@ -35,17 +35,15 @@ using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 /// Reads `contractions`.
 Contractions readContractions(const MapReader& scene);
 
-/// A stiffness that actuators inherit: none given, given but invalid (reported once), or a value.
+/// A stiffness that actuators inherit; a member that was given with faults has any value.
 struct InheritedStiffness {
-  bool given = false;
   std::optional<model::Stiffness> value;
-  bool K_eps_given = false;     ///< possibly invalid, which is reported
   std::optional<double> K_eps;  ///< [N]; of a table, the least
   statics::StiffnessTable table;
 };
 
 /// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
-InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited);
+InheritedStiffness readStiffness(const MapReader& owner, InheritedStiffness inherited);
 
 /// State shared by all sections of an arm.
 struct ArmContext {
@@ -78,8 +76,8 @@ struct ArmParts {
   std::vector<statics::StiffnessTable> tables;  ///< per section; empty if all are constant
 };
 
-/// Names of the sections, from the base on.
-std::vector<std::string> sectionNames(const ArmParts& arm);
+/// The sections by their names; what they stand for is their index.
+OneOf<int> sectionsOf(const ArmParts& arm);
 
 /// How scenes are recognised.
 const DocumentKind& sceneKind();

@@ -31,7 +31,7 @@ bool areAscending(const MapReader& keys, const std::string& key, const std::vect
 
 // Adds the plays of two lists; none if one of them has faults.
 void readPlays(const MapReader& keys, model::Response& response) {
-  const auto reach = keys.numbers("play_kpa", 0, kPlayReach);
+  const auto reach = keys.read("play_kpa", Numbers{kPlayReach});
   if (!reach) return;
   if (reach->empty()) {
     keys.complain("play_kpa",
@@ -44,7 +44,7 @@ void readPlays(const MapReader& keys, model::Response& response) {
     return;
   }
   if (!areAscending(keys, "play_kpa", *reach, "values")) return;
-  const auto weight = keys.numbers("play_weight", reach->size(), kPlayWeight);
+  const auto weight = keys.read("play_weight", Numbers{kPlayWeight, reach->size()});
   if (!weight) return;
   double sum = 0.0;
   for (std::size_t j = 0; j < reach->size(); ++j) {
@@ -65,34 +65,35 @@ void readPlays(const MapReader& keys, model::Response& response) {
 using OptionalCurve = std::optional<model::Contraction>;
 
 OptionalCurve readQuintic(const MapReader& contraction, const std::string& key) {
-  std::optional<double> reference, most;
-  const MapReader quintic = *contraction.map(
-      key, {"coefficients_m",
+  double reference = 0, most = 0;
+  std::vector<double> coefficients;
+  const MapReader keys = *contraction.map(
+      key, {Key("coefficients_m", Numbers{kFinite, 6}, coefficients).required(),
             Key("reference_pressure_kpa", kPositivePressure, reference, kKilo).required(),
             Key("max_pressure_kpa", kPositivePressure, most, kKilo).required()});
-  const auto coefficients = quintic.numbers("coefficients_m", 6, kFinite);
-  if (!coefficients || !reference || !most) return std::nullopt;
+  if (!keys.isSound()) return std::nullopt;
   std::array<double, 6> c{};
-  std::copy(coefficients->begin(), coefficients->end(), c.begin());
-  return model::Contraction::quintic(c, *reference, *most);
+  std::copy(coefficients.begin(), coefficients.end(), c.begin());
+  return model::Contraction::quintic(c, reference, most);
 }
 
 OptionalCurve readTable(const MapReader& contraction, const std::string& key) {
-  const MapReader table = *contraction.map(key, {"pressure_kpa", "length_m"});
-  auto pressure = table.numbers("pressure_kpa", 0, kPressure);
-  const auto length = table.numbers("length_m", 0, kLength);
-  if (!pressure || !length) return std::nullopt;
-  std::transform(pressure->begin(), pressure->end(), pressure->begin(), &pascals);
-  return model::Contraction::table(*pressure, *length);
+  std::vector<double> pressure, length;
+  const MapReader keys =
+      *contraction.map(key, {Key("pressure_kpa", Numbers{kPressure}, pressure, kKilo).required(),
+                             Key("length_m", Numbers{kLength}, length).required()});
+  if (!keys.isSound()) return std::nullopt;
+  return model::Contraction::table(pressure, length);
 }
 
 OptionalCurve readTendon(const MapReader& contraction, const std::string& key) {
-  std::optional<double> length, radius, max_angle;
-  contraction.map(key, {Key("length_m", kLength, length).required(),
-                        Key("spool_radius_m", kLength, radius).required(),
-                        Key("max_angle_rad", kPositive, max_angle).required()});
-  if (!length || !radius || !max_angle) return std::nullopt;
-  return model::Contraction::tendon(*length, *radius, *max_angle);
+  double length = 0, radius = 0, max_angle = 0;
+  const MapReader keys =
+      *contraction.map(key, {Key("length_m", kLength, length).required(),
+                             Key("spool_radius_m", kLength, radius).required(),
+                             Key("max_angle_rad", kPositive, max_angle).required()});
+  if (!keys.isSound()) return std::nullopt;
+  return model::Contraction::tendon(length, radius, max_angle);
 }
 
 struct CurveKind {
@@ -111,10 +112,9 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
   std::vector<Key> known = keysOf(kinds);
   known.emplace_back(kResponseKey);
   const MapReader contraction(value, path, known, faults);
-  const std::optional<std::string> given = contraction.exactlyOne(kinds);
+  const std::optional<std::size_t> given = contraction.exactlyOne(kinds);
   if (!given) return std::nullopt;
-  const CurveKind& kind = *std::find_if(std::begin(kCurveKinds), std::end(kCurveKinds),
-                                        [&](const auto& one) { return *given == one.key; });
+  const CurveKind& kind = kCurveKinds[*given];
   if (contraction.has(kResponseKey) && !model::isPressure(kind.drive)) {
     contraction.complain(kResponseKey,
                          "is given for a tendon, which follows its spool; expected it "
@@ -122,11 +122,11 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
   }
   const model::Response response = readResponse(contraction, kResponseKey);
   try {
-    OptionalCurve curve = kind.read(contraction, *given);
+    OptionalCurve curve = kind.read(contraction, kind.key);
     if (curve) return NamedContraction{std::move(*curve), kind.drive, response};
   } catch (const std::invalid_argument& error) {
     contraction.complain(
-        *given,
+        kind.key,
         std::string("is not a valid contraction (values in Pa, m and rad): ") + error.what());
   }
   return std::nullopt;
@@ -147,105 +147,101 @@ constexpr NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 constexpr NumberRule kTilt{"an angle above -90 and below 90",
                            [](double x) { return x > -90 && x < 90; }};
 
-// Keys of an actuator except its pose.
-struct Fitting {
-  const NamedContraction* contraction = nullptr;
-  std::optional<model::Range> limits;
-};
-
-std::optional<model::Range> readLimits(const MapReader& keys, const std::string& contraction_name,
-                                       const NamedContraction& contraction) {
+model::Range readLimits(const MapReader& keys, const std::string& contraction_name,
+                        const NamedContraction& contraction) {
   const model::Range& range = contraction.curve.inputRange();
   model::Range limits = range;
-  bool sound = true;
+  const std::size_t before = keys.faults().count();
   for (const auto& [key, limit] : {std::pair{"min_pressure_kpa", &limits.lower},
                                    std::pair{"max_pressure_kpa", &limits.upper}}) {
     if (!keys.has(key)) continue;
     if (!model::isPressure(contraction.drive)) {
       keys.complain(key, "limits a pressure, but contraction " + contraction_name +
                              " is a tendon; expected its max_angle_rad to be the limit");
-      sound = false;
       continue;
     }
-    const std::optional<double> kpa = keys.number(key, kPressure);
-    if (kpa && !range.contains(pascals(*kpa))) {
-      keys.fault(key, "a pressure that contraction " + contraction_name + " covers, " +
-                          formatNumber(range.lower / 1e3) + " to " +
-                          formatNumber(range.upper / 1e3));
-    }
-    sound = sound && kpa && range.contains(pascals(*kpa));
-    if (kpa) *limit = pascals(*kpa);
+    Key(key, kPressure, *limit, kKilo).read(keys);
+    if (range.contains(*limit)) continue;
+    keys.fault(key, "a pressure that contraction " + contraction_name + " covers, " +
+                        formatNumber(range.lower / 1e3) + " to " + formatNumber(range.upper / 1e3));
   }
-  if (sound && !(limits.lower < limits.upper)) {
+  if (keys.faults().count() == before && !(limits.lower < limits.upper)) {
     const std::string key = keys.has("min_pressure_kpa") ? "min_pressure_kpa" : "max_pressure_kpa";
     keys.fault(key, "a minimum below the maximum");
-    sound = false;
   }
-  return sound ? std::optional(limits) : std::nullopt;
+  return limits;
 }
 
-Fitting readFitting(const MapReader& keys, const ArmContext& arm) {
-  const std::optional<std::string> name = keys.word("contraction");
-  if (!name) return {};
+// An actuator as its keys say, except for its name and place; nothing where they name no sound
+// contraction. With other faults there will be no arm.
+std::optional<model::Actuator> readFitting(const MapReader& keys,
+                                           const InheritedStiffness& stiffness,
+                                           const ArmContext& arm) {
+  const std::optional<std::string> name = keys.read("contraction", kWord);
+  if (!name) return std::nullopt;
   const auto found = arm.contractions.find(*name);
   if (found == arm.contractions.end()) {
     std::vector<std::string> known;
     for (const auto& entry : arm.contractions) known.push_back(entry.first);
     keys.fault("contraction", known.empty() ? "the name of a curve in contractions"
                                             : "one of contractions: " + alternatives(known));
-    return {};
+    return std::nullopt;
   }
-  if (!found->second) return {};
-  return {&*found->second, readLimits(keys, *name, *found->second)};
+  if (!found->second) return std::nullopt;
+  const auto& [curve, drive, response] = *found->second;
+  return model::Actuator{{},
+                         {},
+                         stiffness.value.value_or(model::Stiffness()),
+                         curve,
+                         readLimits(keys, *name, *found->second),
+                         drive,
+                         response};
 }
 
 // Length scales of a ring: one factor, or one per actuator. Invalid ones are reported and read as
 // 1.
 std::vector<double> readLengthScales(const MapReader& ring, std::size_t count) {
-  const std::string key = "length_scale";
-  if (!ring.isList(key)) {
-    return std::vector<double>(count, ring.optionalNumber(key, kLengthScale).value_or(1.0));
-  }
-  return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
+  const char* const key = "length_scale";
+  double common = 1;
+  if (!ring.isList(key)) Key(key, kLengthScale, common).read(ring);
+  std::vector<double> scales(count, common);
+  if (ring.isList(key)) Key(key, Numbers{kLengthScale, count}, scales).read(ring);
+  return scales;
 }
 
-// Appends an actuator, with one pose or, along a tapered section, several. Incomplete ones count,
-// so that default names keep their numbers.
-void addActuator(const std::optional<std::string>& name, const std::vector<lie::SE3>& along,
-                 const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
-                 model::Section& section) {
-  if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
-  section.actuators.push_back({*name, along.front(), *stiffness.value,
-                               fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
-                               fitting.contraction->drive, fitting.contraction->response});
-  if (along.size() > 1) section.actuators.back().taper = along;
+// Appends an actuator, with one pose or, along a tapered section, several.
+void addActuator(std::optional<model::Actuator> actuator, const std::string& name,
+                 const std::vector<lie::SE3>& along, double length_scale, model::Section& section) {
+  if (!actuator) return;
+  actuator->name = name;
+  actuator->X_O = along.front();
+  actuator->contraction = actuator->contraction.scaledBy(length_scale);
+  if (along.size() > 1) actuator->taper = along;
+  section.actuators.push_back(std::move(*actuator));
 }
 
 // Default name: actuators are numbered from the base on.
 std::string nextName(ArmContext& arm) { return "muscle_" + std::to_string(++arm.actuator_count); }
 
-void claimName(const MapReader& keys, const std::optional<std::string>& name, ArmContext& arm) {
-  if (!name || arm.actuator_names.insert(*name).second) return;
+void claimName(const MapReader& keys, const std::string& name, ArmContext& arm) {
+  if (arm.actuator_names.insert(name).second) return;
   keys.complain(keys.has("name") ? "name" : "",
-                "makes a second actuator named " + *name + "; expected distinct names");
+                "makes a second actuator named " + name + "; expected distinct names");
 }
 
-// A number, or a list of 2 or more from the section's beginning to its end.
-std::optional<std::vector<double>> readAlong(const MapReader& ring, const std::string& key,
-                                             const NumberRule& rule,
-                                             const std::optional<double>& fallback) {
-  if (ring.isList(key)) {
-    auto numbers = ring.numbers(key, 0, rule);
-    if (!numbers || (numbers->size() >= 2 && numbers->size() <= model::kMostCells + 1)) {
-      return numbers;
-    }
-    ring.complainOfSize(key, numbers->size(),
-                        "one number, or a list of 2 to " + std::to_string(model::kMostCells + 1));
-    return std::nullopt;
+// A number, or a list of 2 or more from the section's beginning to its end; empty after a fault.
+std::vector<double> readAlong(const MapReader& ring, const std::string& key,
+                              const NumberRule& rule) {
+  if (!ring.isList(key)) {
+    const std::optional<double> number = ring.read(key, rule);
+    return number ? std::vector<double>{*number} : std::vector<double>();
   }
-  const std::optional<double> number =
-      fallback && !ring.has(key) ? fallback : ring.number(key, rule);
-  return number ? std::optional(std::vector<double>{*number}) : std::nullopt;
+  const std::optional<std::vector<double>> numbers = ring.read(key, Numbers{rule});
+  if (!numbers) return {};
+  if (numbers->size() >= 2 && numbers->size() <= model::kMostCells + 1) return *numbers;
+  ring.complainOfSize(key, numbers->size(),
+                      "one number, or a list of 2 to " + std::to_string(model::kMostCells + 1));
+  return {};
 }
 
 bool isZero(const std::vector<double>& values) {
@@ -265,23 +261,22 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
                             "length_scale",
                             "min_pressure_kpa",
                             "max_pressure_kpa"});
-  const auto radius = readAlong(ring, "radius_m", kLength, std::nullopt);
-  const auto tilt_deg = readAlong(ring, "tilt_deg", kTilt, 0.0);
-  const Fitting fitting = readFitting(ring, arm);
+  const std::vector<double> radius = readAlong(ring, "radius_m", kLength);
+  const std::vector<double> tilt_deg =
+      ring.has("tilt_deg") ? readAlong(ring, "tilt_deg", kTilt) : std::vector<double>{0};
+  const std::optional<model::Actuator> fitting = readFitting(ring, stiffness, arm);
   if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
     ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
   }
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
-  if (arm.planar && tilt_deg && !isZero(*tilt_deg)) {
-    ring.fault("tilt_deg", "0: a planar arm has no tilt");
-  }
-  if (!count || !radius || !tilt_deg) return;
-  const std::size_t places = std::max(radius->size(), tilt_deg->size());
-  if (std::min(radius->size(), tilt_deg->size()) > 1 && radius->size() != tilt_deg->size()) {
-    ring.complain("tilt_deg", "has " + std::to_string(tilt_deg->size()) + " values; expected " +
-                                  std::to_string(radius->size()) +
+  if (arm.planar && !isZero(tilt_deg)) ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  if (!count || radius.empty() || tilt_deg.empty()) return;
+  const std::size_t places = std::max(radius.size(), tilt_deg.size());
+  if (std::min(radius.size(), tilt_deg.size()) > 1 && radius.size() != tilt_deg.size()) {
+    ring.complain("tilt_deg", "has " + std::to_string(tilt_deg.size()) + " values; expected " +
+                                  std::to_string(radius.size()) +
                                   ", as many as radius_m, or one number");
     return;
   }
@@ -290,8 +285,8 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
     const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
     std::vector<lie::SE3> along;
     for (std::size_t place = 0; place < places; ++place) {
-      const double r = (*radius)[radius->size() > 1 ? place : 0];
-      const double tilt = (*tilt_deg)[tilt_deg->size() > 1 ? place : 0];
+      const double r = radius[radius.size() > 1 ? place : 0];
+      const double tilt = tilt_deg[tilt_deg.size() > 1 ? place : 0];
       lie::SE3 X_O{muscleRotation(th, radians(tilt)),
                    r * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
       // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
@@ -301,43 +296,43 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
     }
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(name, along, stiffness, fitting, scales[static_cast<std::size_t>(i)], out);
+    addActuator(fitting, name, along, scales[static_cast<std::size_t>(i)], out);
   }
 }
 
-std::optional<lie::SE3> readActuatorPose(const MapReader& keys, bool planar) {
-  const bool tilted = keys.has("tilt_deg"), turned = keys.has("rpy_deg");
-  const auto p = keys.vector3("position_m", kCoordinate);
-  const auto rpy_deg =
-      turned ? keys.vector3("rpy_deg", kFinite) : std::optional(Eigen::Vector3d(0, 0, 0));
-  const double tilt_deg = keys.optionalNumber("tilt_deg", kTilt).value_or(0.0);
-  if (tilted && turned) keys.fault("tilt_deg", "either tilt_deg or rpy_deg");
-  if (p && p->x() != 0) {
-    keys.complain("position_m",
-                  "has x = " + formatNumber(p->x()) + "; expected 0, the cross-section");
+lie::SE3 readActuatorPose(const MapReader& keys, bool planar) {
+  double tilt_deg = 0;
+  Eigen::Vector3d p(0, 1, 0), rpy_deg(0, 0, 0);  // kept after a fault: they cause no other
+  for (const Key& key : {Key("position_m", kCoordinate, p).required(),
+                         Key("rpy_deg", kFinite, rpy_deg), Key("tilt_deg", kTilt, tilt_deg)}) {
+    key.read(keys);
   }
-  if (planar && p && p->z() != 0) {
+  const bool tilted = keys.has("tilt_deg");
+  if (tilted && keys.has("rpy_deg")) keys.fault("tilt_deg", "either tilt_deg or rpy_deg");
+  if (p.x() != 0) {
     keys.complain("position_m",
-                  "has z = " + formatNumber(p->z()) + "; expected 0, the arm's plane");
+                  "has x = " + formatNumber(p.x()) + "; expected 0, the cross-section");
   }
-  if (planar && rpy_deg && !rpy_deg->head<2>().isZero(0)) {
+  if (planar && p.z() != 0) {
+    keys.complain("position_m", "has z = " + formatNumber(p.z()) + "; expected 0, the arm's plane");
+  }
+  if (planar && !rpy_deg.head<2>().isZero(0)) {
     keys.complain("rpy_deg", "leaves the plane; expected roll and pitch 0 in a planar arm");
   }
   if (planar && tilt_deg != 0) keys.fault("tilt_deg", "0: a planar arm has no tilt");
-  if (p && p->isZero(0) && tilt_deg != 0) {
+  if (p.isZero(0) && tilt_deg != 0) {
     keys.fault("tilt_deg", "0 at the centre, which has no outward side to tilt about");
   }
-  if (!p || !rpy_deg) return std::nullopt;
-  if (!tilted || planar) return lie::SE3{rotationOfRpyDeg(*rpy_deg), *p};
-  return lie::SE3{muscleRotation(std::atan2(p->z(), p->y()), radians(tilt_deg)), *p};
+  if (!tilted || planar) return {rotationOfRpyDeg(rpy_deg), p};
+  return {muscleRotation(std::atan2(p.z(), p.y()), radians(tilt_deg)), p};
 }
 
 void readActuator(const MapReader& keys, const InheritedStiffness& inherited, ArmContext& arm,
                   model::Section& section) {
-  const std::string numbered = nextName(arm);
-  const auto name = keys.has("name") ? keys.word("name") : std::optional(numbered);
+  std::string name = nextName(arm);
+  Key("name", kWord, name).read(keys);
   claimName(keys, name, arm);
-  const auto X_O = readActuatorPose(keys, arm.planar);
+  const lie::SE3 X_O = readActuatorPose(keys, arm.planar);
   const InheritedStiffness stiffness = readStiffness(keys, inherited);
   const Value* own = keys.find("stiffness");
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
@@ -346,17 +341,17 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
                " is that of one actuator; expected it in the stiffness of the section or of arm: K "
                "of a section is relative to one K_eps");
   }
-  const Fitting fitting = readFitting(keys, arm);
-  if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
-  const double length_scale = keys.optionalNumber("length_scale", kLengthScale).value_or(1.0);
-  if (X_O) addActuator(name, {*X_O}, stiffness, fitting, length_scale, section);
+  const std::optional<model::Actuator> fitting = readFitting(keys, stiffness, arm);
+  if (!stiffness.value) keys.fault("stiffness", "it here, in the section or in arm");
+  double length_scale = 1;
+  Key("length_scale", kLengthScale, length_scale).read(keys);
+  addActuator(fitting, name, {X_O}, length_scale, section);
 }
 
-// K_eps against pressure. Invalid ones are reported and leave none.
+// K_eps against pressure.
 void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
-  stiffness.K_eps.reset();
-  const auto pressure = keys.numbers("pressure_kpa", 0, kPressure);
-  const auto force = keys.numbers("force_n", 0, kExtensionalStiffness);
+  const auto pressure = keys.read("pressure_kpa", Numbers{kPressure});
+  const auto force = keys.read("force_n", Numbers{kExtensionalStiffness});
   if (!pressure || !force) return;
   if (pressure->size() < 2 || pressure->size() != force->size()) {
     keys.complain("force_n", "has " + std::to_string(force->size()) + " entries for " +
@@ -426,24 +421,21 @@ Contractions readContractions(const MapReader& scene) {
   return contractions;
 }
 
-InheritedStiffness readStiffness(const MapReader& owner, const InheritedStiffness& inherited) {
-  std::optional<double> gamma, tau, kappa;
+InheritedStiffness readStiffness(const MapReader& owner, InheritedStiffness stiffness) {
+  model::Stiffness K{};
   const auto keys =
-      owner.map("stiffness", {Key("K_gamma", kStiffness, gamma).required(),
-                              Key("K_tau_m2", kStiffness, tau).required(),
-                              Key("K_kappa_m2", kStiffness, kappa).required(), "K_eps_n"});
-  if (!keys) return inherited;
-  InheritedStiffness stiffness = inherited;
-  stiffness.given = true;
-  stiffness.value.reset();
-  if (gamma && tau && kappa) stiffness.value = model::Stiffness{*gamma, *tau, *kappa};
+      owner.map("stiffness", {Key("K_gamma", kStiffness, K.gamma).required(),
+                              Key("K_tau_m2", kStiffness, K.tau).required(),
+                              Key("K_kappa_m2", kStiffness, K.kappa).required(), "K_eps_n"});
+  if (!keys) return stiffness;
+  stiffness.value = K;
   if (!keys->has("K_eps_n")) return stiffness;
-  stiffness.K_eps_given = true;
+  stiffness.K_eps = 1;
   stiffness.table = {};
   if (keys->find("K_eps_n")->kind == Value::Kind::kMap) {
     readStiffnessTable(*keys->map("K_eps_n", {"pressure_kpa", "force_n"}), stiffness);
   } else {
-    stiffness.K_eps = keys->number("K_eps_n", kExtensionalStiffness);
+    Key("K_eps_n", kExtensionalStiffness, stiffness.K_eps).read(*keys);
   }
   return stiffness;
 }
@@ -462,16 +454,16 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
                         {"separator_radius_m", kLength, look.separator_radius},
                         {"muscle_radius_m", kLength, look.muscle_radius}},
                        faults);
-  look.name = keys.word("name").value_or("");
+  look.name = keys.read("name", kWord).value_or("");
   if (!look.name.empty() && !arm.section_names.insert(look.name).second) {
     keys.fault("name", "a name that no other section has");
   }
   parts.stiffness = readStiffness(keys, arm.stiffness);
-  const auto layout = keys.exactlyOne({"ring", "actuators"});
-  if (layout == "ring") {
-    if (!parts.stiffness.given) keys.fault("stiffness", "it here or in arm");
+  const std::optional<std::size_t> layout = keys.exactlyOne({"ring", "actuators"});
+  if (layout == 0) {
+    if (!parts.stiffness.value) keys.fault("stiffness", "it here or in arm");
     readRing(keys, parts.stiffness, arm, parts.section);
-  } else if (layout == "actuators") {
+  } else if (layout) {
     const bool listed = keys.eachOf("actuators", [&](const Value& one, const std::string& place) {
       readActuator(MapReader(one, place,
                              {"name", "position_m", "rpy_deg", "tilt_deg", "contraction",

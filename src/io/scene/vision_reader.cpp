@@ -21,7 +21,7 @@ constexpr NumberRule kPixels{"a whole number > 0",
                              [](double x) { return x > 0 && x == std::floor(x); }, 1, 20000, " px"};
 
 void readDistortion(const MapReader& camera, std::array<double, 8>& distortion) {
-  const auto given = camera.numbers("distortion", 0, within(kFinite, -1e4, 1e4));
+  const auto given = camera.read("distortion", Numbers{within(kFinite, -1e4, 1e4)});
   if (!given) return;
   if (given->size() != 4 && given->size() != 5 && given->size() != 8) {
     camera.complainOfSize("distortion", given->size(), "4, 5 or 8: k1 k2 p1 p2 k3 k4 k5 k6");
@@ -33,7 +33,7 @@ void readDistortion(const MapReader& camera, std::array<double, 8>& distortion) 
 std::vector<Key> webcamKeys(vision::WebcamConfig& webcam) {
   constexpr Whole kDriverUnits{0, 1'000'000};
   return {{"device", Text{"the path of a device"}, webcam.device},
-          {"fourcc", OneOf{{"MJPG", "YUYV", "UYVY", "GREY"}}, webcam.fourcc},
+          {"fourcc", oneOf({"MJPG", "YUYV", "UYVY", "GREY"}), webcam.fourcc},
           {"fps", within(kPositive, 0.01, 1000, " Hz"), webcam.fps},
           {"focus", kDriverUnits, webcam.focus},
           {"exposure", kDriverUnits, webcam.exposure}};
@@ -46,33 +46,30 @@ constexpr NumberRule kTagId{"a whole number >= 0",
 // curve.
 struct Mount {
   int section = 0;
-  std::optional<int> actuator;  // its index in the arm
+  const model::Actuator* actuator = nullptr;
 };
 
 // Invalid keys were reported; the mount then has default values.
 Mount readMount(const MapReader& group, const ArmParts& parts) {
   Mount mount;
   if (group.has("section")) {
-    const std::optional<int> section = group.indexOf("section", sectionNames(parts));
+    const std::optional<int> section = group.read("section", sectionsOf(parts));
     if (!section) return mount;
     mount.section = *section;
   }
-  if (group.has("actuator")) {
-    std::vector<std::string> actuators;
-    const int first = parts.arm.firstActuator(mount.section);
-    for (int i = first; i < parts.arm.firstActuator(mount.section + 1); ++i) {
-      actuators.push_back(parts.arm.actuator(i).name);
-    }
-    const std::optional<int> actuator = group.indexOf("actuator", actuators);
-    if (actuator) mount.actuator = first + *actuator;
+  OneOf<const model::Actuator*> actuators;
+  for (int i = parts.arm.firstActuator(mount.section);
+       i < parts.arm.firstActuator(mount.section + 1); ++i) {
+    actuators.words.emplace_back(parts.arm.actuator(i).name, &parts.arm.actuator(i));
   }
+  Key("actuator", actuators, mount.actuator).read(group);
   return mount;
 }
 
 void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFamily& family,
                const ArmParts* arm, estimation::TagLayout& layout) {
-  const auto ids = group.numbers("ids", 0, kTagId);
-  const auto s = group.numbers("s", 0, kFraction);
+  const auto ids = group.read("ids", Numbers{kTagId});
+  const auto s = group.read("s", Numbers{kFraction});
   const Mount mount = arm ? readMount(group, *arm) : Mount();
   if (!ids) return;
   if (ids->empty()) group.complain("ids", "is empty; expected at least one tag");
@@ -91,8 +88,7 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFa
     }
     // A tag without s still counts, since its id is used.
     const double at = s && i < s->size() ? (*s)[i] : 0.0;
-    const lie::SE3 X_SM =
-        mount.actuator ? model::poseAlong(arm->arm.actuator(*mount.actuator), at) : lie::SE3();
+    const lie::SE3 X_SM = mount.actuator ? model::poseAlong(*mount.actuator, at) : lie::SE3();
     layout.tags.push_back({id, mount.section, at, X_SM * X_MT});
   }
 }
@@ -100,17 +96,12 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFa
 constexpr NumberRule kSmallLength = within(kPositive, 1e-6, 1, " m");
 constexpr NumberRule kSmallAngle = within(kPositive, 1e-4, 180, " degrees");
 
-void readTracking(const MapReader& keys, vision::TrackingMode& mode) {
-  using vision::TrackingMode;
-  constexpr TrackingMode kModes[] = {TrackingMode::kEdges, TrackingMode::kRegions,
-                                     TrackingMode::kFull};
-  if (const auto index = keys.indexOf("tracking", {"edges", "regions", "full"})) {
-    mode = kModes[*index];
-  }
-}
-
 std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
   constexpr NumberRule kDecimation{"a finite value >= 1", [](double x) { return x >= 1; }, 1, 16};
+  using vision::TrackingMode;
+  const OneOf<TrackingMode> kTracking{{{"edges", TrackingMode::kEdges},
+                                       {"regions", TrackingMode::kRegions},
+                                       {"full", TrackingMode::kFull}}};
   vision::DetectorConfig& detector = config.detector;
   estimation::TwistFitOptions& fit = config.fit;
   return {{"quad_decimate", kDecimation, detector.quad_decimate},
@@ -118,8 +109,7 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
           {"threads", Whole{1, 64}, detector.threads},
           {"refine_edges", detector.refine_edges},
           {"max_hamming", Whole{0, 3}, detector.max_hamming},
-          {"tracking", [&config](const MapReader& keys,
-                                 const std::string&) { readTracking(keys, config.tracking); }},
+          {"tracking", kTracking, config.tracking},
           {"min_tags", Whole{2, estimation::kMaxTags}, config.min_tags},
           {"corner_noise_px", within(kPositive, 1e-3, 100, " px"), fit.corner_noise},
           {"tag_position_noise_m", kSmallLength, fit.position_noise},
@@ -139,23 +129,16 @@ constexpr NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
 constexpr NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 
 // @param actuators  0 if the arm has faults: the number of scales is then not checked.
-std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, int actuators) {
-  const auto each = [actuators](NumberRule rule, Eigen::VectorXd& scales) {
-    return [actuators, rule, &scales](const MapReader& keys, const std::string& key) {
-      if (const auto found = keys.numbers(key, static_cast<std::size_t>(actuators), rule)) {
-        scales = Eigen::Map<const Eigen::VectorXd>(found->data(),
-                                                   static_cast<Eigen::Index>(found->size()));
-      }
-    };
-  };
+std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, std::size_t actuators) {
+  const Numbers lengths{kScaleOfLength, actuators}, stiffnesses{kStiffnessScale, actuators};
   return {
       {"K_gamma_scale", kStiffnessScale, arm.K_gamma_scale},
       {"K_kappa_scale", kStiffnessScale, arm.K_kappa_scale},
       {"length_scale", kScaleOfLength, arm.length_scale},
-      {"length_scales", each(kScaleOfLength, arm.length_scales)},
+      {"length_scales", lengths, arm.length_scales},
       {"K_eps_scale", kStiffnessScale, arm.K_eps_scale},
-      {"stroke_scales", each(kScaleOfLength, arm.stroke_scales)},
-      {"stiffness_scales", each(kStiffnessScale, arm.stiffness_scales)},
+      {"stroke_scales", lengths, arm.stroke_scales},
+      {"stiffness_scales", stiffnesses, arm.stiffness_scales},
       {"dead_time_s", within(kNotNegative, 0, 1, " s"), arm.dead_time},
       {"mode",
        [&arm](const MapReader& keys, const std::string& key) {
@@ -223,41 +206,31 @@ void setVibration(const MapReader& keys, const std::optional<double>& given,
   loop.smoothing = std::max(loop.smoothing, least);
 }
 
-void readReaction(const MapReader& keys, follow::OnContact& reaction) {
-  std::vector<std::string> words;
-  for (const follow::OnContact known : follow::kContactReactions) words.emplace_back(nameOf(known));
-  if (const auto index = keys.indexOf("on_contact", words)) {
-    reaction = follow::kContactReactions[*index];
-  }
-}
-
 }  // namespace
 
 std::optional<CameraConfig> readCamera(const MapReader& scene) {
   CameraConfig camera;
   estimation::Camera& model = camera.model;
   vision::WebcamConfig webcam;
-  double width = 0, height = 0;
+  Eigen::Vector2d size(0, 0), focal(0, 0), centre(0, 0);
   const auto keys = scene.map(
-      "camera",
-      {Key("size_px", kPixels, std::vector{&width, &height}).required(),
-       Key("focal_px", within(kPositive, 1, 1e6, " px"), std::vector{&model.fx, &model.fy})
-           .required(),
-       Key("centre_px", within(kFinite, -1e5, 1e5, " px"), std::vector{&model.cx, &model.cy})
-           .required(),
-       {"distortion",
-        [&](const MapReader& map, const std::string&) { readDistortion(map, model.distortion); }},
-       "position_m",
-       "rpy_deg",
-       {"webcam", webcamKeys(webcam)}});
+      "camera", {Key("size_px", kPixels, size).required(),
+                 Key("focal_px", within(kPositive, 1, 1e6, " px"), focal).required(),
+                 Key("centre_px", within(kFinite, -1e5, 1e5, " px"), centre).required(),
+                 {"distortion", [&](const MapReader& map,
+                                    const std::string&) { readDistortion(map, model.distortion); }},
+                 "position_m",
+                 "rpy_deg",
+                 {"webcam", webcamKeys(webcam)}});
   if (!keys) return std::nullopt;
-  if (width * height > vision::JpegDecoder::kMaxPixels) {
-    keys->complain("size_px", "makes " + formatNumber(width * height) +
-                                  " pixels; expected at most " +
+  if (size.prod() > vision::JpegDecoder::kMaxPixels) {
+    keys->complain("size_px", "makes " + formatNumber(size.prod()) + " pixels; expected at most " +
                                   formatNumber(vision::JpegDecoder::kMaxPixels));
   }
-  model.width = static_cast<int>(width);
-  model.height = static_cast<int>(height);
+  model.width = static_cast<int>(size.x());
+  model.height = static_cast<int>(size.y());
+  std::tie(model.fx, model.fy) = std::pair(focal.x(), focal.y());
+  std::tie(model.cx, model.cy) = std::pair(centre.x(), centre.y());
   keys->required("position_m", "the position of the camera in the world [m]");
   keys->required("rpy_deg",
                  "the rotation of its frame, whose x axis is the optical axis [degrees]");
@@ -274,7 +247,7 @@ std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
   TagParts parts{vision::DetectorConfig().family, {}, {}, {}};
   const auto tags = scene.map(
       "tags",
-      {{"family", OneOf{vision::TagFamily::names()}, parts.family},
+      {{"family", oneOf(vision::TagFamily::names()), parts.family},
        Key("size_m", kLength, parts.layout.size).required(),
        // A wider prior has no effect.
        {"placement_prior",
@@ -302,12 +275,11 @@ std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
 vision::LocalizerConfig readVision(const MapReader& scene, const std::string& family) {
   vision::LocalizerConfig config;
   if (!family.empty()) config.detector.family = family;
-  const std::size_t faults_before = scene.faults().count();
   if (const auto keys = scene.map("vision", visionKeys(config))) {
     config.fit.free_base = keys->has("base_prior");
     config.fit.free_bleed = keys->has("bleed_prior_m");
+    if (!keys->isSound()) return config;
   }
-  if (scene.faults().count() != faults_before) return config;
   try {
     config.detector.validate();
   } catch (const std::invalid_argument& error) {
@@ -318,7 +290,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
 
 SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm) {
   SimulationConfig config;
-  const int actuators = arm == nullptr ? 0 : arm->arm.actuatorCount();
+  const std::size_t actuators = arm == nullptr ? 0 : arm->arm.actuatorCount();
   scene.map("simulation", {{"arm", deviationKeys(config.arm, actuators)},
                            {"mounts", mountKeys(config.mounts)},
                            {"camera", pictureKeys(config.camera)}});
@@ -348,8 +320,7 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
        {"creep", within(kNotNegative, 0, 100, " per square root of a second"), filter.creep},
        {"bias_translation_m", kSmallLength, filter.bias_translation},
        {"bias_rotation_deg", kSmallAngle, filter.bias_rotation, kDegree},
-       {"on_contact",
-        [&loop](const MapReader& map, const std::string&) { readReaction(map, loop.on_contact); }},
+       {"on_contact", oneOfNamed(follow::kContactReactions), loop.on_contact},
        {"contact_limit", within(kPositive, 1, 1e6), loop.contact.limit},
        {"reading_noise_kpa", within(kPositive, 1e-3, 100, " kPa"), loop.reading_noise, kKilo}});
   if (!keys) return loop;
