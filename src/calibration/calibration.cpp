@@ -10,10 +10,8 @@
 #include <utility>
 
 #include "calibration_checks.hpp"
-#include "calibration_combinations.hpp"
 #include "calibration_fit.hpp"
 #include "calibration_problem.hpp"
-#include "calibration_statistics.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 

@@ -8,7 +8,6 @@
 #include <optional>
 #include <utility>
 
-#include "calibration_statistics.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 #include "shape_model.hpp"
 
@@ -133,7 +132,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
 //
 // @param covariance  (parameters)^2 without what is not known of all that is not fitted.
 // @return what to add to it.
-Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& best,
+Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const NoisySolution& best,
                                  const Eigen::MatrixXd& covariance) {
   const Values full = problem.values();
   Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
@@ -210,7 +209,7 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   Candidate candidate;
   CalibrationFit& fit = candidate.fit;
   fit.problem = std::make_shared<CalibrationProblem>(arms, options, selection);
-  const Estimate estimate = solveWithNoise(*fit.problem, bias);
+  const NoisySolution estimate = solveWithNoise(*fit.problem, bias);
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
   fit.freedom = estimate.freedom;
@@ -384,7 +383,7 @@ CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const Calibrat
                             const Selection& wanted, ReadingKind kind) {
   CalibrationFit fit;
   fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
-  const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
+  const NoisySolution estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
   fit.converged = estimate.converged;
   fit.determined = estimate.determined;
   fit.noise_scale = estimate.noise_scale;

@@ -1,5 +1,3 @@
-#include "calibration_statistics.hpp"
-
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -10,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "calibration_fit.hpp"
 #include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
@@ -104,8 +103,8 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   return out;
 }
 
-Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
-  Estimate estimate;
+NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
+  NoisySolution estimate;
   // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
   // residuals; otherwise the robust loss would discard all readings.
   std::vector<double> errors;
