@@ -213,8 +213,10 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
   fit.freedom = estimate.freedom;
+  fit.determined = estimate.determined;
+  if (!options.errors) return candidate;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
-  fit.determined = estimate.determined && statistics.determined;
+  fit.determined = fit.determined && statistics.determined;
   fit.converged = fit.converged && fit.determined;
   fit.information = std::move(statistics.information);
   const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
@@ -379,17 +381,6 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
 
 }  // namespace
 
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                            const Selection& wanted, ReadingKind kind) {
-  CalibrationFit fit;
-  fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
-  const NoisySolution estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
-  fit.converged = estimate.converged;
-  fit.determined = estimate.determined;
-  fit.noise_scale = estimate.noise_scale;
-  return fit;
-}
-
 bool isIdentified(const ParameterInfo& info, double variance) {
   const bool known = !info.logarithmic || variance <= kLargestRelativeError * kLargestRelativeError;
   return known && variance <= (1 - kLeastGain) * info.deviation * info.deviation;
@@ -408,6 +399,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     return verdict.holds_up;
   };
   Candidate first = candidateOf(arms, options, wanted, all, bias);
+  if (!options.errors) return std::move(first.fit);
   if (first.fit.converged) first.fit.asked = first.fit.problem;
   first.fit.asked_noise_scale = first.fit.noise_scale;
   const bool good = isGood(first.fit);

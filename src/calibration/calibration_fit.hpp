@@ -67,7 +67,7 @@ struct CalibrationFit {
   bool determined = true;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
   double freedom = 1;      ///< residuals from which it was estimated, less the fitted parameters
-  // The sizes are those of the problem's parameters; empty after fitRequested().
+  // The sizes are those of the problem's parameters; empty without errors.
   Eigen::MatrixXd information;  ///< from readings and priors
   Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted
   std::vector<bool> identified;
@@ -93,14 +93,8 @@ using HeldOutCheck = std::function<HeldOutVerdict(const CalibrationFit&)>;
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
 
-/// Fits all requested parameters, without errors and verdicts.
-///
-/// The fit keeps references to arms and options.
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                            const Selection& wanted, ReadingKind kind);
-
 /// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
-/// best-determined entries are fitted. The others keep their values.
+/// best-determined entries are fitted. The others keep their values. Without errors, fits all.
 ///
 /// The fit keeps references to arms and options.
 /// @param check  that a fit with identified stiffness must pass as well.

@@ -236,16 +236,8 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
 
 double cornerError(const TagLayout& layout, const model::Shape& shape, const lie::SE3& X_CB,
                    const CornerObservation& seen, double focal) {
-  const TagPlacement& tag = layout.tags[static_cast<std::size_t>(seen.tag)];
-  const lie::SE3 X_CT = X_CB * model::poseAt(shape, tag.section, tag.s) * tag.X_ST;
-  const Corners plane = layout.corners();
-  double square = 0;
-  for (int c = 0; c < 4; ++c) {
-    const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
-    if (!(p_C.z() > 0)) return std::numeric_limits<double>::infinity();
-    square += (p_C.head<2>() / p_C.z() - seen.direction.col(c)).squaredNorm();
-  }
-  return focal * std::sqrt(square / kRows);
+  const Corners off = observe(layout, shape, X_CB, seen.tag).direction - seen.direction;
+  return focal * off.norm() / std::sqrt(kRows);
 }
 
 lie::Matrix6 cameraCovariance(const lie::SE3& X_WB, const lie::SE3& X_CB,

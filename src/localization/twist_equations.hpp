@@ -472,15 +472,17 @@ inline lie::Matrix6 motionsOf(const TagPlacement& tag, double rest_length,
   return out;
 }
 
-/// Corners that an ideal camera sees.
-inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
-  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
-  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
-  const Corners plane = view.layout.corners();
+/// Corners that an ideal camera at this place sees; not finite where one is not in front of it.
+inline CornerObservation observe(const TagLayout& layout, const model::Shape& shape,
+                                 const lie::SE3& X_CB, int tag) {
+  const TagPlacement& placed = layout.tags[static_cast<std::size_t>(tag)];
+  const lie::SE3 X_CT = X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+  const Corners plane = layout.corners();
   CornerObservation out{tag, {}};
   for (int c = 0; c < 4; ++c) {
     const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
     out.direction.col(c) = p_C.head<2>() / p_C.z();
+    if (!(p_C.z() > 0)) out.direction.setConstant(std::numeric_limits<double>::infinity());
   }
   return out;
 }
