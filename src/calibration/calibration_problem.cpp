@@ -217,25 +217,17 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   return out;
 }
 
-std::vector<Comparison> CalibrationProblem::compareSquares(double noise_scale) {
+std::vector<Comparison> CalibrationProblem::compare(double noise_scale, bool errors) {
   const LinearisedReadings& readings = this->readings(everyCapture, false);
   std::vector<Comparison> out;
   out.reserve(terms_.size());
   for (std::size_t t = 0; t < terms_.size(); ++t) {
-    const ReadingTerm& term = terms_[t];
-    out.push_back({term.cost->place().capture, term.cost->tag(), term.cost->residuals(),
-                   readings.square(t) / (noise_scale * noise_scale), term.limit, 0});
-  }
-  return out;
-}
-
-std::vector<Comparison> CalibrationProblem::compare(double noise_scale) {
-  std::vector<Comparison> out = compareSquares(noise_scale);
-  const LinearisedReadings& readings = this->readings(everyCapture, false);
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
     const ReadingCost& cost = *terms_[t].cost;
-    out[t].error =
-        cost.shown(readings.state(cost.place().capture), blocks_.values(), readings.square(t));
+    const int capture = cost.place().capture;
+    const double square = readings.square(t);
+    out.push_back({capture, cost.tag(), cost.residuals(), square / (noise_scale * noise_scale),
+                   terms_[t].limit,
+                   errors ? cost.shown(readings.state(capture), values(), square) : 0.0});
   }
   return out;
 }

@@ -70,9 +70,9 @@ class CalibrationProblem {
                double tolerance = kSolvedTolerance);
 
   /// Compares all readings with the current values.
-  std::vector<Comparison> compare(double noise_scale);
-  /// Likewise without `error`.
-  std::vector<Comparison> compareSquares(double noise_scale);
+  ///
+  /// @param errors  whether `error` is of interest.
+  std::vector<Comparison> compare(double noise_scale, bool errors = true);
 
   /// Equations of the included readings and of the priors at the current values, until the next
   /// call of any function that is not const.

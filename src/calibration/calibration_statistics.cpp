@@ -108,7 +108,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
   // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
   // residuals; otherwise the robust loss would discard all readings.
   std::vector<double> errors;
-  for (const Comparison& one : problem.compareSquares(1.0)) {
+  for (const Comparison& one : problem.compare(1.0, false)) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
   }
   if (errors.empty()) return estimate;
@@ -137,7 +137,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
       data_parameters = *counted;
     }
     counted_at = before;
-    const NoiseScale seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
+    const NoiseScale seen = noiseScaleOf(problem.compare(before, false), data_parameters, before);
     estimate.freedom = seen.freedom;
     const double now = std::hypot(seen.scale, bias);
     const bool settled = std::abs(now / before - 1) < kNoiseSettled;

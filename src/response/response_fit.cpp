@@ -392,26 +392,33 @@ std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion)
   return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
 }
 
-// Common lags to start from: none, and the best of a series.
-std::vector<double> startingLags(const ResponseReadings& readings, bool lags) {
-  if (!lags) return {0.0};
-  double best = 0.0, least = std::numeric_limits<double>::infinity();
+// Of some responses the one with the least deviation of the readings.
+model::Response closestOf(const ResponseReadings& readings,
+                          const std::vector<model::Response>& responses) {
+  std::vector<double> rss;
+  for (const model::Response& one : responses) rss.push_back(readings.residual(one).squaredNorm());
+  return responses[std::min_element(rss.begin(), rss.end()) - rss.begin()];
+}
+
+// The best common lag of a series, to start from.
+model::Response startingLag(const ResponseReadings& readings) {
+  std::vector<model::Response> series;
   for (double lag = 0.03; lag < 31; lag *= 1.5) {
-    model::Response response;
-    response.rise_time = response.fall_time = lag;
-    const double rss = readings.residual(response).squaredNorm();
-    if (rss < least) {
-      least = rss;
-      best = lag;
-    }
+    series.emplace_back().rise_time = lag;
+    series.back().fall_time = lag;
   }
-  return {0.0, best};
+  return closestOf(readings, series);
 }
 
 // Plays to start from: the best single one and, if there may be several, one at each threshold.
 std::vector<model::Response> startingPlays(const ResponseReadings& readings,
                                            const model::Response& lags, bool several) {
-  std::vector<model::Response> out;
+  std::vector<model::Response> singles, out;
+  for (double reach = readings.range() / 60; reach < readings.range() / 3; reach *= 1.35) {
+    singles.push_back(lags);
+    singles.back().play_count = 1;
+    singles.back().plays[0] = {reach, kStartWeight};
+  }
   if (several) {
     out.push_back(lags);
     for (const double part : kPlayThresholds) {
@@ -419,18 +426,7 @@ std::vector<model::Response> startingPlays(const ResponseReadings& readings,
       all.plays[all.play_count++] = {part * readings.range(), kStartWeight / 2};
     }
   }
-  model::Response best;
-  double least = std::numeric_limits<double>::infinity();
-  for (double reach = readings.range() / 60; reach < readings.range() / 3; reach *= 1.35) {
-    model::Response single = lags;
-    single.play_count = 1;
-    single.plays[0] = {reach, kStartWeight};
-    const double rss = readings.residual(single).squaredNorm();
-    if (rss >= least) continue;
-    least = rss;
-    best = single;
-  }
-  out.push_back(best);
+  out.push_back(closestOf(readings, singles));
   return out;
 }
 
@@ -510,14 +506,13 @@ std::vector<ResponseCandidate> candidatesOf(const ResponseReadings& readings,
     return descent.polish(plays,
                           withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays));
   };
-  for (const double lag : startingLags(readings, !lags.empty())) {
-    model::Response start;
-    start.rise_time = start.fall_time = lag;
-    if (lag > 0) out.push_back(descent.polish(start, lags));
+  for (const bool lagged : {false, true}) {
+    if (lagged && lags.empty()) break;
+    if (lagged) out.push_back(descent.polish(startingLag(readings), lags));
     if (!reverses) continue;
     const model::Response from = out.back().response;
     for (const model::Response& plays : startingPlays(readings, from, several)) {
-      out.push_back(withPlays(plays, lag > 0));
+      out.push_back(withPlays(plays, lagged));
     }
   }
   if (!reverses) return out;

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/calibration_words.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 
 #include <gtest/gtest.h>
 
