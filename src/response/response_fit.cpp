@@ -7,11 +7,11 @@
 #include <cmath>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <utility>
 #include <vector>
 
 #include "basics/least_squares.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -556,10 +556,9 @@ void conclude(bool in_motion, bool reverses, bool play_is_scatter, ResponseFit& 
 ResponseFit fitReadings(const ResponseReadings& readings, bool several) {
   ResponseFit out;
   if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
-    std::ostringstream text;
-    text << "the data hold " << readings.count() << " readings; expected at least "
-         << 3 * readings.coefficients() << " at pressures that differ";
-    out.failure = text.str();
+    out.failure =
+        basics::messageOf("the data hold ", readings.count(), " readings; expected at least ",
+                          3 * readings.coefficients(), " at pressures that differ");
     return out;
   }
   const std::vector<ResponseNumber> lags = responseLags(readings.motion());
