@@ -40,8 +40,7 @@ std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model
   equations.start(shape.twists(), point);
   std::vector<CornerObservation> seen;
   seen.reserve(tags.size());
-  for (const int tag : tags)
-    seen.push_back(observe(placed.view.layout, point.shape, placed.view.X_CB, tag));
+  for (const int tag : tags) seen.push_back(observe(placed.view, point.shape, tag));
   NormalEquations<Eigen::Dynamic> system;
   equations.evaluate(corners, seen, -1, point, system);
   if (!std::isfinite(point.cost)) return std::nullopt;

@@ -487,4 +487,8 @@ inline CornerObservation observe(const TagLayout& layout, const model::Shape& sh
   return out;
 }
 
+inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
+  return observe(view.layout, shape, view.X_CB, tag);
+}
+
 }  // namespace helix_arm::estimation
