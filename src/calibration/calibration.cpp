@@ -10,10 +10,8 @@
 #include <utility>
 
 #include "calibration_checks.hpp"
-#include "calibration_combinations.hpp"
 #include "calibration_fit.hpp"
 #include "calibration_problem.hpp"
-#include "calibration_statistics.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 
@@ -328,8 +326,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : HeldOutVerdict();
   };
   const Selection wanted = wantedOf(options);
-  const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, check)
-                                            : fitRequested(read, options, wanted, kind);
+  const CalibrationFit fit = fitIdentified(read, options, wanted, kind, check);
   if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);

@@ -1,5 +1,3 @@
-#include "calibration_combinations.hpp"
-
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>

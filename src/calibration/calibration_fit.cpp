@@ -8,7 +8,6 @@
 #include <optional>
 #include <utility>
 
-#include "calibration_statistics.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 #include "shape_model.hpp"
 
@@ -133,7 +132,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
 //
 // @param covariance  (parameters)^2 without what is not known of all that is not fitted.
 // @return what to add to it.
-Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& best,
+Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const NoisySolution& best,
                                  const Eigen::MatrixXd& covariance) {
   const Values full = problem.values();
   Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
@@ -210,12 +209,14 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   Candidate candidate;
   CalibrationFit& fit = candidate.fit;
   fit.problem = std::make_shared<CalibrationProblem>(arms, options, selection);
-  const Estimate estimate = solveWithNoise(*fit.problem, bias);
+  const NoisySolution estimate = solveWithNoise(*fit.problem, bias);
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
   fit.freedom = estimate.freedom;
+  fit.determined = estimate.determined;
+  if (!options.errors) return candidate;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
-  fit.determined = estimate.determined && statistics.determined;
+  fit.determined = fit.determined && statistics.determined;
   fit.converged = fit.converged && fit.determined;
   fit.information = std::move(statistics.information);
   const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
@@ -380,17 +381,6 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
 
 }  // namespace
 
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                            const Selection& wanted, ReadingKind kind) {
-  CalibrationFit fit;
-  fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
-  const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
-  fit.converged = estimate.converged;
-  fit.determined = estimate.determined;
-  fit.noise_scale = estimate.noise_scale;
-  return fit;
-}
-
 bool isIdentified(const ParameterInfo& info, double variance) {
   const bool known = !info.logarithmic || variance <= kLargestRelativeError * kLargestRelativeError;
   return known && variance <= (1 - kLeastGain) * info.deviation * info.deviation;
@@ -409,6 +399,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     return verdict.holds_up;
   };
   Candidate first = candidateOf(arms, options, wanted, all, bias);
+  if (!options.errors) return std::move(first.fit);
   if (first.fit.converged) first.fit.asked = first.fit.problem;
   first.fit.asked_noise_scale = first.fit.noise_scale;
   const bool good = isGood(first.fit);

@@ -10,8 +10,37 @@
 #include "calibration_checks.hpp"
 #include "calibration_problem.hpp"
 
-/// Fit of those parameters that the captures determine.
+/// Fit of those parameters that the captures determine, with its statistics: noise from residuals,
+/// information from readings and priors, prediction of captures that were held out, combinations of
+/// stiffness parameters.
 namespace helix_arm::estimation {
+
+/// Information of readings and priors about the parameters except those of shapes, marginalised
+/// over the shapes.
+struct Statistics {
+  Eigen::MatrixXd information, covariance;  ///< (parameters x parameters)
+  /// Whether the information is positive definite; otherwise the covariance is NaN, and so is the
+  /// information of free shapes.
+  bool determined = true;
+};
+Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
+
+/// Joint estimate of parameters and noise.
+struct NoisySolution {
+  bool converged = false;
+  bool determined = true;   ///< as of Statistics; if it is not, it did not converge
+  double noise_scale = 1;   ///< noise as a multiple of the expected noise
+  double solved_scale = 1;  ///< the scale used in the last solution, close to noise_scale
+  double cost = 0;          ///< of the last solution
+  double freedom = 1;       ///< of the noise: residuals in excess of the fitted parameters
+};
+/// Estimates both together, starting from the problem's values, which are updated.
+///
+/// @param bias  error that the residuals do not show, in expected standard deviations; >= 0.
+NoisySolution solveWithNoise(CalibrationProblem& problem, double bias);
+
+/// Converts a standard deviation from units of the parameter to units of the value.
+double standardErrorOf(const ParameterInfo& info, double value, double deviation);
 
 /// Variation of the parameters when one pressure at a time is omitted.
 struct Jackknife {
@@ -38,7 +67,7 @@ struct CalibrationFit {
   bool determined = true;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
   double freedom = 1;      ///< residuals from which it was estimated, less the fitted parameters
-  // The sizes are those of the problem's parameters; empty after fitRequested().
+  // The sizes are those of the problem's parameters; empty without errors.
   Eigen::MatrixXd information;  ///< from readings and priors
   Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted
   std::vector<bool> identified;
@@ -64,14 +93,8 @@ using HeldOutCheck = std::function<HeldOutVerdict(const CalibrationFit&)>;
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
 
-/// Fits all requested parameters, without errors and verdicts.
-///
-/// The fit keeps references to arms and options.
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                            const Selection& wanted, ReadingKind kind);
-
 /// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
-/// best-determined entries are fitted. The others keep their values.
+/// best-determined entries are fitted. The others keep their values. Without errors, fits all.
 ///
 /// The fit keeps references to arms and options.
 /// @param check  that a fit with identified stiffness must pass as well.
@@ -102,5 +125,44 @@ std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
                                         const CalibrationOptions& options,
                                         const CalibrationFit& fit, ReadingKind kind,
                                         const std::vector<Parameter>& reported);
+
+// Information of captures about the parameters, and the most informative next pressures. The
+// parameters are stiffness and length scales or, if none are fitted, all of them.
+
+/// Information that the captures at each pressure add to that of the others.
+struct Gains {
+  std::vector<double> of;  ///< (groups) [nats]
+  double least = 0;        ///< captures with at most this gain add nothing new [nats]
+};
+/// Requires a fit with shapes of the model.
+Gains gainsOf(const CalibrationFit& fit, const Groups& groups);
+
+/// Pressures within the arm's limits, best first, each given the previous ones (greedy D-optimal
+/// design).
+///
+/// @param fit  a fit with shapes of the model.
+/// @param arm  the first arm of the fit.
+/// @return at most `count` vectors (actuators) [Pa].
+std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const model::Arm& arm,
+                                           int count);
+
+/// Repeats the fit without each pressure, and without each arm, in turn.
+///
+/// @param problem    uses shapes of the model; its values are the full solution, and are restored.
+/// @param in_sample  residuals of all readings at that solution.
+CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
+                              ReadingKind kind, CalibrationProblem& problem, double noise_scale,
+                              const std::vector<Comparison>& in_sample);
+
+// Combinations of stiffness parameters in which the errors of a calibration are uncorrelated.
+
+/// @param reported  values of the parameters, with the names of `fit`.
+/// @param left_out  fits without each pressure, of `fit.asked` and of `fit.problem`; empty if there
+///     are too few pressures.
+std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
+                                        const CalibrationOptions& options,
+                                        const CalibrationFit& fit, ReadingKind kind,
+                                        const std::vector<Parameter>& reported,
+                                        const std::vector<Jackknife>& left_out);
 
 }  // namespace helix_arm::estimation

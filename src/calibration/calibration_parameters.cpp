@@ -47,15 +47,6 @@ FitParameterInfo lengthScale(FitParameter parameter, const char* word, LengthSca
   return info;
 }
 
-FitParameterInfo contraction() {
-  return {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
-          FitNeed::kFreeLengths};
-}
-
-FitParameterInfo response() {
-  return {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries};
-}
-
 FitParameterInfo placement(FitParameter parameter, const char* word, const char* name, FitNeed need,
                            ParameterBlock block, std::vector<FitNumber> numbers,
                            bool Options::*flag) {
@@ -63,41 +54,15 @@ FitParameterInfo placement(FitParameter parameter, const char* word, const char*
   info.block = block;
   info.numbers = std::move(numbers);
   info.flag = flag;
+  info.implied = block == ParameterBlock::kBleed;
+  info.uncertain_if_held = block != ParameterBlock::kBase;
   return info;
 }
 
-FitParameterInfo base() {
-  return placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,
-                   {{"_x", "m", kBaseTranslation},
-                    {"_y", "m", kBaseTranslation},
-                    {"_z", "m", kBaseTranslation},
-                    {"_rx", "rad", kBaseRotation},
-                    {"_ry", "rad", kBaseRotation},
-                    {"_rz", "rad", kBaseRotation}},
-                   &Options::base);
-}
-
-FitParameterInfo tags() {
-  FitParameterInfo info =
-      placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,
-                {{"_along", "m", kTagTranslation},
-                 {"_y", "m", kTagTranslation},
-                 {"_z", "m", kTagTranslation},
-                 {"_rx", "rad", kTagRotation},
-                 {"_ry", "rad", kTagRotation},
-                 {"_rz", "rad", kTagRotation}},
-                &Options::tags);
-  info.uncertain_if_held = true;
-  return info;
-}
-
-FitParameterInfo bleed() {
-  FitParameterInfo info =
-      placement(FitParameter::kBleed, "bleed", "bleed", FitNeed::kCorners, ParameterBlock::kBleed,
-                {{"", "m", kBleedPrior}}, &Options::bleed);
-  info.implied = true;
-  info.uncertain_if_held = true;
-  return info;
+// Three of a position and three of a rotation.
+std::vector<FitNumber> poseNumbers(const char* x, FitPrior translation, FitPrior rotation) {
+  return {{x, "m", translation},    {"_y", "m", translation}, {"_z", "m", translation},
+          {"_rx", "rad", rotation}, {"_ry", "rad", rotation}, {"_rz", "rad", rotation}};
 }
 
 // "a, b, c", or "a and b".
@@ -130,11 +95,15 @@ const std::vector<FitParameterInfo>& fitParameters() {
       stiffness(FitParameter::kEps, "K_eps", FitGroup::kNone, Entry::kEps, "N", &Options::K_eps),
       lengthScale(FitParameter::kLengthScale, "length_scale", LengthScaling::kCommon),
       lengthScale(FitParameter::kLengthScaleEach, "length_scale_each", LengthScaling::kEach),
-      contraction(),
-      response(),
-      base(),
-      tags(),
-      bleed()};
+      {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
+       FitNeed::kFreeLengths},
+      {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries},
+      placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,
+                poseNumbers("_x", kBaseTranslation, kBaseRotation), &Options::base),
+      placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,
+                poseNumbers("_along", kTagTranslation, kTagRotation), &Options::tags),
+      placement(FitParameter::kBleed, "bleed", "bleed", FitNeed::kCorners, ParameterBlock::kBleed,
+                {{"", "m", kBleedPrior}}, &Options::bleed)};
   return kTable;
 }
 

@@ -1,10 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <optional>
 #include <vector>
 
-#include "calibration_descent.hpp"
+#include "calibration_equations.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "parameter_blocks.hpp"
 
@@ -20,6 +21,15 @@ struct Comparison {
   double limit;   ///< value of `square` beyond which it is an outlier; infinite if it cannot be one
   double error;   ///< error for reports [rad, px or m]
 };
+
+/// Result of a least-squares solution.
+struct Solved {
+  bool converged = false;
+  double cost = 0;  ///< readings and priors: half the robust sum of squares
+};
+
+/// A least squares ends once a step lowers its cost by less than this fraction.
+inline constexpr double kSolvedTolerance = 1e-9;
 
 /// Arms, their readings and the values of the fitted parameters.
 ///
@@ -48,7 +58,9 @@ class CalibrationProblem {
   /// Multiplies the standard errors of the free lengths.
   void loosenCurve(double factor) { blocks_.loosenCurve(factor); }
 
-  /// Least squares over the included captures, starting from the current values.
+  /// Least squares over the included captures, starting from the current values: Levenberg and
+  /// Marquardt's method, with the radius of the trust region by Nielsen's rule and weights of the
+  /// robust loss renewed at every step.
   ///
   /// @param noise_scale  noise as a multiple of the expected noise.
   /// @param held  direction in the space of the selected stiffness logs along which they keep their
@@ -58,16 +70,14 @@ class CalibrationProblem {
                double tolerance = kSolvedTolerance);
 
   /// Compares all readings with the current values.
-  std::vector<Comparison> compare(double noise_scale);
-  /// Likewise without `error`.
-  std::vector<Comparison> compareSquares(double noise_scale);
+  ///
+  /// @param errors  whether `error` is of interest.
+  std::vector<Comparison> compare(double noise_scale, bool errors = true);
 
-  /// Equations of all readings and priors at the current values, until the next call of any
-  /// function that is not const.
-  ArrowEquations& equations(double noise_scale) {
-    return descent_->equations(noise_scale, everyCapture);
-  }
-  /// Weighted J'J of the included readings, without priors: all free parameters, then shapes.
+  /// Equations of the included readings and of the priors at the current values, until the next
+  /// call of any function that is not const.
+  ArrowEquations& equations(double noise_scale, const Included& included = everyCapture);
+  /// Weighted J'J of the included readings, without priors. Requires shapes of the model.
   Eigen::MatrixXd information(double noise_scale, const Included& included);
   /// Likewise for the readings that the arm is expected to give at these pressures.
   Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale);
@@ -84,7 +94,24 @@ class CalibrationProblem {
   model::Shape shape(int capture);
 
  private:
+  // What to minimise; see solve().
+  struct Task {
+    double noise_scale;
+    const Included& included;
+    const Eigen::VectorXd* held = nullptr;
+  };
+
   void addShapes();
+  // The readings at the current values.
+  const LinearisedReadings& readings(const Included& included, bool derivatives);
+  // NaN if a reading has no residuals there.
+  double cost(const Task& task, const LinearisedReadings& readings,
+              const Eigen::VectorXd& numbers) const;
+  void assemble(const Task& task, const LinearisedReadings& readings,
+                const Eigen::VectorXd& numbers);
+  bool takesPart(const ParameterBlocks::Block& block, const Included& included) const {
+    return block.kind != ParameterBlock::kShape || included(block.of);
+  }
   Elasticity elasticity() const {
     return shared_.model.elasticityAt(values().stiffness.data(), shared_.model.initial());
   }
@@ -94,7 +121,9 @@ class CalibrationProblem {
   ReadingKind kind_;
   std::vector<Place> places_;  // (captures)
   std::vector<ReadingTerm> terms_;
-  std::optional<CalibrationDescent> descent_;
+  std::optional<ArrowEquations> equations_;
+  std::unique_ptr<LinearisedReadings> here_, there_;  // there: after a step
+  Eigen::VectorXd start_;                             // of a solution
 };
 
 }  // namespace helix_arm::estimation

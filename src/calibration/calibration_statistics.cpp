@@ -1,5 +1,3 @@
-#include "calibration_statistics.hpp"
-
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -10,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "calibration_fit.hpp"
 #include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
@@ -104,12 +103,12 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   return out;
 }
 
-Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
-  Estimate estimate;
+NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
+  NoisySolution estimate;
   // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
   // residuals; otherwise the robust loss would discard all readings.
   std::vector<double> errors;
-  for (const Comparison& one : problem.compareSquares(1.0)) {
+  for (const Comparison& one : problem.compare(1.0, false)) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
   }
   if (errors.empty()) return estimate;
@@ -138,7 +137,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
       data_parameters = *counted;
     }
     counted_at = before;
-    const NoiseScale seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
+    const NoiseScale seen = noiseScaleOf(problem.compare(before, false), data_parameters, before);
     estimate.freedom = seen.freedom;
     const double now = std::hypot(seen.scale, bias);
     const bool settled = std::abs(now / before - 1) < kNoiseSettled;

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstddef>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include "calibration_checks.hpp"
@@ -138,34 +137,36 @@ constexpr double kRankThreshold = 1e-8;
 using Coefficients = Eigen::Matrix<double, kCoefficients, 1>;
 using Matrix6 = Eigen::Matrix<double, kCoefficients, kCoefficients>;
 
-struct Failure {
-  ContractionFitStatus status;
-  std::string reason;
-};
+ContractionFit failed(ContractionFitStatus status, std::string reason) {
+  ContractionFit fit;
+  fit.status = status;
+  fit.reason = std::move(reason);
+  return fit;
+}
 
 std::string shortestReason(double length) {
   return text("the best curve has a length of ", length,
               " m; expected lengths > 0: correct the samples");
 }
 
-std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
+std::optional<ContractionFit> checkSamples(const std::vector<LengthSample>& samples) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const auto [pressure, length] = samples[i];
     if (!std::isfinite(pressure)) {
-      return Failure{ContractionFitStatus::kNotFinite,
-                     text("sample ", i + 1, ": the pressure is ", pressure,
-                          "; expected a finite value; correct it or leave it out")};
+      return failed(ContractionFitStatus::kNotFinite,
+                    text("sample ", i + 1, ": the pressure is ", pressure,
+                         "; expected a finite value; correct it or leave it out"));
     }
     if (!(std::isfinite(length) && length > 0)) {
-      return Failure{ContractionFitStatus::kNotFinite,
-                     text("sample ", i + 1, ": the length is ", length,
-                          " m; expected a finite value > 0; correct it or leave it out")};
+      return failed(ContractionFitStatus::kNotFinite,
+                    text("sample ", i + 1, ": the length is ", length,
+                         " m; expected a finite value > 0; correct it or leave it out"));
     }
     if (pressure < 0) {
-      return Failure{ContractionFitStatus::kOutOfRange,
-                     text("sample ", i + 1, ": the pressure is ", pressure,
-                          " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
-                          "to 0")};
+      return failed(ContractionFitStatus::kOutOfRange,
+                    text("sample ", i + 1, ": the pressure is ", pressure,
+                         " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
+                         "to 0"));
     }
   }
   return std::nullopt;
@@ -280,22 +281,20 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
   return {upper.solve(x + z), !tight.empty()};
 }
 
-using Solution = std::variant<Failure, ContractionFit>;
-
-Solution fitQuintic(const Knots& knots, double trend) {
+ContractionFit fitQuintic(const Knots& knots, double trend) {
   const double first = knots.pressure.front(), last = knots.pressure.back();
   if (first > kNearZero * last) {
-    return Failure{ContractionFitStatus::kOutOfRange,
-                   text("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
-                        " of the largest, ", last,
-                        " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
-                        "a table")};
+    return failed(ContractionFitStatus::kOutOfRange,
+                  text("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
+                       " of the largest, ", last,
+                       " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
+                       "a table"));
   }
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
-    return Failure{ContractionFitStatus::kTooFewPressures,
-                   text("distinct pressures: ", n, "; expected at least ", kCoefficients,
-                        " for a quintic: measure at more, or fit a table")};
+    return failed(ContractionFitStatus::kTooFewPressures,
+                  text("distinct pressures: ", n, "; expected at least ", kCoefficients,
+                       " for a quintic: measure at more, or fit a table"));
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
   Eigen::VectorXd y(n);
@@ -309,9 +308,9 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const Matrix6 R = decomposition.matrixQR().topRows<kCoefficients>();
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
-    return Failure{ContractionFitStatus::kTooFewPressures,
-                   text(n, " pressures, too close together to determine the ", kCoefficients,
-                        " coefficients of a quintic: spread them, or fit a table")};
+    return failed(ContractionFitStatus::kTooFewPressures,
+                  text(n, " pressures, too close together to determine the ", kCoefficients,
+                       " coefficients of a quintic: spread them, or fit a table"));
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
 
@@ -330,14 +329,14 @@ Solution fitQuintic(const Knots& knots, double trend) {
   fit.reference_pressure = last;
   Coefficients::Map(fit.coefficients.data()) = solution.c;
   const double shortest = trend < 0 ? solution.c.sum() : solution.c[0];
-  if (!(shortest > 0)) return Failure{ContractionFitStatus::kOutOfRange, shortestReason(shortest)};
+  if (!(shortest > 0)) return failed(ContractionFitStatus::kOutOfRange, shortestReason(shortest));
   fit.curve = model::Contraction::quintic(fit.coefficients, last, last);
   return fit;
 }
 
 // Least squares of lengths that fall, or rise, by at least the least slope (pool adjacent
 // violators).
-Solution fitTable(const Knots& knots, double trend) {
+ContractionFit fitTable(const Knots& knots, double trend) {
   struct Pool {
     double mean, weight;
     std::size_t count;
@@ -360,7 +359,6 @@ Solution fitTable(const Knots& knots, double trend) {
     }
   }
   ContractionFit fit;
-  fit.kind = CurveKind::kTable;
   fit.constrained = pools.size() < knots.size();
   fit.pressures = knots.pressure;
   for (const Pool& pool : pools) {
@@ -371,13 +369,13 @@ Solution fitTable(const Knots& knots, double trend) {
     }
   }
   const double shortest = std::min(fit.lengths.front(), fit.lengths.back());
-  if (!(shortest > 0)) return Failure{ContractionFitStatus::kOutOfRange, shortestReason(shortest)};
+  if (!(shortest > 0)) return failed(ContractionFitStatus::kOutOfRange, shortestReason(shortest));
   fit.curve = model::Contraction::table(fit.pressures, fit.lengths);
   return fit;
 }
 
 // The spline at close points, held monotone.
-Solution fitSplineTable(const Knots& knots, double trend, const ContractionSpline* given) {
+ContractionFit fitSplineTable(const Knots& knots, double trend, const ContractionSpline* given) {
   ContractionSpline spline =
       given != nullptr ? *given : fitSpline(knots.pressure, knots.length, knots.weight);
   Knots points;
@@ -389,61 +387,53 @@ Solution fitSplineTable(const Knots& knots, double trend, const ContractionSplin
   for (const double p : points.pressure)
     points.length.push_back(spline.weights(p) * spline.lengths);
   points.weight.assign(points.size(), 1.0);
-  Solution solution = fitTable(points, trend);
-  if (ContractionFit* fit = std::get_if<ContractionFit>(&solution)) {
-    fit->kind = CurveKind::kSpline;
-    fit->spline = std::move(spline);
-  }
-  return solution;
-}
-
-ContractionFit failed(CurveKind kind, Failure failure) {
-  ContractionFit fit;
-  fit.status = failure.status;
-  fit.reason = std::move(failure.reason);
-  fit.kind = kind;
+  ContractionFit fit = fitTable(points, trend);
+  if (fit.curve) fit.spline = std::move(spline);
   return fit;
 }
 
-// @param given  spline to use instead of a fit, if any.
-ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
-                           const ContractionFitOptions& options, const ContractionSpline* given) {
-  if (std::optional<Failure> fault = checkSamples(samples)) {
-    return failed(options.kind, std::move(*fault));
-  }
-  const std::vector<Branches> branches = branchesOf(samples);
-  std::vector<bool> counts;
-  for (const Branches& on : branches) {
-    counts.push_back(options.branch == Branch::kBoth ||
-                     (options.branch == Branch::kRising ? on.rising : on.falling));
-  }
+// The curve alone, if there is none with its reason. @param given  spline to use instead of a fit.
+ContractionFit curveOf(const std::vector<LengthSample>& samples, const std::vector<bool>& counts,
+                       const ContractionFitOptions& options, const ContractionSpline* given) {
   const Knots knots = knotsOf(samples, counts);
   const bool quintic = options.kind == CurveKind::kQuintic;
   if (knots.size() < 2) {
     const char* const where = options.branch == Branch::kBoth     ? ""
                               : options.branch == Branch::kRising ? " on the rising branch"
                                                                   : " on the falling branch";
-    return failed(options.kind,
-                  {ContractionFitStatus::kTooFewPressures,
-                   text("distinct pressures", where, ": ", knots.size(), "; expected at least ",
-                        quintic ? kCoefficients : 2, ": measure at more")});
+    return failed(ContractionFitStatus::kTooFewPressures,
+                  text("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+                       quintic ? kCoefficients : 2, ": measure at more"));
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
-        options.kind,
-        {ContractionFitStatus::kNoTrend,
-         text("the lengths neither rise nor fall with pressure; expected a linear trend of "
-              "at least ",
-              kLeastTrend, " of its standard errors: check which column is which")});
+        ContractionFitStatus::kNoTrend,
+        text("the lengths neither rise nor fall with pressure; expected a linear trend of "
+             "at least ",
+             kLeastTrend, " of its standard errors: check which column is which"));
   }
-  Solution solution = quintic                             ? fitQuintic(knots, trend)
-                      : options.kind == CurveKind::kTable ? fitTable(knots, trend)
-                                                          : fitSplineTable(knots, trend, given);
-  if (Failure* failure = std::get_if<Failure>(&solution)) {
-    return failed(options.kind, std::move(*failure));
+  return quintic                             ? fitQuintic(knots, trend)
+         : options.kind == CurveKind::kTable ? fitTable(knots, trend)
+                                             : fitSplineTable(knots, trend, given);
+}
+
+// @param given  spline to use instead of a fit, if any.
+ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
+                           const ContractionFitOptions& options, const ContractionSpline* given) {
+  const auto of_kind = [&options](ContractionFit fit) {
+    fit.kind = options.kind;
+    return fit;
+  };
+  if (const auto fault = checkSamples(samples)) return of_kind(*fault);
+  const std::vector<Branches> branches = branchesOf(samples);
+  std::vector<bool> counts;
+  for (const Branches& on : branches) {
+    counts.push_back(options.branch == Branch::kBoth ||
+                     (options.branch == Branch::kRising ? on.rising : on.falling));
   }
-  ContractionFit fit = std::get<ContractionFit>(std::move(solution));
+  ContractionFit fit = of_kind(curveOf(samples, counts, options, given));
+  if (!fit.curve) return fit;
   fit.status = ContractionFitStatus::kFitted;
 
   fit.residual = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(samples.size()));

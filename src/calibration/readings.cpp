@@ -2,43 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <type_traits>
 #include <utility>
 #include <variant>
 
 namespace helix_arm::estimation {
 namespace {
-
-template <class Observation>
-std::unique_ptr<ReadingCost> tagCost(const Shared& shared, const Place& place,
-                                     const Observation& seen) {
-  const ArmCaptures& data = shared.arms[place.arm];
-  const bool free = seen.tag != shared.held_tag;
-  if constexpr (std::is_same_v<Observation, CornerObservation>) {
-    const CornerModel model{data.X_CB, data.focal / shared.options.corner_noise, shared.expected};
-    return std::make_unique<TagCost<CornerModel>>(shared, place, model, seen, free);
-  } else {
-    return std::make_unique<TagCost<PoseModel>>(shared, place, PoseModel{shared.expected}, seen,
-                                                free);
-  }
-}
-
-std::vector<std::unique_ptr<ReadingCost>> costsOf(const Shared& shared, const Place& place,
-                                                  const Reading& reading) {
-  std::vector<std::unique_ptr<ReadingCost>> costs;
-  if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
-    costs.push_back(std::make_unique<CurvatureCost>(shared, place, curvature->curvature));
-  } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
-    costs.push_back(std::make_unique<TwistCost>(shared, place, *twists));
-  } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
-    for (const PoseObservation& seen : *poses) costs.push_back(tagCost(shared, place, seen));
-  } else {
-    for (const CornerObservation& seen : std::get<std::vector<CornerObservation>>(reading)) {
-      costs.push_back(tagCost(shared, place, seen));
-    }
-  }
-  return costs;
-}
 
 std::vector<int> blocksOf(const ReadingCost& cost, const ParameterBlocks& blocks) {
   std::vector<int> indices;
@@ -59,15 +29,30 @@ double ReadingTerm::loss(double square) const {
 
 std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
                                  const ParameterBlocks& blocks) {
-  const bool robust = !std::holds_alternative<TwistReading>(reading);
+  const ArmCaptures& data = shared.arms[place.arm];
   std::vector<ReadingTerm> terms;
-  for (std::unique_ptr<ReadingCost>& cost : costsOf(shared, place, reading)) {
-    ReadingTerm term;
+  const auto add = [&](std::unique_ptr<ReadingCost> cost) {
     const double scale = shared.options.robust_scale * std::sqrt(cost->residuals());
-    if (robust) term.limit = scale * scale;
-    term.blocks = blocksOf(*cost, blocks);
-    term.cost = std::move(cost);
-    terms.push_back(std::move(term));
+    std::vector<int> own = blocksOf(*cost, blocks);
+    terms.push_back({std::move(cost), std::move(own), scale * scale});
+  };
+  const auto addTags = [&](const auto& model, const auto& observations) {
+    using Model = std::decay_t<decltype(model)>;
+    for (const auto& seen : observations) {
+      const bool free = seen.tag != shared.held_tag;
+      add(std::make_unique<TagCost<Model>>(shared, place, model, seen, free));
+    }
+  };
+  if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
+    add(std::make_unique<CurvatureCost>(shared, place, curvature->curvature));
+  } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
+    add(std::make_unique<TwistCost>(shared, place, *twists));
+    terms.back().limit = std::numeric_limits<double>::infinity();
+  } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
+    addTags(PoseModel{shared.expected}, *poses);
+  } else {
+    const CornerModel model{data.X_CB, data.focal / shared.options.corner_noise, shared.expected};
+    addTags(model, std::get<std::vector<CornerObservation>>(reading));
   }
   return terms;
 }

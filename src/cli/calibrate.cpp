@@ -15,7 +15,6 @@
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/calibration_words.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 

@@ -10,29 +10,12 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr char kCulprit[] = "placed view";
-// Half the step of the differences of a tag's pose; large compared with rounding.
-constexpr double kMountStep = 1e-5;  // [m, rad]
 // Factor on priors that are to say hardly anything.
 constexpr double kWide = 30.0;
 
 lie::Vector6 bothParts(double translation, double rotation) {
   lie::Vector6 out;
   out << Eigen::Vector3d::Constant(translation), Eigen::Vector3d::Constant(rotation);
-  return out;
-}
-
-// Rigid motion [v; w] of a tag per displacement, in the base frame, about the tag's origin.
-lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::Shape& shape) {
-  lie::Matrix6 out;
-  for (int entry = 0; entry < 6; ++entry) {
-    lie::SE3 ends[2];
-    for (const int side : {0, 1}) {
-      const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kMountStep : kMountStep);
-      const TagPlacement placed = movedBy(tag, moved, rest_length);
-      ends[side] = model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
-    }
-    out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kMountStep);
-  }
   return out;
 }
 
@@ -75,7 +58,7 @@ std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model
     const auto index = static_cast<std::size_t>(one.tag);
     const TagPlacement& tag = placed.view.layout.tags[index];
     const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
-    set(one.tag, by_motion * motions(tag, arm.restLength(tag.section), point.shape),
+    set(one.tag, by_motion * motionsOf(tag, arm.restLength(tag.section), point.shape),
         placed.deviations.tags[index]);
     by_base += by_motion;
   }

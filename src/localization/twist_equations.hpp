@@ -186,6 +186,9 @@ class TwistEquations {
   TwistEquations(TagLayout layout, int sections, const TwistFitOptions& options)
       : layout_(std::move(layout)), sections_(sections), options_(options), rig_(options) {
     know(rig_);
+    deviations_.resize(6, sections_);
+    deviations_.topRows<3>().setConstant(options.model_prior.translation);
+    deviations_.bottomRows<3>().setConstant(options.model_prior.rotation);
     starts_.resize(model::kMaxPieces);
     partial_movers_.resize(model::kMaxPieces, Mover::none());
     movers_.reserve(sections_);
@@ -196,6 +199,12 @@ class TwistEquations {
   const TwistFitOptions& options() const { return options_; }
 
   /// Sets the centre of the model's prior, and resets the noise to the expected noise.
+  ///
+  /// @param deviations  (6 x sections) standard deviations of that prior; default: the options'.
+  void expect(const model::Shape& model, const model::Twists& deviations) {
+    deviations_ = deviations;
+    expect(model);
+  }
   void expect(const model::Shape& model) {
     expected_ = model;
     prior_ = model.twists();
@@ -227,8 +236,10 @@ class TwistEquations {
     return scale * scale * model.residuals();
   }
   /// Standard deviation of the model's prior of one entry of the twists.
-  double modelDeviation(int entry) const {
-    return entry % 6 < 3 ? options_.model_prior.translation : options_.model_prior.rotation;
+  double modelDeviation(int entry) const { return deviations_.data()[entry]; }
+  /// The twists' deviations from the model's prior, in its standard deviations.
+  model::Twists deviationsOf(const FitPoint& point) const {
+    return (point.twists - prior_).cwiseQuotient(deviations_);
   }
   /// Whether an entry of the twists is fixed at 0.
   bool held(int entry) const {
@@ -434,7 +445,7 @@ class TwistEquations {
   RigEstimate rig_;                                          // known of base and bleed
   RigEstimate::Matrix both_information_, base_information_;  // of rig_, and of its base alone
   model::Shape expected_;                                    // the model's
-  model::Twists prior_;                                      // of the twists
+  model::Twists prior_, deviations_;                         // of the twists
   double noise_scale_ = 1;
   std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
   // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
@@ -444,17 +455,40 @@ class TwistEquations {
   Mover base_mover_{lie::SE3()};  // of the whole arm
 };
 
-/// Corners that an ideal camera sees.
-inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
-  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
-  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
-  const Corners plane = view.layout.corners();
+/// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin and seen
+/// from it; (6 x 6).
+inline lie::Matrix6 motionsOf(const TagPlacement& tag, double rest_length,
+                              const model::Shape& shape) {
+  // Half the step of the differences; large compared with rounding.
+  constexpr double kMountStep = 1e-5;  // [m, rad]
+  lie::Matrix6 out;
+  for (int entry = 0; entry < 6; ++entry) {
+    const auto at = [&](double moved) {
+      const TagPlacement placed = movedBy(tag, moved * lie::Vector6::Unit(entry), rest_length);
+      return model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+    };
+    out.col(entry) = (at(kMountStep) * at(-kMountStep).inverse()).log() / (2 * kMountStep);
+  }
+  return out;
+}
+
+/// Corners that an ideal camera at this place sees; not finite where one is not in front of it.
+inline CornerObservation observe(const TagLayout& layout, const model::Shape& shape,
+                                 const lie::SE3& X_CB, int tag) {
+  const TagPlacement& placed = layout.tags[static_cast<std::size_t>(tag)];
+  const lie::SE3 X_CT = X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
+  const Corners plane = layout.corners();
   CornerObservation out{tag, {}};
   for (int c = 0; c < 4; ++c) {
     const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
     out.direction.col(c) = p_C.head<2>() / p_C.z();
+    if (!(p_C.z() > 0)) out.direction.setConstant(std::numeric_limits<double>::infinity());
   }
   return out;
+}
+
+inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
+  return observe(view.layout, shape, view.X_CB, tag);
 }
 
 }  // namespace helix_arm::estimation

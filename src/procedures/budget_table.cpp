@@ -1,7 +1,9 @@
 #include "helix_arm/procedures/budget_table.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "helix_arm/basics/text.hpp"
 
@@ -13,6 +15,12 @@ using estimation::TipErrorBudget;
 using estimation::TipSpread;
 
 constexpr double kShownNegative = 5e-6;  // smaller ones are rounded to 0 [m]
+
+struct BudgetRow {
+  std::string name;
+  Eigen::Vector3d axes;  // standard deviations [m]; < 0: a negative variance
+  double worst;
+};
 
 BudgetRow rowOf(const char* name, const TipSpread& spread) {
   const Eigen::Vector3d variance = spread.covariance.diagonal();
@@ -31,8 +39,6 @@ std::string verdict(const TipErrorBudget& budget) {
                         std::sqrt(budget.limit));
 }
 
-}  // namespace
-
 std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
   std::vector<BudgetRow> rows;
   for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
@@ -47,6 +53,8 @@ std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
   rows.push_back(rowOf("open loop", budget.open_loop));
   return rows;
 }
+
+}  // namespace
 
 std::string budgetTable(const TipErrorBudget& budget) {
   std::string out = "error budget of the tip, standard deviations in mm, seen from the base\n" +

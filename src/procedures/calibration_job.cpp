@@ -20,7 +20,6 @@
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/captures.hpp"
 
 namespace helix_arm::procedures {
@@ -272,19 +271,18 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   options.free_shapes = !about_shape;
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
-  const auto chosen = [](double asked, double usual) { return asked > 0 ? asked : usual; };
-  const auto check = [](const char* what, double noise) {
-    basics::requireValue(std::isfinite(noise) && noise >= 0, "calibration", what, noise,
+  const auto choose = [](const char* what, double asked, double usual) {
+    basics::requireValue(std::isfinite(asked) && asked >= 0, "calibration", what, asked,
                          "a finite value >= 0, 0 for the scene's");
+    return asked > 0 ? asked : usual;
   };
-  check("the curvature noise", request.curvature_noise);
-  check("the corner noise", request.corner_noise);
-  check("the position noise", request.position_noise);
-  check("the rotation noise", request.rotation_noise);
-  options.curvature_noise = chosen(request.curvature_noise, options.curvature_noise);
-  options.corner_noise = chosen(request.corner_noise, expected.corner_noise);
-  options.position_noise = chosen(request.position_noise, expected.position_noise);
-  options.rotation_noise = chosen(request.rotation_noise, expected.rotation_noise);
+  options.curvature_noise =
+      choose("the curvature noise", request.curvature_noise, options.curvature_noise);
+  options.corner_noise = choose("the corner noise", request.corner_noise, expected.corner_noise);
+  options.position_noise =
+      choose("the position noise", request.position_noise, expected.position_noise);
+  options.rotation_noise =
+      choose("the rotation noise", request.rotation_noise, expected.rotation_noise);
   options.robust_scale = expected.robust_scale;
   options.tag_prior = scene.tag_prior;
   options.bleed_prior = expected.bleed_prior;

@@ -1,10 +1,9 @@
-#include "helix_arm/procedures/calibration_words.hpp"
-
 #include <cmath>
 #include <cstdlib>
 #include <set>
 
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 
 namespace helix_arm::procedures {
 namespace {

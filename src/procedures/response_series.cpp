@@ -9,6 +9,7 @@
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/response/response_fit.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -99,18 +100,10 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
 
 std::vector<estimation::LengthSample> effectiveSamples(const ResponseSeries& lengths,
                                                        const model::Response& response) {
-  model::ResponseState state(response);
-  const model::InputHistory& history = lengths.history;
+  const Eigen::VectorXd pressures = estimation::effectiveOf(lengths.history, 0, response);
   std::vector<estimation::LengthSample> samples;
-  samples.reserve(static_cast<std::size_t>(history.rows()));
-  for (Eigen::Index row = 0; row < history.rows(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
-    if (history.starts_anew[i]) state.restart();
-    const double dt = !state.started()       ? 0.0
-                      : history.time.empty() ? std::numeric_limits<double>::infinity()
-                                             : history.time[i] - history.time[i - 1];
-    state.step(history.input(row, 0), dt);
-    samples.push_back({state.effective(), lengths.reading(row, 0)});
+  for (Eigen::Index row = 0; row < pressures.size(); ++row) {
+    samples.push_back({pressures[row], lengths.reading(row, 0)});
   }
   return samples;
 }

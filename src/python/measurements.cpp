@@ -14,7 +14,7 @@
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_words.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"

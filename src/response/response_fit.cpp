@@ -3,30 +3,29 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <utility>
 #include <vector>
 
 #include "basics/least_squares.hpp"
-#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-constexpr int kCurveDegree = 5;     // of a contraction curve and of its inverse
+constexpr int kCurveDegree = 5;     // of a contraction curve
 constexpr double kTakesPart = 0.1;  // of the largest range: an actuator that takes part
 constexpr double kSameEffectivePressure = 0.02;  // of the range: counts as the same
 constexpr double kRestLag = 0.5;                 // [s]
 constexpr double kInMotion = 0.02;               // of the range, behind a lag of kRestLag
 constexpr double kMostCorrelation = 0.9999;
-constexpr double kSignificantWeight = 2.0;  // standard errors
 
-// Number of monomials in n variables up to a degree.
+// Number of monomials in n variables up to a degree; none below degree 0.
 int monomials(int n, int degree) {
-  int out = 1;
+  int out = degree < 0 ? 0 : 1;
   for (int k = 1; k <= degree; ++k) out = out * (n + k) / k;
   return out;
 }
@@ -42,87 +41,24 @@ void setMonomials(const Eigen::VectorXd& x, Eigen::Index from, int degree, doubl
   }
 }
 
-// The value of x in [-1, 1] to powers 0 .. degree.
-template <class Row>
-void setPowers(double x, int degree, Row&& row) {
-  double power = 1.0;
-  for (int k = 0; k <= degree; ++k, power *= x) row[k] = power;
+// Degree of the curve of one actuator: as many coefficients as pressures that differ determine.
+int curveDegree(const model::InputHistory& history, const Eigen::VectorXd& shortening) {
+  const double range = history.input.maxCoeff() - history.input.minCoeff();
+  std::set<long> distinct;
+  for (Eigen::Index row = 0; range > 0 && row < history.rows(); ++row) {
+    if (!std::isfinite(shortening[row])) continue;
+    distinct.insert(std::lround(history.input(row, 0) / (kSameEffectivePressure * range)));
+  }
+  return std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
 }
 
-// Least squares min |columns c - target| in which the first `free` coefficients have any sign and
-// the few others none below zero: of all sets of the others, the best whose coefficients are >= 0.
-class NonNegativeLeastSquares {
- public:
-  struct Solution {
-    double rss = std::numeric_limits<double>::infinity();
-    std::vector<int> columns;       // of those beyond the free ones, which have a weight
-    Eigen::VectorXd weight, error;  // theirs, with standard errors
-  };
-
-  NonNegativeLeastSquares(const Eigen::MatrixXd& columns, const Eigen::VectorXd& target,
-                          Eigen::Index free)
-      : gram_(columns.transpose() * columns),
-        projected_(columns.transpose() * target),
-        target2_(target.squaredNorm()),
-        rows_(columns.rows()),
-        free_(free) {}
-
-  // @param allowed  bits of the columns beyond the free ones that may have a weight.
-  Solution solve(unsigned allowed) const {
-    Solution best;
-    for (unsigned set = 0; set <= allowed; ++set) {
-      if ((set & ~allowed) != 0) continue;
-      Solution next = solveSet(set);
-      if (next.rss < best.rss) best = std::move(next);
-    }
-    return best;
-  }
-
- private:
-  Solution solveSet(unsigned set) const {
-    Solution out;
-    std::vector<Eigen::Index> index;
-    for (Eigen::Index k = 0; k < free_; ++k) index.push_back(k);
-    for (Eigen::Index j = 0; free_ + j < gram_.cols(); ++j) {
-      if ((set >> j & 1U) == 0) continue;
-      out.columns.push_back(static_cast<int>(j));
-      index.push_back(free_ + j);
-    }
-    const auto n = static_cast<Eigen::Index>(index.size());
-    const Eigen::MatrixXd G = gram_(index, index);
-    const Eigen::VectorXd z = projected_(index);
-    const Eigen::LDLT<Eigen::MatrixXd> normal(G);
-    const Eigen::VectorXd solution = normal.solve(z);
-    const Eigen::Index weights = n - free_;
-    out.weight = solution.tail(weights);
-    if (weights > 0 && out.weight.minCoeff() < 0) return out;
-    out.rss = std::max(target2_ - z.dot(solution), 0.0);
-    const double variance = out.rss / static_cast<double>(std::max<Eigen::Index>(rows_ - n, 1));
-    out.error = (variance * normal.solve(Eigen::MatrixXd::Identity(n, n)).diagonal().tail(weights))
-                    .cwiseMax(0)
-                    .cwiseSqrt();
-    return out;
-  }
-
-  const Eigen::MatrixXd gram_;
-  const Eigen::VectorXd projected_;
-  const double target2_;
-  const Eigen::Index rows_, free_;
-};
-
-/// Readings of what pressures did, as a polynomial of the effective pressures whose coefficients
-/// are unknown and eliminated. Keeps a reference to the history.
+/// Readings of what pressures did, up to three per row, as a polynomial of the effective pressures
+/// that move, whose coefficients are unknown and eliminated. Keeps a reference to the history.
 class ResponseReadings {
  public:
-  enum class Kind {
-    kPerActuator,  ///< one reading per actuator and row, all of one curve
-    kOfTheArm,     ///< up to three readings per row, of all pressures that move
-  };
-
-  /// @param degree  of the polynomial, of kOfTheArm; that of a curve follows from its readings.
-  ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, Kind kind,
-                   int degree = 2)
-      : history_(history), kind_(kind), degree_(degree) {
+  /// @param degree  of the polynomial; below 0 no reading counts.
+  ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, int degree)
+      : history_(history), degree_(degree) {
     const Eigen::RowVectorXd low = history.input.colwise().minCoeff();
     const Eigen::RowVectorXd high = history.input.colwise().maxCoeff();
     const double widest = (high - low).maxCoeff();
@@ -135,50 +71,21 @@ class ResponseReadings {
     }
     range_ = moving_.empty() ? 0.0 : most - least;
     middle_ = moving_.empty() ? 0.0 : 0.5 * (most + least);
-    std::set<long> distinct;
+    int trial = -1;
     for (Eigen::Index row = 0; row < history.rows(); ++row) {
-      if (history.starts_anew[static_cast<std::size_t>(row)]) ++trials_;
-      if (!perActuator()) {
-        if (reading.row(row).allFinite()) usable_.push_back({row, -1, trials_ - 1});
-        continue;
-      }
-      for (const Eigen::Index i : moving_) {
-        if (!std::isfinite(reading(row, i))) continue;
-        usable_.push_back({row, i, trials_ - 1});
-        distinct.insert(std::lround(history.input(row, i) / (kSameEffectivePressure * range_)));
-      }
+      trial += history.starts_anew[row] ? 1 : 0;
+      if (degree < 0 || !reading.row(row).allFinite()) continue;
+      usable_.push_back(row);
+      trial_.push_back(trial);
     }
-    outputs_ = perActuator() ? 1 : reading.cols();
-    reading_.resize(static_cast<Eigen::Index>(usable_.size()), outputs_);
-    for (std::size_t k = 0; k < usable_.size(); ++k) {
-      const auto& [row, i, trial] = usable_[k];
-      if (perActuator()) {
-        reading_(static_cast<Eigen::Index>(k), 0) = reading(row, i);
-      } else {
-        reading_.row(static_cast<Eigen::Index>(k)) = reading.row(row);
-      }
-    }
-    if (perActuator()) degree_ = std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
-    coefficients_ =
-        perActuator() ? degree_ + 1 : monomials(static_cast<int>(moving_.size()), degree_);
+    reading_ = reading(usable_, Eigen::all);
+    coefficients_ = monomials(static_cast<int>(moving_.size()), degree);
   }
 
   /// Effective pressures (rows x actuators) [Pa].
   Eigen::MatrixXd effective(const model::Response& response) const {
     Eigen::MatrixXd effective = history_.input;
-    for (const Eigen::Index i : moving_) {
-      model::ResponseState state(response);
-      for (Eigen::Index row = 0; row < effective.rows(); ++row) {
-        const auto k = static_cast<std::size_t>(row);
-        if (history_.starts_anew[k]) state.restart();
-        const bool first = history_.starts_anew[k];
-        const double dt = history_.time.empty() ? std::numeric_limits<double>::infinity()
-                          : first               ? 0.0
-                                                : history_.time[k] - history_.time[k - 1];
-        state.step(history_.input(row, i), dt);
-        effective(row, i) = state.effective();
-      }
-    }
+    for (const Eigen::Index i : moving_) effective.col(i) = effectiveOf(history_, i, response);
     return effective;
   }
 
@@ -198,10 +105,7 @@ class ResponseReadings {
     std::vector<double> errors;
     Eigen::Index begin = 0;
     for (Eigen::Index end = 1; end <= rows(); ++end) {
-      const auto trialOf = [&](Eigen::Index k) {
-        return usable_[static_cast<std::size_t>(k)].trial;
-      };
-      if (end < rows() && trialOf(end) == trialOf(begin)) continue;
+      if (end < rows() && trial_[end] == trial_[begin]) continue;
       const auto own = columns.middleRows(begin, end - begin);
       const auto seen = reading_.middleRows(begin, end - begin);
       const Eigen::LDLT<Eigen::MatrixXd> others(normal - own.transpose() * own);
@@ -213,31 +117,22 @@ class ResponseReadings {
                                              static_cast<Eigen::Index>(errors.size()));
   }
 
-  /// Number of rows, or rows of actuators, with readings.
+  /// Number of rows with readings, and of readings.
   Eigen::Index rows() const { return reading_.rows(); }
   Eigen::Index count() const { return reading_.size(); }
+  Eigen::Index outputs() const { return reading_.cols(); }
   int coefficients() const { return coefficients_; }  ///< of the polynomial, per output
-  Eigen::Index outputs() const { return outputs_; }   ///< 1, or those of the arm
   double range() const { return range_; }             ///< of the pressures [Pa]
-  bool perActuator() const { return kind_ == Kind::kPerActuator; }
 
   /// Factor by which residuals that are correlated in time raise a variance, >= 1.
   double correlationFactor(const Eigen::VectorXd& residual) const {
-    const auto rows = static_cast<Eigen::Index>(usable_.size());
     double product = 0.0, square = 0.0;
-    for (Eigen::Index output = 0; output < outputs_; ++output) {
-      // Readings of one actuator follow one another at the distance of the number of actuators.
-      const Eigen::Index stride =
-          perActuator() && !moving_.empty() ? static_cast<Eigen::Index>(moving_.size()) : 1;
-      for (Eigen::Index k = stride; k < rows; ++k) {
-        const Entry& now = usable_[static_cast<std::size_t>(k)];
-        const Entry& before = usable_[static_cast<std::size_t>(k - stride)];
-        if (now.actuator != before.actuator ||
-            history_.starts_anew[static_cast<std::size_t>(now.row)]) {
-          continue;
-        }
-        product += residual[output * rows + k] * residual[output * rows + k - stride];
-        square += residual[output * rows + k] * residual[output * rows + k];
+    for (Eigen::Index output = 0; output < outputs(); ++output) {
+      const auto own = residual.segment(output * rows(), rows());
+      for (Eigen::Index k = 1; k < rows(); ++k) {
+        if (history_.starts_anew[usable_[k]]) continue;
+        product += own[k] * own[k - 1];
+        square += own[k] * own[k];
       }
     }
     const double correlation =
@@ -252,7 +147,7 @@ class ResponseReadings {
       double low = 0, high = 0, down = 0, up = 0;
       for (Eigen::Index row = 0; row < history_.rows(); ++row) {
         const double p = history_.input(row, i);
-        if (history_.starts_anew[static_cast<std::size_t>(row)]) {
+        if (history_.starts_anew[row]) {
           low = high = p;
           down = up = 0;
         }
@@ -282,107 +177,28 @@ class ResponseReadings {
     return motion;
   }
 
-  /// Weights of plays of these reaches by non-negative least squares, in which also the inverse
-  /// curve is linear; those within two standard errors of 0 are left out. kPerActuator only.
-  model::Response withWeights(const model::Response& lags,
-                              const std::vector<double>& reaches) const {
-    model::Response out = lags;
-    out.play_count = 0;
-    const WeightProblem problem = weightProblem(out, reaches);
-    const NonNegativeLeastSquares fit(problem.columns, problem.target, degree_ + 1);
-    // The least significant play is left out until all are significant.
-    unsigned allowed = (1U << reaches.size()) - 1;
-    NonNegativeLeastSquares::Solution best;
-    for (;;) {
-      best = fit.solve(allowed);
-      Eigen::Index weakest = 0;
-      if (best.columns.empty() ||
-          (best.weight - kSignificantWeight * best.error).minCoeff(&weakest) > 0)
-        break;
-      allowed = 0;
-      for (std::size_t j = 0; j < best.columns.size(); ++j) {
-        if (static_cast<Eigen::Index>(j) != weakest) allowed |= 1U << best.columns[j];
-      }
-    }
-    const double sum = best.columns.empty() ? 0.0 : best.weight.sum();
-    const double most = 0.99 * model::Response::kMostWeight;
-    for (std::size_t j = 0; j < best.columns.size(); ++j) {
-      const double weight = best.weight[static_cast<Eigen::Index>(j)];
-      out.plays[static_cast<std::size_t>(out.play_count++)] = {
-          reaches[static_cast<std::size_t>(best.columns[j])],
-          sum > most ? weight * most / sum : weight};
-    }
-    return out;
-  }
-
  private:
-  struct Entry {
-    Eigen::Index row, actuator;  // -1: all
-    int trial;
-  };
-  struct WeightProblem {
-    Eigen::MatrixXd columns;  // (usable x (degree + 1 + plays))
-    Eigen::VectorXd target;
-  };
-
   Eigen::MatrixXd basis(const Eigen::MatrixXd& effective) const {
-    Eigen::MatrixXd out(static_cast<Eigen::Index>(usable_.size()), coefficients_);
-    const auto scaled = [&](double pressure) { return (pressure - middle_) / (0.5 * range_); };
+    Eigen::MatrixXd out(rows(), coefficients_);
     Eigen::VectorXd x(static_cast<Eigen::Index>(moving_.size()));
-    for (std::size_t k = 0; k < usable_.size(); ++k) {
-      auto row = out.row(static_cast<Eigen::Index>(k));
-      if (perActuator()) {
-        setPowers(scaled(effective(usable_[k].row, usable_[k].actuator)), degree_, row);
-        continue;
+    for (Eigen::Index k = 0; k < rows(); ++k) {
+      for (Eigen::Index a = 0; a < x.size(); ++a) {
+        x[a] = (effective(usable_[k], moving_[a]) - middle_) / (0.5 * range_);
       }
-      for (std::size_t a = 0; a < moving_.size(); ++a) {
-        x[static_cast<Eigen::Index>(a)] = scaled(effective(usable_[k].row, moving_[a]));
-      }
+      auto row = out.row(k);
       Eigen::Index column = 0;
       setMonomials(x, 0, degree_, 1.0, row, column);
     }
     return out;
   }
 
-  // The reading as a polynomial of itself and the plays' share of the effective pressure: columns
-  // whose combination is the pressure behind the lags.
-  WeightProblem weightProblem(const model::Response& lags,
-                              const std::vector<double>& reaches) const {
-    const Eigen::MatrixXd x = effective(lags);
-    const int curve = degree_ + 1;
-    const auto rows = static_cast<Eigen::Index>(usable_.size());
-    WeightProblem out{Eigen::MatrixXd(rows, curve + static_cast<Eigen::Index>(reaches.size())),
-                      Eigen::VectorXd(rows)};
-    const double low = reading_.minCoeff(), high = reading_.maxCoeff();
-    for (Eigen::Index k = 0; k < rows; ++k) {
-      const Entry& entry = usable_[static_cast<std::size_t>(k)];
-      setPowers((2 * reading_(k, 0) - low - high) / (high - low), degree_, out.columns.row(k));
-      out.target[k] = x(entry.row, entry.actuator) / range_;
-    }
-    for (std::size_t j = 0; j < reaches.size(); ++j) {
-      model::Response play = lags;
-      play.play_count = 1;
-      play.plays[0] = {reaches[j], 0.5};
-      const Eigen::MatrixXd behind = effective(play);  // x + (y - x) / 2
-      for (Eigen::Index k = 0; k < rows; ++k) {
-        const Entry& entry = usable_[static_cast<std::size_t>(k)];
-        out.columns(k, curve + static_cast<Eigen::Index>(j)) =
-            -2 * (behind(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
-      }
-    }
-    return out;
-  }
-
   const model::InputHistory& history_;
-  Kind kind_;
   std::vector<Eigen::Index> moving_;  // actuators
-  std::vector<Entry> usable_;
-  Eigen::MatrixXd reading_;  // (usable x outputs)
-  Eigen::Index outputs_ = 1;
-  int degree_;
-  int trials_ = 0;
-  int coefficients_ = 0;
-  double range_ = 0.0, middle_ = 0.0;
+  std::vector<Eigen::Index> usable_;  // rows
+  std::vector<int> trial_;            // (usable)
+  Eigen::MatrixXd reading_;           // (usable x outputs)
+  int degree_, coefficients_;
+  double range_, middle_;
 };
 
 constexpr double kSignificantResponse = 2.0;  // standard errors
@@ -394,22 +210,27 @@ constexpr basics::DescentRules kResponseDescent{1e-3, 100.0, 1e6, 1e-8, 0.0, 60}
 struct ResponseNumber {
   enum Kind { kLag, kRise, kFall, kReach, kWeight } kind;  // kLag: both alike
   int play = 0;
+
+  bool ofPlay() const { return kind == kReach || kind == kWeight; }
 };
 
-double responseValueOf(const model::Response& response, const ResponseNumber& number) {
-  const auto play = static_cast<std::size_t>(number.play);
+double& entryOf(model::Response& response, const ResponseNumber& number) {
   switch (number.kind) {
-    case ResponseNumber::kLag:
-    case ResponseNumber::kRise:
-      return response.rise_time;
+    case ResponseNumber::kReach:
+      return response.plays[number.play].reach;
+    case ResponseNumber::kWeight:
+      return response.plays[number.play].weight;
     case ResponseNumber::kFall:
       return response.fall_time;
-    case ResponseNumber::kReach:
-      return response.plays[play].reach;
-    case ResponseNumber::kWeight:
+    case ResponseNumber::kLag:
+    case ResponseNumber::kRise:
       break;
   }
-  return response.plays[play].weight;
+  return response.rise_time;
+}
+
+double valueOf(model::Response response, const ResponseNumber& number) {
+  return entryOf(response, number);
 }
 
 struct ResponseCandidate {
@@ -418,9 +239,7 @@ struct ResponseCandidate {
   double rss = std::numeric_limits<double>::infinity();
   Eigen::VectorXd residual, error;  // error: (numbers) standard errors
 
-  double ratio(std::size_t k) const {
-    return responseValueOf(response, numbers[k]) / error[static_cast<Eigen::Index>(k)];
-  }
+  double ratio(std::size_t k) const { return valueOf(response, numbers[k]) / error[k]; }
 };
 
 class ResponseDescent {
@@ -444,9 +263,8 @@ class ResponseDescent {
     const Eigen::MatrixXd J = jacobian(fit);
     basics::DenseEquations out{J.transpose() * J, J.transpose() * fit.residual};
     for (Eigen::Index k = 0; k < out.gradient.size(); ++k) {
-      const ResponseNumber& number = numberOf(fit, k);
-      const bool leaves =
-          responseValueOf(fit.response, number) <= least(number) && out.gradient[k] > 0;
+      const ResponseNumber& number = fit.numbers[k];
+      const bool leaves = valueOf(fit.response, number) <= least(number) && out.gradient[k] > 0;
       if (out.hessian(k, k) == 0 || leaves) out.hold(k);
     }
     return out;
@@ -454,7 +272,7 @@ class ResponseDescent {
   ResponseCandidate moved(const ResponseCandidate& fit, const Eigen::VectorXd& step) const {
     model::Response next = fit.response;
     for (Eigen::Index k = 0; k < step.size(); ++k) {
-      set(next, numberOf(fit, k), responseValueOf(next, numberOf(fit, k)) + step[k]);
+      set(next, fit.numbers[k], valueOf(next, fit.numbers[k]) + step[k]);
     }
     return at(next, fit.numbers);
   }
@@ -462,36 +280,28 @@ class ResponseDescent {
   // The weakest number that is within two standard errors of 0 is left out until none is.
   ResponseCandidate prune(ResponseCandidate fit) const {
     for (;;) {
-      std::size_t weakest = fit.numbers.size();
-      for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
-        if (fit.numbers[k].kind == ResponseNumber::kReach || fit.ratio(k) > kSignificantResponse)
+      std::vector<ResponseNumber>& numbers = fit.numbers;
+      std::size_t weakest = numbers.size();
+      for (std::size_t k = 0; k < numbers.size(); ++k) {
+        if (numbers[k].kind == ResponseNumber::kReach || fit.ratio(k) > kSignificantResponse)
           continue;
-        if (weakest == fit.numbers.size() || fit.ratio(k) < fit.ratio(weakest)) weakest = k;
+        if (weakest == numbers.size() || fit.ratio(k) < fit.ratio(weakest)) weakest = k;
       }
-      if (weakest == fit.numbers.size()) return fit;
-      const ResponseNumber out = fit.numbers[weakest];
-      model::Response response = fit.response;
-      std::vector<ResponseNumber> left;
-      if (out.kind == ResponseNumber::kWeight) {
-        for (int j = out.play; j + 1 < response.play_count; ++j) {
-          response.plays[static_cast<std::size_t>(j)] =
-              response.plays[static_cast<std::size_t>(j + 1)];
-        }
-        --response.play_count;
+      if (weakest == numbers.size()) return fit;
+      const ResponseNumber out = numbers[weakest];
+      const auto leaves = [&out](const ResponseNumber& one) {
+        return out.ofPlay() ? one.ofPlay() && one.play == out.play : one.kind == out.kind;
+      };
+      numbers.erase(std::remove_if(numbers.begin(), numbers.end(), leaves), numbers.end());
+      if (out.ofPlay()) {
+        const auto own = fit.response.plays.begin() + out.play;
+        std::rotate(own, own + 1, fit.response.plays.end());
+        --fit.response.play_count;
+        for (ResponseNumber& one : numbers) one.play -= one.ofPlay() && one.play > out.play;
       } else {
-        set(response, out, 0.0);
+        set(fit.response, out, 0.0);
       }
-      for (const ResponseNumber& one : fit.numbers) {
-        const bool of_play =
-            one.kind == ResponseNumber::kReach || one.kind == ResponseNumber::kWeight;
-        if (out.kind == ResponseNumber::kWeight && of_play) {
-          if (one.play == out.play) continue;
-          left.push_back({one.kind, one.play - (one.play > out.play ? 1 : 0)});
-        } else if (of_play || one.kind != out.kind) {
-          left.push_back(one);
-        }
-      }
-      fit = polish(response, std::move(left));
+      fit = polish(fit.response, std::move(numbers));
     }
   }
 
@@ -501,60 +311,42 @@ class ResponseDescent {
     return effective * std::log(std::max(fit.rss, 1e-300)) + k * std::log(std::max(effective, 2.0));
   }
 
-  void set(model::Response& response, const ResponseNumber& number, double value) const {
-    const auto play = static_cast<std::size_t>(number.play);
-    value = std::max(value, least(number));
-    switch (number.kind) {
-      case ResponseNumber::kLag:
-        response.rise_time = response.fall_time = std::min(value, kLongestLag);
-        return;
-      case ResponseNumber::kRise:
-        response.rise_time = std::min(value, kLongestLag);
-        return;
-      case ResponseNumber::kFall:
-        response.fall_time = std::min(value, kLongestLag);
-        return;
-      case ResponseNumber::kReach:
-        response.plays[play].reach = std::min(value, 0.5 * readings_.range());
-        return;
-      case ResponseNumber::kWeight:
-        break;
-    }
-    double others = 0.0;
-    for (int j = 0; j < response.play_count; ++j) {
-      if (j != number.play) others += response.plays[static_cast<std::size_t>(j)].weight;
-    }
-    response.plays[play].weight =
-        std::clamp(value, 0.0, std::max(model::Response::kMostWeight - others, 0.0));
-  }
-
  private:
   ResponseCandidate at(const model::Response& response, std::vector<ResponseNumber> numbers) const {
     ResponseCandidate out{response, std::move(numbers), 0.0, readings_.residual(response), {}};
     out.rss = out.residual.squaredNorm();
     return out;
   }
-  static const ResponseNumber& numberOf(const ResponseCandidate& fit, Eigen::Index k) {
-    return fit.numbers[static_cast<std::size_t>(k)];
-  }
   double least(const ResponseNumber& number) const {
     return number.kind == ResponseNumber::kReach ? readings_.range() / 200 : 0.0;
+  }
+
+  // Sets a number within its bounds.
+  void set(model::Response& response, const ResponseNumber& number, double value) const {
+    double& entry = entryOf(response, number);
+    double most = number.kind == ResponseNumber::kReach ? 0.5 * readings_.range() : kLongestLag;
+    if (number.kind == ResponseNumber::kWeight) {
+      entry = 0;
+      most = model::Response::kMostWeight;
+      for (int j = 0; j < response.play_count; ++j) most -= response.plays[j].weight;
+    }
+    entry = std::min(std::max(value, least(number)), std::max(most, 0.0));
+    if (number.kind == ResponseNumber::kLag) response.fall_time = entry;
   }
 
   Eigen::MatrixXd jacobian(const ResponseCandidate& fit) const {
     Eigen::MatrixXd J(fit.residual.size(), static_cast<Eigen::Index>(fit.numbers.size()));
     for (Eigen::Index k = 0; k < J.cols(); ++k) {
-      const ResponseNumber& number = numberOf(fit, k);
-      const double value = responseValueOf(fit.response, number);
+      const ResponseNumber& number = fit.numbers[k];
+      const double value = valueOf(fit.response, number);
       const double step = number.kind == ResponseNumber::kReach    ? 1e-4 * readings_.range()
                           : number.kind == ResponseNumber::kWeight ? 1e-4
                                                                    : std::max(1e-3 * value, 1e-5);
       model::Response next = fit.response;
       // Weights at their largest sum only go down.
-      const bool full = number.kind == ResponseNumber::kWeight;
-      set(next, number, full ? value - step : value + step);
-      if (full && value < step) set(next, number, value + step);
-      const double moved = responseValueOf(next, number) - value;
+      const bool down = number.kind == ResponseNumber::kWeight && value >= step;
+      set(next, number, down ? value - step : value + step);
+      const double moved = valueOf(next, number) - value;
       J.col(k) = moved == 0 ? Eigen::VectorXd::Zero(J.rows()).eval()
                             : ((readings_.residual(next) - fit.residual) / moved).eval();
     }
@@ -564,25 +356,20 @@ class ResponseDescent {
   Eigen::VectorXd errors(const ResponseCandidate& fit) const {
     const auto n = static_cast<Eigen::Index>(fit.numbers.size());
     Eigen::VectorXd out = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
-    if (n == 0) return out;
     const Eigen::MatrixXd J = jacobian(fit);
-    std::vector<Eigen::Index> active;  // parameters with an effect
+    std::vector<Eigen::Index> active;  // numbers with an effect
     for (Eigen::Index k = 0; k < n; ++k) {
       if (J.col(k).squaredNorm() > 0) active.push_back(k);
     }
     const auto m = static_cast<Eigen::Index>(active.size());
     if (m == 0) return out;
-    Eigen::MatrixXd effect(J.rows(), m);
-    for (Eigen::Index k = 0; k < m; ++k) effect.col(k) = J.col(active[static_cast<std::size_t>(k)]);
+    const Eigen::MatrixXd effect = J(Eigen::all, active);
     const double freedom =
         static_cast<double>(std::max<Eigen::Index>(J.rows() - m - readings_.coefficients(), 1));
     const double variance = readings_.correlationFactor(fit.residual) * fit.rss / freedom;
     const Eigen::MatrixXd covariance =
         (effect.transpose() * effect).ldlt().solve(Eigen::MatrixXd::Identity(m, m));
-    for (Eigen::Index k = 0; k < m; ++k) {
-      out[active[static_cast<std::size_t>(k)]] =
-          std::sqrt(std::max(variance * covariance(k, k), 0.0));
-    }
+    out(active) = (variance * covariance.diagonal()).cwiseMax(0.0).cwiseSqrt();
     return out;
   }
 
@@ -594,7 +381,7 @@ constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10,
 constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
 constexpr int kLeastInMotion = 10;       // rows
 constexpr int kLeastTrials = 3;          // for the scatter between them
-constexpr double kStartWeight = 0.3;     // of a play, where nothing linear tells it
+constexpr double kStartWeight = 0.3;     // of one play
 // Of the polynomial for positions: a strongly bent arm needs more than the second degree.
 constexpr int kLeastDegree = 2, kMostDegree = 4;
 constexpr int kMostCoefficients = 84;  // six pressures to the third degree
@@ -605,65 +392,41 @@ std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion)
   return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
 }
 
-// Common lags to start from: none, and the best of a series.
-std::vector<double> startingLags(const ResponseReadings& readings, bool lags) {
-  if (!lags) return {0.0};
-  double best = 0.0, least = std::numeric_limits<double>::infinity();
-  for (double lag = 0.03; lag < 31; lag *= 1.5) {
-    model::Response response;
-    response.rise_time = response.fall_time = lag;
-    const double rss = readings.residual(response).squaredNorm();
-    if (rss < least) {
-      least = rss;
-      best = lag;
-    }
-  }
-  return {0.0, best};
+// Of some responses the one with the least deviation of the readings.
+model::Response closestOf(const ResponseReadings& readings,
+                          const std::vector<model::Response>& responses) {
+  std::vector<double> rss;
+  for (const model::Response& one : responses) rss.push_back(readings.residual(one).squaredNorm());
+  return responses[std::min_element(rss.begin(), rss.end()) - rss.begin()];
 }
 
-// Plays to start from: none, the linear fit, and single ones.
+// The best common lag of a series, to start from.
+model::Response startingLag(const ResponseReadings& readings) {
+  std::vector<model::Response> series;
+  for (double lag = 0.03; lag < 31; lag *= 1.5) {
+    series.emplace_back().rise_time = lag;
+    series.back().fall_time = lag;
+  }
+  return closestOf(readings, series);
+}
+
+// Plays to start from: the best single one and, if there may be several, one at each threshold.
 std::vector<model::Response> startingPlays(const ResponseReadings& readings,
-                                           const model::Response& lags) {
-  std::vector<model::Response> out;
-  std::vector<double> reaches;
-  for (const double part : kPlayThresholds) reaches.push_back(part * readings.range());
-  if (readings.perActuator()) {
-    const model::Response linear = readings.withWeights(lags, reaches);
-    if (linear.play_count > 1) {
-      out.push_back(linear);
-      // Two thresholds may stand for one play between them.
-      double weight = 0.0;
-      for (int j = 0; j < linear.play_count; ++j) {
-        weight += linear.plays[static_cast<std::size_t>(j)].weight;
-      }
-      model::Response between = lags;
-      between.play_count = 1;
-      between.plays[0] = {linear.halfWidth() / weight, weight};
-      out.push_back(between);
-    }
-    // Noise of the readings may have hidden some of them from it.
-    model::Response all = lags;
-    for (const double reach : reaches) {
-      all.plays[static_cast<std::size_t>(all.play_count++)] = {reach, kStartWeight / 2};
-    }
-    out.push_back(all);
-  }
-  model::Response best;
-  double least = std::numeric_limits<double>::infinity();
+                                           const model::Response& lags, bool several) {
+  std::vector<model::Response> singles, out;
   for (double reach = readings.range() / 60; reach < readings.range() / 3; reach *= 1.35) {
-    model::Response single = lags;
-    if (readings.perActuator()) single = readings.withWeights(lags, {reach});
-    if (!readings.perActuator()) {
-      single.play_count = 1;
-      single.plays[0] = {reach, kStartWeight};
-    }
-    if (single.play_count == 0) continue;
-    const double rss = readings.residual(single).squaredNorm();
-    if (rss >= least) continue;
-    least = rss;
-    best = single;
+    singles.push_back(lags);
+    singles.back().play_count = 1;
+    singles.back().plays[0] = {reach, kStartWeight};
   }
-  if (best.play_count > 0) out.push_back(best);
+  if (several) {
+    out.push_back(lags);
+    for (const double part : kPlayThresholds) {
+      model::Response& all = out.back();
+      all.plays[all.play_count++] = {part * readings.range(), kStartWeight / 2};
+    }
+  }
+  out.push_back(closestOf(readings, singles));
   return out;
 }
 
@@ -679,22 +442,18 @@ void reportResponse(const ResponseReadings& readings, const ResponseCandidate& f
   out.response = fit.response;
   for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
     const ResponseNumber& number = fit.numbers[k];
-    const Estimate estimate{responseValueOf(fit.response, number),
-                            fit.error[static_cast<Eigen::Index>(k)]};
-    const auto play = static_cast<std::size_t>(number.play);
+    const Estimate estimate{valueOf(fit.response, number), fit.error[k]};
     if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kRise)
       out.rise_time = estimate;
     if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kFall)
       out.fall_time = estimate;
-    if (number.kind == ResponseNumber::kReach) out.reach[play] = estimate;
-    if (number.kind == ResponseNumber::kWeight) out.weight[play] = estimate;
+    if (number.kind == ResponseNumber::kReach) out.reach[number.play] = estimate;
+    if (number.kind == ResponseNumber::kWeight) out.weight[number.play] = estimate;
   }
   for (int j = 0; j < fit.response.play_count; ++j) {
-    const auto play = static_cast<std::size_t>(j);
-    out.reach[play].value = fit.response.plays[play].reach;
+    out.reach[j].value = fit.response.plays[j].reach;
   }
   out.rms = std::sqrt(fit.rss / static_cast<double>(readings.rows()));
-  out.effective = readings.effective(fit.response);
 }
 
 // Whether the first errors of trials that were left out are less than the others, by two standard
@@ -737,31 +496,30 @@ const ResponseCandidate& closestOf(const std::vector<ResponseCandidate>& candida
 
 // Fits from several lags and plays; the first one has neither.
 // @param lags  numbers of the lags that the readings tell. @param reverses  whether they tell
-// plays.
+// plays. @param several  of startingPlays().
 std::vector<ResponseCandidate> candidatesOf(const ResponseReadings& readings,
                                             const ResponseDescent& descent,
-                                            const std::vector<ResponseNumber>& lags,
-                                            bool reverses) {
+                                            const std::vector<ResponseNumber>& lags, bool reverses,
+                                            bool several) {
   std::vector<ResponseCandidate> out{descent.polish({}, {})};
   const auto withPlays = [&](const model::Response& plays, bool lagged) {
     return descent.polish(plays,
                           withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays));
   };
-  for (const double lag : startingLags(readings, !lags.empty())) {
-    model::Response start;
-    start.rise_time = start.fall_time = lag;
-    if (lag > 0) out.push_back(descent.polish(start, lags));
+  for (const bool lagged : {false, true}) {
+    if (lagged && lags.empty()) break;
+    if (lagged) out.push_back(descent.polish(startingLag(readings), lags));
     if (!reverses) continue;
     const model::Response from = out.back().response;
-    for (const model::Response& plays : startingPlays(readings, from)) {
-      out.push_back(withPlays(plays, lag > 0));
+    for (const model::Response& plays : startingPlays(readings, from, several)) {
+      out.push_back(withPlays(plays, lagged));
     }
   }
   if (!reverses) return out;
   // A lag found without plays makes up for some of them: again from the lags found with them.
   model::Response from = closestOf(out).response;
   from.play_count = 0;
-  for (const model::Response& plays : startingPlays(readings, from)) {
+  for (const model::Response& plays : startingPlays(readings, from, several)) {
     out.push_back(descent.prune(withPlays(plays, hasLag(from))));
   }
   return out;
@@ -795,19 +553,19 @@ void conclude(bool in_motion, bool reverses, bool play_is_scatter, ResponseFit& 
   }
 }
 
-ResponseFit fitReadings(const ResponseReadings& readings) {
+ResponseFit fitReadings(const ResponseReadings& readings, bool several) {
   ResponseFit out;
   if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
-    std::ostringstream text;
-    text << "the data hold " << readings.count() << " readings; expected at least "
-         << 3 * readings.coefficients() << " at pressures that differ";
-    out.failure = text.str();
+    out.failure =
+        basics::messageOf("the data hold ", readings.count(), " readings; expected at least ",
+                          3 * readings.coefficients(), " at pressures that differ");
     return out;
   }
   const std::vector<ResponseNumber> lags = responseLags(readings.motion());
   const bool reverses = readings.largestReversal() >= kLeastReversal;
   const ResponseDescent descent(readings);
-  std::vector<ResponseCandidate> candidates = candidatesOf(readings, descent, lags, reverses);
+  std::vector<ResponseCandidate> candidates =
+      candidatesOf(readings, descent, lags, reverses, several);
   out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
   const double effective = static_cast<double>(readings.count()) /
                            readings.correlationFactor(closestOf(candidates).residual);
@@ -834,21 +592,34 @@ ResponseFit fitReadings(const ResponseReadings& readings) {
 
 }  // namespace
 
-ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening) {
-  return fitReadings({history, shortening, ResponseReadings::Kind::kPerActuator});
+Eigen::VectorXd effectiveOf(const model::InputHistory& history, Eigen::Index actuator,
+                            const model::Response& response) {
+  model::ResponseState state(response);
+  Eigen::VectorXd out(history.rows());
+  for (Eigen::Index row = 0; row < out.size(); ++row) {
+    if (history.starts_anew[row]) state.restart();
+    const double dt = !state.started()       ? 0.0
+                      : history.time.empty() ? std::numeric_limits<double>::infinity()
+                                             : history.time[row] - history.time[row - 1];
+    state.step(history.input(row, actuator), dt);
+    out[row] = state.effective();
+  }
+  return out;
+}
+
+ResponseFit fitResponse(const model::InputHistory& history, const Eigen::VectorXd& shortening) {
+  return fitReadings({history, shortening, curveDegree(history, shortening)}, true);
 }
 
 ResponseFit fitResponseToPositions(const model::InputHistory& history,
                                    const Eigen::MatrixXd& position) {
-  const auto readingsOf = [&](int degree) {
-    return ResponseReadings(history, position, ResponseReadings::Kind::kOfTheArm, degree);
-  };
+  const auto readingsOf = [&](int degree) { return ResponseReadings(history, position, degree); };
   int degree = kLeastDegree;
-  ResponseFit fit = fitReadings(readingsOf(degree));
+  ResponseFit fit = fitReadings(readingsOf(degree), false);
   for (int higher = degree + 1; fit.fitted() && higher <= kMostDegree; ++higher) {
     const ResponseReadings finer = readingsOf(higher);
     if (!explainsMore(finer, readingsOf(degree), fit.response)) continue;
-    fit = fitReadings(finer);
+    fit = fitReadings(finer, false);
     degree = higher;
   }
   return fit;

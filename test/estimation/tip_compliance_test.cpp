@@ -7,6 +7,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
+#include "localization/twist_equations.hpp"
 #include "support/refusal.hpp"
 #include "support/sample_view.hpp"
 
@@ -105,17 +106,7 @@ class Eye {
   model::Shape fitted(const model::Shape& shape, const std::vector<int>& tags,
                       const model::Shape& expected) {
     std::vector<CornerObservation> seen;
-    for (const int tag : tags) {
-      const lie::SE3 X_CT =
-          view_.X_CB * tagPoses(view_.layout, shape)[static_cast<std::size_t>(tag)];
-      CornerObservation observation{tag, {}};
-      for (int c = 0; c < 4; ++c) {
-        const Eigen::Vector2d corner = view_.layout.corners().col(c);
-        const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(corner.x(), corner.y(), 0.0);
-        observation.direction.col(c) = p_C.head<2>() / p_C.z();
-      }
-      seen.push_back(observation);
-    }
+    for (const int tag : tags) seen.push_back(observe(view_, shape, tag));
     const TwistFit& fit = fitter_.fit(seen, view_.X_CB, view_.camera.focal(), expected, expected);
     EXPECT_EQ(fit.status, FitStatus::kConverged);
     return fit.shape;

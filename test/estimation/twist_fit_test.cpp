@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "estimation/calibration_data.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
@@ -16,8 +17,6 @@
 
 namespace helix_arm::estimation {
 namespace {
-
-using test::Random;
 
 // Under its own weight and one at its tip.
 model::Shape sagging(const model::Arm& arm, const Eigen::VectorXd& pressure,
@@ -319,13 +318,8 @@ TEST(TwistFit, APlanarArmStaysInItsPlane) {
   model::Twists twists(6, 1), start(6, 1);
   twists << 0.42, 0.01, 0, 0, 0, 0.8;
   start << 0.42, 0, 0.01, 0.2, 0.1, 0;
-  std::vector<PoseObservation> seen;
   Random random(14);
-  const std::vector<lie::SE3> poses = tagPoses(layout, twists);
-  for (int i = 0; i < 6; ++i) {
-    seen.push_back({i, poses[i]});
-    for (int k = 0; k < 3; ++k) seen.back().X_BT.translation[k] += 0.01 * random.normal();
-  }
+  const std::vector<PoseObservation> seen = posesOf(layout, twists, {}, 0.01, random);
   TwistFitOptions options;
   TwistFitter spatial(layout, 1, options);
   EXPECT_EQ(spatial.fitCold(seen, start).status, FitStatus::kUnderdetermined);
@@ -359,9 +353,7 @@ TEST(TwistFit, PosesGiveTheTwistsToo) {
         const model::Shape model = loaded ? sagging(arm, q) : model::Shape(arm.twists(q));
         const model::Shape shape =
             model.about(nearby(model.twists(), 0.01, loaded ? 0.3 : 0.1, random));
-        const std::vector<lie::SE3> poses = tagPoses(layout, shape);
-        std::vector<PoseObservation> seen;
-        for (int tag = 0; tag < 16; ++tag) seen.push_back({tag, poses[tag]});
+        const std::vector<PoseObservation> seen = posesOf(layout, shape, {}, 0, random);
         // Under a load from the model alone.
         const TwistFit& fit = loaded ? fitter.fitCold(seen, model) : fitter.fit(seen, model);
         ASSERT_EQ(fit.status, FitStatus::kConverged);
@@ -540,15 +532,8 @@ TEST_P(TwistFitCoverageOfPlaces, EllipsoidsOf95PercentHoldTheTruthIn95Percent) {
   TwistFitter fitter(layout, 1, options_);
   for (int i = 0; i < kDraws; ++i) {
     draw();
-    std::vector<PoseObservation> seen;
-    const std::vector<lie::SE3> poses = tagPoses(layout, truth_);
-    for (int tag = 0; tag < tags; ++tag) {
-      seen.push_back({tag, X_B0B_ * poses[tag]});
-      for (int k = 0; k < 3; ++k) {
-        seen.back().X_BT.translation[k] += noise * options_.position_noise * random_.normal();
-      }
-    }
-    count(fitter.fitCold(seen, model_));
+    count(fitter.fitCold(posesOf(layout, truth_, X_B0B_, noise * options_.position_noise, random_),
+                         model_));
   }
   expectCoverage("places");
 }

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "calibration/calibration_statistics.hpp"
+#include "calibration/calibration_fit.hpp"
 #include "calibration/shape_model.hpp"
 #include "support/sample_rig.hpp"
 

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
@@ -44,10 +46,7 @@ TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
 TEST(BudgetTable, ItsWorstIsAlongAnyDirection) {
   estimation::TipErrorBudget budget = sample();
   budget.predicted.covariance << 1e-6, 1e-6, 0, 1e-6, 1e-6, 0, 0, 0, 0;
-  const BudgetRow row = budgetRows(budget)[estimation::kBudgetPartCount + 1];
-  EXPECT_EQ(row.name, "predicted");
-  EXPECT_NEAR(row.worst, std::sqrt(2.0) * 1e-3, 1e-9);
-  EXPECT_NEAR(row.axes.x(), 1e-3, 1e-12);
+  EXPECT_TRUE(test::has(budgetTable(budget), "predicted           1.00    1.00    0.00    1.41\n"));
 }
 
 TEST(BudgetTable, TheTextHasALineAndItsUnitForEachRow) {

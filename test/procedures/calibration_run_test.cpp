@@ -1,9 +1,10 @@
 #include "helix_arm/procedures/calibration_run.hpp"
 
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <stdexcept>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -45,81 +46,89 @@ class Arm {
   Eigen::VectorXd pressure_;
 };
 
-struct Record {
-  std::vector<Eigen::VectorXd> commands;
+// A run, and what it has commanded, with any arm.
+class Play {
+ public:
+  CalibrationRun run;
+  double now = 100;
+  std::vector<Eigen::VectorXd> commands{kRest};
   std::vector<Sample> captures;
   int steps_done = 0;
+
+  explicit Play(const RunRules& rules = kRules) : run(twoSteps(), kRest, kRest, rules) {}
+
+  const Eigen::VectorXd& command() const { return commands.back(); }
+
+  // One tick in which the arm has this state.
+  void tick(const Settling& state) {
+    now += kTick;
+    const auto order = run.advance(now, state);
+    commands.push_back(order.pressure);
+    if (order.capture) captures.push_back(*order.capture);
+    steps_done += order.step_done;
+  }
+
+  // To the end, or for so many ticks. @param arm  its state, by time and command.
+  template <class AnyArm>
+  void with(AnyArm&& arm, int most_ticks = 100000) {
+    for (int k = 0; k < most_ticks && !run.ended(); ++k) tick(arm(now + kTick, command()));
+  }
+
+  // It has ended at rest, without a jump.
+  void expectEnd(RunEnd verdict, const std::string& reason) const {
+    EXPECT_TRUE(run.ended());
+    EXPECT_EQ(run.verdict(), verdict);
+    EXPECT_TRUE(reason.empty() ? run.reason().empty() : test::has(run.reason(), reason));
+    EXPECT_EQ(command(), kRest);
+    for (std::size_t k = 1; k < commands.size(); ++k) {
+      EXPECT_LE((commands[k] - commands[k - 1]).cwiseAbs().maxCoeff(),
+                kRules.ramp * kTick * (1 + 1e-6));
+    }
+  }
 };
 
-// Runs to the end, or for so many ticks.
-Record play(CalibrationRun& run, Eigen::VectorXd command,
-            const std::function<Settling(double, const Eigen::VectorXd&)>& arm,
-            int most_ticks = 100000) {
-  Record out;
-  static double now = 100;
-  for (int k = 0; k < most_ticks && !run.ended(); ++k) {
-    now += kTick;
-    const auto order = run.advance(now, arm(now, command));
-    command = order.pressure;
-    out.commands.push_back(command);
-    if (order.capture) out.captures.push_back(*order.capture);
-    out.steps_done += order.step_done;
-  }
+// What is said of an arm that is at this set point.
+Settling stateOf(SettleState state, const Eigen::VectorXd& set_point,
+                 const std::string& reason = "") {
+  Settling out;
+  out.state = state;
+  out.set_point = set_point;
+  out.reason = reason;
   return out;
 }
 
-Record play(CalibrationRun& run, Arm arm = Arm()) { return play(run, kRest, arm); }
-
-void expectBoundedRamps(const Record& record, const Eigen::VectorXd& from) {
-  Eigen::VectorXd last = from;
-  for (const Eigen::VectorXd& command : record.commands) {
-    EXPECT_LE((command - last).cwiseAbs().maxCoeff(), kRules.ramp * kTick * (1 + 1e-6));
-    last = command;
-  }
-}
-
 TEST(CalibrationRun, CapturesAtEveryStepAndEndsAtRest) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-  const Record record = play(run);
-  ASSERT_TRUE(run.ended());
-  EXPECT_EQ(run.verdict(), RunEnd::kCompleted);
-  EXPECT_TRUE(run.reason().empty());
-  EXPECT_EQ(record.steps_done, 2);
-  ASSERT_EQ(record.captures.size(), 6u);
+  Play play;
+  play.with(Arm());
+  play.expectEnd(RunEnd::kCompleted, "");
+  EXPECT_EQ(play.steps_done, 2);
+  ASSERT_EQ(play.captures.size(), 6u);
   for (int k = 0; k < 6; ++k) {
-    EXPECT_EQ(record.captures[k].pressure, twoSteps().row(k / 3).transpose());
+    EXPECT_EQ(play.captures[k].pressure, twoSteps().row(k / 3).transpose());
     if (k > 0) {
-      EXPECT_GT(record.captures[k].time, record.captures[k - 1].time) << "same picture";
+      EXPECT_GT(play.captures[k].time, play.captures[k - 1].time) << "same picture";
     }
   }
-  EXPECT_EQ(record.commands.back(), kRest);
-  expectBoundedRamps(record, kRest);
 }
 
 TEST(CalibrationRun, DoesNotCaptureBeforeTheCommandIsInForce) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Play play;
   // Someone says it is settled, but at the old set point.
-  const Record record = play(run, kRest, [](double now, const Eigen::VectorXd&) {
-    Settling out;
-    out.state = SettleState::kSettled;
-    out.set_point = kRest;
+  play.with([](double now, const Eigen::VectorXd&) {
+    Settling out = stateOf(SettleState::kSettled, kRest);
     out.last = Sample{now, kRest, {}};
     return out;
   });
-  EXPECT_TRUE(record.captures.empty());
-  EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_TRUE(test::has(run.reason(), "does not follow"));
+  EXPECT_TRUE(play.captures.empty());
+  play.expectEnd(RunEnd::kAborted, "does not follow");
 }
 
 TEST(CalibrationRun, AStepThatDoesNotSettleAbortsWithItsReasonAndRampsDown) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-  const Record record = play(run, Arm(1e9));
-  EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_TRUE(test::has(run.reason(), "step 1 has not settled within 5 s: it sways"));
-  EXPECT_EQ(record.commands.back(), kRest);
-  expectBoundedRamps(record, kRest);
+  Play play;
+  play.with(Arm(1e9));
+  play.expectEnd(RunEnd::kAborted, "step 1 has not settled within 5 s: it sways");
   // 1 s up, 5 s of patience, 1 s down.
-  EXPECT_NEAR(kTick * static_cast<double>(record.commands.size()), 7.0, 0.2);
+  EXPECT_NEAR(kTick * static_cast<double>(play.commands.size()), 7.0, 0.2);
 }
 
 // An arm whose camera is out from tick to tick, each included, counted from 0.
@@ -130,9 +139,7 @@ class SeenArm {
   Settling operator()(double now, const Eigen::VectorXd& pressure) {
     Settling out = arm_(now, pressure);
     if (tick_ >= from_ && tick_ <= to_) {
-      out.state = SettleState::kUnseen;
-      out.reason = "tag detections: none received for 2.00 s";
-      out.last.reset();
+      out = stateOf(SettleState::kUnseen, pressure, "tag detections: none received for 2.00 s");
     }
     ++tick_;
     return out;
@@ -148,202 +155,154 @@ constexpr int kRampTicks = 50;       // 1 s for the first step
 
 TEST(CalibrationRun, ItWaitsForACameraThatIsOutWhereverItIs) {
   for (const int begin : {0, kRampTicks / 2, kRampTicks + 5, kRampTicks + 40}) {
-    CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-    const Record record = play(run, kRest, SeenArm(begin, begin + 150));
-    EXPECT_EQ(run.verdict(), RunEnd::kCompleted) << run.reason();
-    EXPECT_EQ(record.captures.size(), 6u);
-    EXPECT_EQ(record.steps_done, 2);
-    expectBoundedRamps(record, kRest);
+    Play play;
+    play.with(SeenArm(begin, begin + 150));
+    play.expectEnd(RunEnd::kCompleted, "");
+    EXPECT_EQ(play.captures.size(), 6u);
+    EXPECT_EQ(play.steps_done, 2);
   }
 }
 
 TEST(CalibrationRun, WhileNothingIsSeenThePressuresStandStill) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Play play;
   const int begin = kRampTicks / 2;
-  const Record record = play(run, kRest, SeenArm(begin, begin + 100), begin + 101);
-  EXPECT_EQ(run.phase(), RunPhase::kRamping);
-  EXPECT_TRUE(run.waitsForPictures());
-  const auto& commands = record.commands;
-  EXPECT_GT(commands[begin - 1].maxCoeff(), 0);
-  for (std::size_t k = begin; k < commands.size(); ++k) EXPECT_EQ(commands[k], commands[begin - 1]);
+  play.with(SeenArm(begin, begin + 100), begin + 101);
+  EXPECT_EQ(play.run.phase(), RunPhase::kRamping);
+  EXPECT_TRUE(play.run.waitsForPictures());
+  EXPECT_GT(play.commands[begin].maxCoeff(), 0);
+  for (std::size_t k = begin; k < play.commands.size(); ++k) {
+    EXPECT_EQ(play.commands[k], play.commands[begin]);
+  }
 }
 
 TEST(CalibrationRun, ACameraThatStaysOutEndsItAfterItsPatience) {
-  struct Case {
-    int begin;
-    const char* words;
-  };
-  for (const Case& one : {Case{kRampTicks / 2, "step 1 has waited for pictures for 5 s"},
-                          Case{kRampTicks + 5, "step 1 has not settled within 5 s"}}) {
-    CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-    SeenArm arm(one.begin, 1 << 20);
-    const Record before = play(run, kRest, arm, one.begin + kPatienceTicks - 10);
-    EXPECT_TRUE(run.phase() == RunPhase::kRamping || run.phase() == RunPhase::kSettling);
-    SeenArm dark(0, 1 << 20);
-    const Record after = play(run, before.commands.back(), dark);
-    EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_TRUE(test::has(run.reason(), one.words));
-    EXPECT_TRUE(test::has(run.reason(), "tag detections: none received"));
-    EXPECT_EQ(after.commands.back(), kRest);
+  for (const auto& [begin, words] : {std::pair{kRampTicks / 2, "has waited for pictures for 5 s"},
+                                     {kRampTicks + 5, "has not settled within 5 s"}}) {
+    Play play;
+    SeenArm arm(begin, 1 << 20);
+    play.with(arm, begin + kPatienceTicks - 10);
+    EXPECT_TRUE(play.run.phase() == RunPhase::kRamping || play.run.phase() == RunPhase::kSettling);
+    const std::size_t before = play.commands.size();
+    play.with(arm);
+    play.expectEnd(RunEnd::kAborted, std::string("step 1 ") + words);
+    EXPECT_TRUE(test::has(play.run.reason(), "tag detections: none received"));
     // 10 ticks of patience, and the ramp down of at most 1 s.
-    EXPECT_LT(after.commands.size(), 100u);
-    expectBoundedRamps(after, before.commands.back());
+    EXPECT_LT(play.commands.size() - before, 100u);
   }
 }
 
 TEST(CalibrationRun, ItsReturnDoesNotWaitForPicturesButForTheCommand) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-  run.end(RunEnd::kPreempted, "cancelled");
-  Settling dark;
-  dark.state = SettleState::kUnseen;
-  dark.set_point = Eigen::Vector2d(5e4, 0);
-  for (int k = 0; k < 20; ++k) run.advance(kTick * k, dark);
-  EXPECT_FALSE(run.ended()) << "the command has not followed";
-  dark.set_point = kRest;
-  run.advance(kTick * 20, dark);
-  EXPECT_TRUE(run.ended());
+  Play play;
+  play.run.end(RunEnd::kPreempted, "cancelled");
+  for (int k = 0; k < 20; ++k) {
+    play.tick(stateOf(SettleState::kUnseen, Eigen::Vector2d(5e4, 0)));
+  }
+  EXPECT_FALSE(play.run.ended()) << "the command has not followed";
+  play.tick(stateOf(SettleState::kUnseen, kRest));
+  EXPECT_TRUE(play.run.ended());
 }
 
 TEST(CalibrationRun, StalePressuresAbortAtOnceAndRampDown) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-  Arm arm;
-  Record before = play(run, kRest, std::ref(arm), 60);
-  ASSERT_EQ(run.phase(), RunPhase::kSettling);
-  const Record after = play(run, before.commands.back(), [](double, const Eigen::VectorXd&) {
-    Settling out;
-    out.reason = "measured pressures: none received for 2.00 s";
-    return out;
-  });
-  EXPECT_TRUE(run.ended());
-  EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_EQ(run.reason(), "measured pressures: none received for 2.00 s");
-  EXPECT_EQ(after.commands.back(), kRest);
-  expectBoundedRamps(after, before.commands.back());
+  Play play;
+  play.with(Arm(), 60);
+  ASSERT_EQ(play.run.phase(), RunPhase::kSettling);
+  Settling stale;
+  stale.reason = "measured pressures: none received for 2.00 s";
+  play.with([&](double, const Eigen::VectorXd&) { return stale; });
+  play.expectEnd(RunEnd::kAborted, stale.reason);
 }
 
 TEST(CalibrationRun, PreemptedItRampsDownFromWhereverItIs) {
   for (const int ticks : {10, 60, 140}) {
-    CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+    Play play;
     Arm arm;
-    const Record before = play(run, kRest, std::ref(arm), ticks);
-    run.end(RunEnd::kPreempted, "asked to");
-    run.end(RunEnd::kAborted, "later");
-    const Record after = play(run, before.commands.back(), std::ref(arm));
-    EXPECT_TRUE(run.ended());
-    EXPECT_EQ(run.verdict(), RunEnd::kPreempted);
-    EXPECT_EQ(run.reason(), "asked to");
-    EXPECT_TRUE(after.captures.empty());
-    EXPECT_EQ(after.commands.back(), kRest);
-    expectBoundedRamps(after, before.commands.back());
+    play.with(arm, ticks);
+    const std::size_t captured = play.captures.size();
+    play.run.end(RunEnd::kPreempted, "asked to");
+    play.run.end(RunEnd::kAborted, "later");
+    play.with(arm);
+    play.expectEnd(RunEnd::kPreempted, "asked to");
+    EXPECT_EQ(play.captures.size(), captured);
   }
 }
 
 TEST(CalibrationRun, LeavesTheArmToAnotherCommander) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
-  Arm arm;
-  play(run, kRest, arm, 60);
-  run.yield("the series commands the arm");
-  EXPECT_TRUE(run.ended());
-  EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_EQ(run.reason(), "the series commands the arm");
+  Play play;
+  play.with(Arm(), 60);
+  play.run.yield("the series commands the arm");
+  EXPECT_TRUE(play.run.ended());
+  EXPECT_EQ(play.run.verdict(), RunEnd::kAborted);
+  EXPECT_EQ(play.run.reason(), "the series commands the arm");
 }
 
 TEST(CalibrationRun, ItsRampsGoOnWhereTheyWereAfterAPause) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Play play;
   Arm arm;
-  Eigen::VectorXd command = kRest;
-  command = run.advance(1, arm(1, command)).pressure;
-  EXPECT_EQ(command, kRest);
-  command = run.advance(2000, arm(2000, command)).pressure;
-  EXPECT_GT(command.maxCoeff(), 0);
-  EXPECT_LE(command.maxCoeff(), 1.01e4) << "a tenth of a second's worth";
+  play.with(arm, 1);
+  EXPECT_EQ(play.command(), kRest);
+  play.now += 2000;
+  play.with(arm, 1);
+  EXPECT_GT(play.command().maxCoeff(), 0);
+  EXPECT_LE(play.command().maxCoeff(), 1.01e4) << "a tenth of a second's worth";
 }
 
 TEST(CalibrationRun, WhereTimeGoesBackItEndsAndRampsDown) {
   for (const int ticks : {5, 80}) {  // ramping, settling
-    CalibrationRun run(twoSteps(), kRest, kRest, {3, 1e5, 1e4});
+    Play play({3, 1e5, 1e4});
     const auto restless = [](double, const Eigen::VectorXd& pressure) {
-      Settling out;
-      out.state = SettleState::kMoving;
-      out.set_point = pressure;
-      return out;
+      return stateOf(SettleState::kMoving, pressure);
     };
-    double now = 1000;
-    Eigen::VectorXd command = kRest;
-    for (int k = 0; k < ticks; ++k) {
-      now += 0.02;
-      command = run.advance(now, restless(now, command)).pressure;
-    }
-    EXPECT_GT(command.maxCoeff(), 0);
-    now = 3;
-    for (int k = 0; k < 1000 && !run.ended(); ++k) {
-      command = run.advance(now, restless(now, command)).pressure;
-      now += 0.02;
-    }
-    ASSERT_TRUE(run.ended());
-    EXPECT_EQ(command, kRest);
-    EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_TRUE(test::has(run.reason(), "time went back"));
+    play.with(restless, ticks);
+    EXPECT_GT(play.command().maxCoeff(), 0);
+    play.now = 3;
+    play.with(restless, 1000);
+    play.expectEnd(RunEnd::kAborted, "time went back");
+  }
+}
+
+// Until the last step is done.
+void playToReturn(Play& play, Arm& arm) {
+  while (play.run.phase() != RunPhase::kReturning) {
+    ASSERT_LT(play.now, 200);
+    play.with(arm, 1);
   }
 }
 
 TEST(CalibrationRun, CancelledDuringItsReturnItIsNotComplete) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Play play;
   Arm arm;
-  double now = 0;
-  Eigen::VectorXd command = kRest;
-  while (run.phase() != RunPhase::kReturning) {
-    now += 0.02;
-    ASSERT_LT(now, 100);
-    command = run.advance(now, arm(now, command)).pressure;
-  }
-  EXPECT_EQ(run.verdict(), RunEnd::kCompleted);
-  run.end(RunEnd::kPreempted, "cancelled");
-  run.end(RunEnd::kAborted, "too late");
-  EXPECT_EQ(run.verdict(), RunEnd::kPreempted);
-  EXPECT_EQ(run.reason(), "cancelled");
-  EXPECT_EQ(run.phase(), RunPhase::kReturning);
+  playToReturn(play, arm);
+  EXPECT_EQ(play.run.verdict(), RunEnd::kCompleted);
+  play.run.end(RunEnd::kPreempted, "cancelled");
+  play.run.end(RunEnd::kAborted, "too late");
+  EXPECT_EQ(play.run.verdict(), RunEnd::kPreempted);
+  EXPECT_EQ(play.run.reason(), "cancelled");
+  EXPECT_EQ(play.run.phase(), RunPhase::kReturning);
 }
 
 // The next run begins where the command is, so it must not be above the rest any more.
 TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
-  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Play play;
   Arm arm;
-  double now = 0;
-  const auto advance = [&](const Eigen::VectorXd& command) {
-    now += 0.02;
-    return run.advance(now, arm(now, command)).pressure;
-  };
-  Eigen::VectorXd command = kRest;
-  while (run.phase() != RunPhase::kReturning) {
-    ASSERT_LT(now, 100);
-    command = advance(command);
-  }
+  playToReturn(play, arm);
   const Eigen::VectorXd late = kRest + Eigen::Vector2d(5e4, 0);
-  while (command != kRest) {
-    ASSERT_LT(now, 200);
-    command = advance(late);
+  const auto stays_late = [&](double now, const Eigen::VectorXd&) { return arm(now, late); };
+  while (play.command() != kRest) {
+    ASSERT_LT(play.now, 300);
+    play.with(stays_late, 1);
   }
-  for (int k = 0; k < 20; ++k) {
-    advance(late);
-    EXPECT_FALSE(run.ended());
-  }
-  advance(kRest);
-  EXPECT_TRUE(run.ended());
+  play.with(stays_late, 20);
+  EXPECT_FALSE(play.run.ended());
+  play.with(arm, 1);
+  EXPECT_TRUE(play.run.ended());
 
   // A command that never follows holds it up for its patience only.
-  CalibrationRun stuck(twoSteps(), kRest, kRest, kRules);
-  stuck.end(RunEnd::kPreempted, "cancelled");
-  for (double after = 0; after < kRules.patience; after += 0.02) {
-    now += 0.02;
-    stuck.advance(now, arm(now, late));
-    EXPECT_FALSE(stuck.ended()) << after;
-  }
-  for (int k = 0; k < 5; ++k) {
-    now += 0.02;
-    stuck.advance(now, arm(now, late));
-  }
-  EXPECT_TRUE(stuck.ended());
+  Play stuck;
+  stuck.run.end(RunEnd::kPreempted, "cancelled");
+  stuck.with(stays_late, kPatienceTicks);
+  EXPECT_FALSE(stuck.run.ended());
+  stuck.with(stays_late, 5);
+  EXPECT_TRUE(stuck.run.ended());
 }
 
 TEST(CalibrationRun, UnusableArgumentsAreRefused) {

@@ -1,6 +1,6 @@
-#include "helix_arm/procedures/calibration_words.hpp"
-
 #include <gtest/gtest.h>
+
+#include "helix_arm/procedures/calibration_job.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -34,31 +34,32 @@ struct ResponseFit {
   std::array<Estimate, model::kMaxPlays> weight;
   /// Of the readings about the best curve without a response; of positions their distance.
   double static_rms = 0.0;
-  double rms = 0.0;           ///< with it
-  Eigen::MatrixXd effective;  ///< (rows x actuators) [Pa]
+  double rms = 0.0;  ///< with it
 
   bool fitted() const { return failure.empty(); }
 };
 
-/// Response from the shortening of actuators, as functions of one unknown curve.
+/// Effective pressures (rows) of one actuator through a history [Pa].
+Eigen::VectorXd effectiveOf(const model::InputHistory& history, Eigen::Index actuator,
+                            const model::Response& response);
+
+/// Response from the shortening of one actuator, as a function of its effective pressure: a
+/// polynomial of degree 5 or, of few pressures, less.
 ///
-/// The plays come from one linear least squares for the inverse curve and the weights together,
-///     sum_k b_k u^k - sum_j a_j (y_j - x) = x,   k = 0 .. 5,  a_j >= 0,
-/// with thresholds at 1/40, 1/20, 1/10 and 1/5 of the range of the pressures, of which those within
-/// two standard errors of 0 are left out, or from one play whose reach is fitted as well, where
-/// that explains as much. The lags, and all standard errors, come from a least squares of the
-/// readings in which the curve is eliminated (variable projection). Standard errors count readings
-/// that are correlated in time as fewer. Of three trials or more, plays must also predict each from
-/// the others better than none, by two standard errors of the differences.
+/// Lags, weights and, of a single play, its reach come from a least squares of the readings in
+/// which the curve is eliminated (variable projection). It starts from lags and plays on a grid,
+/// and from plays with thresholds at 1/40, 1/20, 1/10 and 1/5 of the range of the pressures; what
+/// is within two standard errors of 0 is left out. Standard errors count readings that are
+/// correlated in time as fewer. Of three trials or more, plays must also predict each from the
+/// others better than none, by two standard errors of the differences.
 ///
-/// @param history     measured pressures. Without times the arm rests at every row.
-/// @param shortening  (rows x actuators) in any unit; NaN where there is no reading.
-ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening);
+/// @param history     measured pressures (rows x 1). Without times the arm rests at every row.
+/// @param shortening  (rows) in any unit; NaN where there is no reading.
+ResponseFit fitResponse(const model::InputHistory& history, const Eigen::VectorXd& shortening);
 
 /// The same from positions of one point of an arm, as polynomials of the pressures that move: those
 /// with at least a tenth of the largest range. Their degree is 2, or 3 or 4 where that explains
 /// enough more of the readings for its coefficients, and predicts trials that were left out better.
-/// The weights start from each threshold in turn.
 ///
 /// @param position  (rows x 1 to 3) [m]; NaN where there is no reading.
 ResponseFit fitResponseToPositions(const model::InputHistory& history,

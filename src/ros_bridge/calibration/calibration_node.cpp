@@ -25,7 +25,6 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
-#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "recorder.hpp"

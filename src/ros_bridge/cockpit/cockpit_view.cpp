@@ -12,7 +12,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/calibration_words.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
 
