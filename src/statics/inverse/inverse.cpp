@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include "box_levenberg_marquardt.hpp"
@@ -24,20 +23,6 @@ namespace {
 
 constexpr double kSmallTurn = 0.02;  // of the whole arm by the force [rad]
 constexpr int kPushedOrder = 4;
-
-/// What is inverted: an arm alone, or the model of an arm.
-using Inverted = std::variant<const model::Arm*, const ArmModel*>;
-
-const model::Arm& armOf(const Inverted& inverted) {
-  if (const auto* arm = std::get_if<const model::Arm*>(&inverted)) return **arm;
-  return std::get<const ArmModel*>(inverted)->arm();
-}
-
-// The model if its shapes are not linear in the lengths; else null.
-const ArmModel* loadedOf(const Inverted& inverted) {
-  const auto* model = std::get_if<const ArmModel*>(&inverted);
-  return model != nullptr && !(*model)->isLinear() ? *model : nullptr;
-}
 
 /// How far small forces move the tip of an arm.
 class TipStiffness {
@@ -168,10 +153,10 @@ constexpr double kApart = 0.15;            // between starts of descents, of the
 /// constructor, except by kStiff.
 class InversePreference {
  public:
-  InversePreference(const Inverted& inverted, const InverseOptions& options, const LengthBox& box,
+  InversePreference(const ArmModel& model, const InverseOptions& options, const LengthBox& box,
                     BoxLevenbergMarquardt& minimiser, InverseStarts& starts,
                     const InverseTask& task)
-      : arm_(armOf(inverted)),
+      : arm_(model.arm()),
         options_(options),
         box_(box),
         minimiser_(minimiser),
@@ -186,9 +171,7 @@ class InversePreference {
         base_lengths_(n_),
         base_input_(n_) {
     if (options.preference != Preference::kStiff) return;
-    const auto* model = std::get_if<const ArmModel*>(&inverted);
-    basics::require(model != nullptr, "preference: the tip's stiffness needs the arm's ArmModel");
-    stiffness_.emplace(**model);
+    stiffness_.emplace(model);
     by_fraction_.resize(n_);
   }
 
@@ -418,18 +401,19 @@ Preference preferenceOf(const std::string& word) {
 
 class InverseSolver::Workspace {
  public:
-  Workspace(const Inverted& inverted, const InverseOptions& options)
-      : arm_(armOf(inverted)),
-        options_(checked(options, loadedOf(inverted) != nullptr)),
+  Workspace(const ArmModel& model, const InverseOptions& options)
+      : model_(model),
+        arm_(model_.arm()),
+        options_(checked(options, !model.isLinear())),
         n_(arm_.actuatorCount()),
-        task_(arm_, loadedOf(inverted), options_.rotation_weight),
-        corrected_(arm_, loadedOf(inverted)),
+        corrected_(model),
+        task_(corrected_, options_.rotation_weight),
         box_(arm_),
         minimiser_(task_, box_, options_.position_tolerance),
         valley_(minimiser_, n_, arm_.restLength(),
-                loadedOf(inverted) != nullptr ? kLoadedValleyBudget : kValleyBudget),
-        starts_(arm_, loadedOf(inverted), box_),
-        preference_(inverted, options_, box_, minimiser_, starts_, task_),
+                model.isLinear() ? kValleyBudget : kLoadedValleyBudget),
+        starts_(model, box_),
+        preference_(model, options_, box_, minimiser_, starts_, task_),
         input_(n_),
         current_(n_, task_.maxRows()),
         best_(n_, task_.maxRows()) {
@@ -494,7 +478,6 @@ class InverseSolver::Workspace {
 
   void correct(const Correction& correction) {
     corrected_.set(correction);
-    task_.correctBy(corrected_);
     answered_ = false;
   }
 
@@ -592,11 +575,12 @@ class InverseSolver::Workspace {
     result_.residual = result_.position_error = std::numeric_limits<double>::infinity();
   }
 
+  const ArmModel model_;
   const model::Arm& arm_;
   const InverseOptions options_;
   const int n_;
-  InverseTask task_;
   CorrectedModel corrected_;
+  InverseTask task_;
   LengthBox box_;
   BoxLevenbergMarquardt minimiser_;
   InverseValley valley_;
@@ -608,12 +592,8 @@ class InverseSolver::Workspace {
   InverseResult result_;
 };
 
-InverseSolver::InverseSolver(const model::Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(&arm, options)) {
-  basics::require(!arm.tapered(), "inverse: the arm is tapered; expected its ArmModel");
-}
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(&model, options)) {}
+    : workspace_(std::make_unique<Workspace>(model, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;

@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <optional>
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
@@ -47,11 +46,8 @@ class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
 
-  /// @param loaded  model of the arm if a load bends it, else null.
-  InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight);
-
-  /// The targets are those of the corrected model, which outlives the task.
-  void correctBy(const CorrectedModel& corrected);
+  /// Keeps a reference to the model.
+  InverseTask(const CorrectedModel& corrected, double rotation_weight);
 
   void setPosition(const Eigen::Vector3d& position);
   void setPose(const lie::SE3& pose);
@@ -62,9 +58,9 @@ class InverseTask {
   const Eigen::Vector3d& position() const { return pose_.translation; }
   /// Rows of the residual: 3, 6, or 6 per section.
   int rows() const { return rows_; }
-  int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
+  int maxRows() const { return 6 * model_.arm().sectionCount(); }
   /// Whether the arm has more actuators than the target requires.
-  bool hasSpareActuators() const { return arm_->actuatorCount() > std::min(rows_, map_rank_); }
+  bool hasSpareActuators() const { return actuators_ > std::min(rows_, map_rank_); }
 
   /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. Every row is
   /// kNoBalance if no shape balances the load.
@@ -82,45 +78,29 @@ class InverseTask {
  private:
   void evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                              Eigen::MatrixXd& jacobian) const noexcept;
-  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                   Eigen::MatrixXd& jacobian) const noexcept;
-  void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                      Eigen::MatrixXd& jacobian) const noexcept;
-  void evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                         Eigen::MatrixXd& jacobian) const;
-  void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
-                            Eigen::MatrixXd& jacobian) const;
-  /// Free lengths (n) [m] with the scales of the correction.
-  const Eigen::VectorXd& scaled(const Eigen::VectorXd& lengths) const noexcept;
-  model::Twists twistsAt(const Eigen::VectorXd& lengths) const noexcept;
-  std::optional<model::Shape> loadedShape(const Eigen::VectorXd& lengths) const;
-  // Computes the residual of a tip; returns the derivative of its last rows with respect to a
-  // rotation of the tip about its own axes.
-  Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
-  // Sets the column of the Jacobian for a body motion of the tip.
-  void setColumn(const lie::SE3& tip, const lie::Vector6& motion, const Eigen::Matrix3d& by_turn,
-                 int column, Eigen::MatrixXd& jacobian) const noexcept;
+  // False, with any values, if no shape balances the load.
+  bool evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                   Eigen::MatrixXd& jacobian) const;
+  bool evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                      Eigen::MatrixXd& jacobian) const;
 
-  const model::Arm* arm_;
-  const ArmModel* loaded_;
+  const CorrectedModel& model_;
   double rotation_weight_;
-  bool corrected_ = false;
-  model::Twists offset_;            // of the correction
-  Eigen::VectorXd scale_;           // (n) of the free lengths
-  mutable Eigen::VectorXd scaled_;  // (n) [m]
-  int map_rank_ = 0;                // number of independent motions of all sections together
+  int actuators_;
+  bool single_;       // one section of constant twist and no link
+  int map_rank_ = 0;  // number of independent motions of all sections together
   Kind kind_ = Kind::kPosition;
   int rows_ = 3;
   lie::SE3 pose_;  // pose of the desired tip, for targets of every kind
   model::Twists twists_;
+  mutable Eigen::MatrixXd tip_by_lengths_;
 };
 
 /// Additional starts of the inverse: lengths sampled within the limits, and the corners of the
 /// limits for arms with few actuators. All memory is allocated in the constructor.
 class InverseStarts {
  public:
-  /// @param loaded  model of the arm if a load bends it, else null.
-  InverseStarts(const model::Arm& arm, const ArmModel* loaded, const LengthBox& box);
+  InverseStarts(const ArmModel& model, const LengthBox& box);
 
   /// Lengths (n) [m] of start `number` of a task, counted from 0. The order is: the starts whose
   /// tips are nearest to the target, the nearest corners, then samples spread over all starts. Call

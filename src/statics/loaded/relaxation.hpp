@@ -323,9 +323,9 @@ class LoadedArmOf<Group>::Relaxation {
   using Rates =
       Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
 
-  Relaxation(const LoadedArmOf& arm, const Load& load, const Unloaded& unloaded)
+  Relaxation(const LoadedArmOf& arm, const Unloaded& unloaded)
       : arm_(arm),
-        load_(load),
+        load_(arm.load_),
         rule_(GaussRule<kNodes>::get()),
         count_(elementCount(arm)),
         unloaded_(arm, unloaded) {
@@ -486,9 +486,7 @@ class LoadedArmOf<Group>::Relaxation {
   }
 
   TipOf<Group> result() const { return {tip_, status_, residual_, iterations_, load_steps_}; }
-  Solution solution(int sections) const {
-    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_, load_steps_};
-  }
+  Solution solution(int sections) const { return {inSpace(result()), shape(sections)}; }
 
   // Pose at t in [0, 1] of an element, seen from the base.
   Group poseAt(int e, double t) const {

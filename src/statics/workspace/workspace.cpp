@@ -40,25 +40,6 @@ std::uint64_t mixed(std::uint64_t z) {
   return z ^ (z >> 31);
 }
 
-// The models, by the same tier, with each entry of K in turn 1 % larger.
-std::vector<ArmModel> stifferModels(const ArmModel& model) {
-  const TierSetting& setting = model.choice().setting;
-  std::vector<ArmModel> out;
-  const model::Stiffness factors[] = {
-      {kOnePercentMore, 1.0, 1.0}, {1.0, kOnePercentMore, 1.0}, {1.0, 1.0, kOnePercentMore}};
-  for (const model::Stiffness& factor : factors) {
-    std::optional<model::PlanarArm> planar;
-    if (model.planar()) planar = model.planar()->scaledStiffness(factor);
-    out.emplace_back(model.arm().scaledStiffness(factor), std::move(planar), model.load(), setting);
-  }
-  if (model.load() && !model.load()->empty()) {
-    Load load = *model.load();
-    for (double& K_eps : load.K_eps) K_eps *= kOnePercentMore;
-    out.emplace_back(model.arm(), model.planar(), std::move(load), setting);
-  }
-  return out;
-}
-
 }  // namespace
 
 Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
@@ -70,7 +51,13 @@ Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
     basics::require(model::isPressure(actuator.drive), "sensitivity: it is per kPa, and ",
                     actuator.name, " is a tendon; leave it out");
   }
-  stiffer_ = stifferModels(model_);
+  for (const model::Stiffness& factors : {model::Stiffness{kOnePercentMore, 1.0, 1.0},
+                                          {1.0, kOnePercentMore, 1.0},
+                                          {1.0, 1.0, kOnePercentMore}}) {
+    stiffer_.push_back(model_.scaledStiffness(factors));
+  }
+  if (!model_.load() || model_.load()->empty()) return;
+  stiffer_.push_back(model_.scaledStiffness({1.0, 1.0, 1.0}, kOnePercentMore));
 }
 
 int Workspace::pieceSize() const {
@@ -108,7 +95,7 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
     return Eigen::RowVector3d::Constant(std::numeric_limits<double>::infinity());
   }
   // Not rotated to the base frame, which would not change their lengths.
-  const auto moves = response.by_lengths.topRows<3>().eval();
+  const auto moves = response.by.topRows<3>().eval();
   double pressure = 0.0, stiffness = 0.0;
   for (int i = 0; i < q.size(); ++i) {
     pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();
@@ -507,8 +494,8 @@ class Climber {
     const Eigen::Vector3d& p = response.tip.translation;
     const Eigen::Vector3d direction = extentDirection(which, p);
     point.cost = -WorkspaceExtremes::extent(which, p);
-    point.slope = -(response.by_lengths.topRows<3>().transpose() *
-                    (response.tip.rotation.transpose() * direction));
+    point.slope =
+        -(response.by.topRows<3>().transpose() * (response.tip.rotation.transpose() * direction));
   }
 
   // Climbs to a local maximum of the extent, from inputs within the limits.
