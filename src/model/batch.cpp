@@ -321,9 +321,4 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
   return inside;
 }
 
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
-               double* z) {
-  TipBatch(arm).columns(inputs, count, x, y, z);
-}
-
 }  // namespace helix_arm::model

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -85,15 +86,8 @@ struct Range {
   double least, largest;
 };
 
-/// Those of H; the largest is infinite if H is not finite.
-inline Range eigenvalues(const Projection& H) {
-  if (!H.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
-  const auto real = Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().eval();
-  return {real.minCoeff(), real.maxCoeff()};
-}
-
-/// The same for the derivative of a map, in the Krylov space of a start vector with components in
-/// all entries. Allocates nothing except for the eigenvalues.
+/// Those of the derivative of a map, in the Krylov space of a start vector with components in all
+/// entries; the largest is infinite if they are not finite. Allocates nothing but the eigenvalues.
 ///
 /// @tparam kMostSize  maximum of `size`.
 /// @param size  number of entries of a motion.
@@ -119,7 +113,10 @@ Range eigenvalues(int size, const Respond& respond) {
     if (!(H(j + 1, j) > kStep)) count = j + 1;
     next /= H(j + 1, j);
   }
-  return eigenvalues(H.topLeftCorner(count, count));
+  const Projection kept = H.topLeftCorner(count, count);
+  if (!kept.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
+  const auto real = Eigen::EigenSolver<Projection>(kept, false).eigenvalues().real().eval();
+  return {real.minCoeff(), real.maxCoeff()};
 }
 
 }  // namespace krylov
@@ -140,10 +137,43 @@ class Anderson {
 
   /// Adds x and F(x), (n) each, and replaces x by the next iterate.
   /// @return the largest entry of the weighted change F(x) - x, for the old x.
-  double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer);
+  [[gnu::noinline]] double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer) {
+    Stack change = weight_.cwiseProduct(answer - x);
+    const double largest = change.template lpNorm<Eigen::Infinity>();
+    const int kept = std::min(calls_, kDepth);
+    x = answer;
+    if (kept > 0) {
+      const int newest = (calls_ - 1) % kDepth;
+      changes_.col(newest) = change - last_change_;
+      answers_.col(newest) = answer - last_answer_;
+      for (int i = 0; i < kept; ++i) {
+        gram_(i, newest) = gram_(newest, i) = changes_.col(i).dot(changes_.col(newest));
+      }
+      using Matrix =
+          Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kDepth, kDepth>;
+      using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kDepth, 1>;
+      Matrix G = gram_.topLeftCorner(kept, kept);
+      // Memories differ widely in size, so each is scaled to unit length.
+      const Vector unit = G.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
+      Vector right(kept);
+      for (int i = 0; i < kept; ++i) right[i] = unit[i] * changes_.col(i).dot(change);
+      for (int i = 0; i < kept; ++i) {
+        for (int j = 0; j < kept; ++j) G(i, j) *= unit[i] * unit[j];
+        G(i, i) += kRidge;
+      }
+      const Vector share = Eigen::LDLT<Matrix>(G).solve(right);
+      for (int i = 0; i < kept; ++i) x -= share[i] * unit[i] * answers_.col(i);
+    }
+    last_answer_ = answer;
+    last_change_ = change;
+    ++calls_;
+    return largest;
+  }
 
  private:
   static constexpr int kDepth = 5;
+  static constexpr double kRidge = 1e-12;  // relative to memories of unit length; for nearly
+                                           // parallel ones
   using Stack = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMost, 1>;
   using Memory = Eigen::Matrix<double, Eigen::Dynamic, kDepth, Eigen::ColMajor, kMost, kDepth>;
 

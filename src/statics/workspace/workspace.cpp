@@ -113,8 +113,9 @@ void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out
   out.tips.resize(count, 3);
   std::vector<const double*> columns;
   for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
-  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(count),
-                   out.tips.col(0).data(), out.tips.col(1).data(), out.tips.col(2).data());
+  model::TipBatch(model_.arm())
+      .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
+               out.tips.col(1).data(), out.tips.col(2).data());
 }
 
 WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
