@@ -357,8 +357,8 @@ TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
     const Eigen::VectorXd lengths = model.arm().lengths(model.arm().inputAt(0.4));
     const TipResponse found = model.tipResponse(lengths);
     ASSERT_NE(found.status, SolveStatus::kConverged) << model.choice().setting.name();
-    EXPECT_EQ(found.by_lengths.cols(), lengths.size());
-    EXPECT_TRUE(found.by_lengths.array().isNaN().all());
+    EXPECT_EQ(found.by.cols(), lengths.size());
+    EXPECT_TRUE(found.by.array().isNaN().all());
   }
 }
 
@@ -533,9 +533,9 @@ TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {
       const ArmModel model(arm, std::nullopt, load, setting);
       const TipResponse tip = model.tipResponse(arm.lengths(q));
       const ShapeJacobian whole = jacobianAt(model, q);
-      Eigen::MatrixXd turned = tip.by_lengths;
+      Eigen::MatrixXd turned = tip.by;
       for (const int half : {0, 3}) {
-        turned.middleRows<3>(half) = tip.tip.rotation * tip.by_lengths.middleRows<3>(half);
+        turned.middleRows<3>(half) = tip.tip.rotation * tip.by.middleRows<3>(half);
       }
       EXPECT_LT((turned - whole.by_lengths.tip).norm(), tolerance * turned.norm())
           << setting.name();

@@ -178,65 +178,6 @@ TEST(Loaded, KnowsLoadsThatLeaveThePlane) {
   }
 }
 
-TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
-  test::Random random(17);
-  const model::Arm arm = randomArm(2, random);
-  const Load load = test::randomLoad(2, random);
-  const model::Twists twists = arm.twists(test::randomInput(arm, random));
-  const auto J = LoadedArm(arm, load, kMostOrder).tipByLoad(twists).by;
-  ASSERT_EQ(J.cols(), 2 + 2 * 7);
-  constexpr double kStep = 1e-3;
-  const auto expect = [&](int column, auto&& change) {
-    Load above = load, below = load;
-    change(above, kStep);
-    change(below, -kStep);
-    const lie::SE3 a = ExactArm(arm, above).solve(twists).tip,
-                   b = ExactArm(arm, below).solve(twists).tip;
-    const lie::Vector6 expected = (b.inverse() * a).log() / (2 * kStep);
-    EXPECT_GT(expected.norm(), 1e-4) << column;
-    EXPECT_LT((J.col(column) - expected).norm(), 1e-4 * expected.norm()) << column;
-  };
-  expect(0, [](Load& changed, double by) { changed.mass[0] += by; });
-  expect(1, [](Load& changed, double by) { changed.mass[1] += by; });
-  for (int p = 0; p < 2; ++p) {
-    expect(2 + 7 * p, [p](Load& changed, double by) { changed.points[p].mass += by; });
-    for (int i = 0; i < 3; ++i) {
-      expect(3 + 7 * p + i, [&](Load& changed, double by) { changed.points[p].force[i] += by; });
-      expect(6 + 7 * p + i, [&](Load& changed, double by) { changed.points[p].moment[i] += by; });
-    }
-  }
-}
-
-// An arm of a millimetre and its load are differentiated as well as one of metres.
-TEST(Loaded, DerivativesByTheLoadScaleWithTheArm) {
-  const auto armOf = [](double scale) {
-    test::Ring ring;
-    ring.radius *= scale;
-    ring.stiffness.kappa *= scale * scale;
-    const model::Contraction muscle = test::fig3Muscle().scaledBy(scale);
-    return model::Arm({test::ringSection(ring, muscle)});
-  };
-  const auto derivatives = [&](double scale) {
-    const model::Arm arm = armOf(scale);
-    Load load = test::weight(Posture::kHorizontal, 0.1, 1000);
-    load.K_eps[0] *= scale * scale;  // as areas do: forces, too
-    load.mass[0] *= scale * scale;
-    load.points.resize(1);
-    const auto found = LoadedArm(arm, load, 6).tipByLoad(arm.twists(arm.inputAt(0.3)));
-    EXPECT_TRUE(found.at.converged());
-    return found.by;
-  };
-  const auto large = derivatives(1.0), small = derivatives(0.002);
-  ASSERT_EQ(large.cols(), small.cols());
-  for (int i = 0; i < large.cols(); ++i) {
-    // A moment is a force times a length; so is, the other way round, the motion of the tip.
-    const double column = i < 5 ? std::pow(0.002, 2) : std::pow(0.002, 3);
-    lie::Vector6 expected = large.col(i) / column;
-    expected.head<3>() *= 0.002;
-    EXPECT_LT((small.col(i) - expected).norm(), 1e-5 * expected.norm()) << i;
-  }
-}
-
 // Exactly straight, so that nothing tells the column which way to go: the straight shape balances
 // the load, but does not hold.
 TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {

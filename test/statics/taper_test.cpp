@@ -34,8 +34,6 @@ TEST(TaperedTiers, TwistsAloneAreRefused) {
   const model::Twists twists = arm.twists(arm.inputAt(0.5));
   EXPECT_THROW(LoadedArm(arm, load, 5).solve(twists), std::invalid_argument);
   EXPECT_THROW(ExactArm(arm, load).solve(twists), std::invalid_argument);
-  EXPECT_THROW(InverseSolver{arm}, std::invalid_argument);
-  EXPECT_THROW(CorrectedModel(arm, nullptr), std::invalid_argument);
 }
 
 TEST(TaperedTiers, TheInverseCloses) {

@@ -189,24 +189,9 @@ TEST(ArmModel, EveryTierGivesTheShapeOfItsTip) {
                                      model.tipOfLengths(lengths + step).tip)
                                         .log() /
                                     2e-5;
-      EXPECT_LT((response.by_lengths.col(i) - expected).norm(), 1e-5 * expected.norm())
-          << nameOf(tier);
+      EXPECT_LT((response.by.col(i) - expected).norm(), 1e-5 * expected.norm()) << nameOf(tier);
     }
   }
-}
-
-TEST(ArmModel, StiffensWithItsArm) {
-  const model::Arm arm = test::softHelicalArm();
-  const Load load = weightIn(Eigen::Vector3d::UnitZ());
-  const ArmModel model(arm, std::nullopt, load, request(Tier::kLoaded, 6));
-  const model::Stiffness stiffness{30, 1e-5, 2e-4};
-  const ArmModel stiff = model.withStiffness(stiffness);
-  EXPECT_EQ(stiff.choice().setting.order, 6);
-  const Eigen::VectorXd q = arm.inputAt(0.5);
-  const ArmModel expected(arm.withStiffness(stiffness), std::nullopt, load,
-                          request(Tier::kLoaded, 6));
-  EXPECT_EQ(stiff.solve(q).tip.translation, expected.solve(q).tip.translation);
-  EXPECT_NE(stiff.solve(q).tip.translation, model.solve(q).tip.translation);
 }
 
 // What chooseTier() promises of an accuracy and of a time, at inputs that it has not sampled.
