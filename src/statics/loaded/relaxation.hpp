@@ -226,17 +226,12 @@ class LoadedArmOf<Group>::UnloadedElements {
   /// At t in [0, 1] of element e.
   Group at(int e, double t) const {
     if (!isTapered(e)) return Group::exp(t * twist_[e]);
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     const Element& element = arm_.elements_[e];
-    Group X;
-    double from = 0.0;
-    for (int j = 0; j < kNodes && rule.nodes()[j] <= t; ++j) {
-      X = atNode(e * kNodes + j);
-      from = rule.nodes()[j];
-    }
-    return X * Group::exp(profileOf(element.section)
-                              .step(element.begin + from * element.length,
-                                    element.begin + t * element.length));
+    const int before = nodesBefore(t);
+    return (before > 0 ? atNode(e * kNodes + before - 1) : Group()) *
+           Group::exp(profileOf(element.section)
+                          .step(element.begin + lastNode(before) * element.length,
+                                element.begin + t * element.length));
   }
   /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
   /// from the element's start.
@@ -251,10 +246,7 @@ class LoadedArmOf<Group>::UnloadedElements {
   /// The same at t in [0, 1], from changes().
   Motion changeAt(int e, double t, const UnloadedChange<Group>& change,
                   const std::vector<Motion>& at_nodes) const {
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
-    int before = 0;
-    while (before < kNodes && rule.nodes()[before] <= t) ++before;
-    return changeAt(e, t, before, change, at_nodes);
+    return changeAt(e, t, nodesBefore(t), change, at_nodes);
   }
 
   /// Twist per wrench, both seen from the node's frame.
@@ -274,6 +266,15 @@ class LoadedArmOf<Group>::UnloadedElements {
             unloaded_.lengths.segment(first, arm_.first_[section + 1] - first)};
   }
 
+  static int nodesBefore(double t) {
+    const auto& nodes = GaussRule<kNodes>::get().nodes();
+    return static_cast<int>((nodes.array() <= t).count());
+  }
+  // The last of so many, from the element's start.
+  static double lastNode(int before) {
+    return before > 0 ? GaussRule<kNodes>::get().nodes()[before - 1] : 0.0;
+  }
+
   // At t, with `before` nodes before it.
   Motion changeAt(int e, double t, int before, const UnloadedChange<Group>& change,
                   const std::vector<Motion>& at_nodes) const {
@@ -282,11 +283,9 @@ class LoadedArmOf<Group>::UnloadedElements {
       return Group::leftJacobian(t * twist_[e]) *
              (t * element.length * change.twist(element.section, 0.0));
     }
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
-    const double from = before > 0 ? rule.nodes()[before - 1] : 0.0;
-    const TaperStep<Group> step =
-        taperStep(profileOf(element.section), change, element.section,
-                  element.begin + from * element.length, element.begin + t * element.length);
+    const TaperStep<Group> step = taperStep(profileOf(element.section), change, element.section,
+                                            element.begin + lastNode(before) * element.length,
+                                            element.begin + t * element.length);
     const Motion moved = Group::leftJacobian(step.twist) * step.by;
     if (before == 0) return moved;
     return at_nodes[before - 1] + atNode(e * kNodes + before - 1).adjoint() * moved;
@@ -710,27 +709,25 @@ class LoadedArmOf<Group>::Relaxation {
     const Matrices by_second = answerTo(by_first).rates;
     // factor = first . (second - first) / |first|^2
     const Rates step = second - first;
-    Rates weight = scale_.cwiseAbs2().replicate(1, rates_.cols());
-    const double square = flat(weight).dot(first.reshaped().cwiseAbs2());
-    const double factor =
-        square > 0 ? flat(weight).cwiseProduct(first.reshaped()).dot(step.reshaped()) / square
-                   : 0.0;
+    const auto weighted = [this](const Rates& rates) -> Rates {
+      return scale_.cwiseAbs2().asDiagonal() * rates;
+    };
+    const Rates first_w = weighted(first), step_w = weighted(step);
+    const double square = first.cwiseProduct(first_w).sum();
+    const double factor = square > 0 ? first.cwiseProduct(step_w).sum() / square : 0.0;
+    const auto at = [](const Rates& rates, int e) -> Eigen::VectorXd {
+      return rates.template middleCols<kNodes>(e * kNodes).reshaped();
+    };
     Eigen::RowVectorXd by_factor = Eigen::RowVectorXd::Zero(columns);
     for (int e = 0; e < count_ && square > 0; ++e) {
-      const auto at = [&](const Rates& rates) {
-        return rates.template middleCols<kNodes>(e * kNodes).reshaped();
-      };
-      const Eigen::VectorXd w = at(weight);
       by_factor +=
-          (w.cwiseProduct(at(step)) - 2.0 * factor * w.cwiseProduct(at(first))).transpose() *
-              by_first[e] / square +
-          w.cwiseProduct(at(first)).transpose() * (by_second[e] - by_first[e]) / square;
+          (at(step_w, e) - 2.0 * factor * at(first_w, e)).transpose() * by_first[e] / square;
+      by_factor += at(first_w, e).transpose() * (by_second[e] - by_first[e]) / square;
     }
     Matrices by_found;
     for (int e = 0; e < count_; ++e) {
-      const Eigen::VectorXd of_step = step.template middleCols<kNodes>(e * kNodes).reshaped();
       by_found.push_back(by_second[e] + factor / (1.0 - factor) * (by_second[e] - by_first[e]) +
-                         of_step * by_factor / ((1.0 - factor) * (1.0 - factor)));
+                         at(step, e) * by_factor / ((1.0 - factor) * (1.0 - factor)));
     }
     rates_ = found;
     evaluate(second);
@@ -759,26 +756,20 @@ class LoadedArmOf<Group>::Relaxation {
     rates_ = first;
     evaluate(next);
     iterations_ = 2;
-    double first_square = 0.0, step_square = 0.0, product = 0.0;
-    double first_turn = 0.0, step_turn = 0.0;
-    for (int node = 0; node < first.cols(); ++node) {
-      const Tangent one = scale_.cwiseProduct(first.col(node));
-      const Tangent step = scale_.cwiseProduct(next.col(node) - first.col(node));
-      first_square += one.squaredNorm();
-      step_square += step.squaredNorm();
-      product += one.dot(step);
-      first_turn += one.template tail<Group::kRotations>().squaredNorm();
-      step_turn += step.template tail<Group::kRotations>().squaredNorm();
-    }
-    residual_ = std::sqrt(step_square);
-    const double factor = first_square > 0 ? product / first_square : 0.0;
+    const Rates one = scale_.asDiagonal() * first, step = scale_.asDiagonal() * (next - first);
+    const auto turnOf = [](const Rates& rates) {
+      return rates.template bottomRows<Group::kRotations>().norm();
+    };
+    const double first_square = one.squaredNorm(), first_turn = turnOf(one);
+    residual_ = step.norm();
+    const double factor = first_square > 0 ? one.cwiseProduct(step).sum() / first_square : 0.0;
     rates_ = next;
     rates_ += factor / (1.0 - factor) * (next - first);
     place();
     const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
     // Considers rotations separately, too: a load along the arm shortens it by more than it bends
     // it, and the shortening is the same in every step.
-    factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
+    factor_ = std::max(shorter, first_turn > 0 ? turnOf(step) / first_turn : 0.0);
     const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
     finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
   }

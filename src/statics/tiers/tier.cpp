@@ -27,19 +27,14 @@ constexpr double kTaperedError = 1e-5;  // at which an arm stops doubling its Ma
 // If none of this many samples has a balance, the others are skipped, since each takes long.
 constexpr int kHopeless = 6;
 
-std::string percent(double part) {
+std::string rounded(double value, int digits, const char* unit) {
   std::ostringstream text;
-  text.precision(2);
-  text << 100.0 * part << " %";
+  text.precision(digits);
+  text << value << unit;
   return text.str();
 }
-
-std::string microseconds(double seconds) {
-  std::ostringstream text;
-  text.precision(3);
-  text << 1e6 * seconds << " us";
-  return text.str();
-}
+std::string percent(double part) { return rounded(100.0 * part, 2, " %"); }
+std::string microseconds(double seconds) { return rounded(1e6 * seconds, 3, " us"); }
 
 std::vector<Eigen::VectorXd> samplesOf(const model::Arm& arm) {
   const int corners = std::min(kCornerSamples * arm.sectionCount(), kMostCornerSamples);

@@ -108,24 +108,17 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
   return {kKilopascal * std::sqrt(pressure), kMillimetre * moves.norm(), std::sqrt(stiffness)};
 }
 
-void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const {
-  out.inputs = drawInputs(first, count);
-  out.tips.resize(count, 3);
-  std::vector<const double*> columns;
-  for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
-  model::TipBatch(model_.arm())
-      .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
-               out.tips.col(1).data(), out.tips.col(2).data());
-}
-
 WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
   WorkspacePoints out;
+  out.inputs = drawInputs(first, count);
+  out.tips.resize(count, 3);
   if (batch_) {
-    sampleBatch(first, count, out);
+    std::vector<const double*> columns;
+    for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
+    model::TipBatch(model_.arm())
+        .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
+                 out.tips.col(1).data(), out.tips.col(2).data());
     if (!options_.sensitivity) return out;
-  } else {
-    out.inputs = drawInputs(first, count);
-    out.tips.resize(count, 3);
   }
   if (options_.sensitivity) out.sensitivity.resize(count, kSensitivities);
   int kept = 0;
@@ -575,14 +568,11 @@ void WorkspaceExtremes::add(const Eigen::Vector3d& tip, const model::InputRef& i
 void WorkspaceExtremes::add(const WorkspacePoints& points) {
   if (points.count() == 0) return;
   for (int which = 0; which < kCount; ++which) {
+    const double sign = which < 3 ? -1 : 1;
     Eigen::Index row = 0;
-    if (which == 6) {
-      points.tips.rowwise().squaredNorm().maxCoeff(&row);
-    } else if (which < 3) {
-      points.tips.col(which).minCoeff(&row);
-    } else {
-      points.tips.col(which - 3).maxCoeff(&row);
-    }
+    (which == 6 ? points.tips.rowwise().squaredNorm().eval()
+                : (sign * points.tips.col(which % 3)).eval())
+        .maxCoeff(&row);
     add(points.tips.row(row).transpose(), points.inputs.row(row).transpose());
   }
 }
@@ -594,8 +584,7 @@ Eigen::AlignedBox3d WorkspaceExtremes::bounds() const {
 }
 
 Eigen::AlignedBox3d WorkspaceExtremes::outerBounds() const {
-  const Eigen::Map<const Eigen::Vector3d> below(bounds_.data()), above(bounds_.data() + 3);
-  return {-below, above};
+  return {-bounds_.head<3>(), bounds_.segment<3>(3)};
 }
 
 double WorkspaceExtremes::reach() const { return empty_ ? 0.0 : extent(6, found_[6].tip); }
