@@ -430,12 +430,10 @@ class InverseSolver::Workspace {
     if (answered_) current_.residual.head<3>() += task_.position() - position;
     task_.setPosition(position);
   }
-
   void aimAt(const lie::SE3& pose) noexcept {
     answered_ = false;
     task_.setPose(pose);
   }
-
   void aimAt(const model::Twists& twists) noexcept {
     answered_ = false;
     task_.setTwists(twists);
@@ -482,11 +480,8 @@ class InverseSolver::Workspace {
   }
 
   void limit(const model::InputRef& lower, const model::InputRef& upper) {
-    if (lower.size() != n_ || upper.size() != n_) {
-      throw std::invalid_argument("got " + std::to_string(lower.size()) + " and " +
-                                  std::to_string(upper.size()) + " limits; the arm has " +
-                                  std::to_string(n_) + " actuators");
-    }
+    basics::require(lower.size() == n_ && upper.size() == n_, "got ", lower.size(), " and ",
+                    upper.size(), " limits; the arm has ", n_, " actuators");
     for (int i = 0; i < n_; ++i) {
       const model::Range& limits = arm_.actuator(i).limits;
       if (limits.contains(lower[i]) && limits.contains(upper[i]) && lower[i] < upper[i]) continue;
@@ -503,10 +498,8 @@ class InverseSolver::Workspace {
 
  private:
   void checkStart(const model::InputRef& start) const {
-    if (start.size() != n_) {
-      throw std::invalid_argument("the start has " + std::to_string(start.size()) +
-                                  " inputs; the arm has " + std::to_string(n_) + " actuators");
-    }
+    basics::require(start.size() == n_, "the start has ", start.size(), " inputs; the arm has ", n_,
+                    " actuators");
     for (int i = 0; i < n_; ++i) {
       if (!box_.limits(i).contains(start[i])) {
         throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name +
@@ -614,10 +607,9 @@ const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
 const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const model::InputRef& start) {
   requireNear("position", pose.translation);
   const Eigen::Matrix3d& R = pose.rotation;
-  if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRotationRounding &&
-        R.determinant() > 0)) {
-    throw std::invalid_argument("the target's rotation is not orthogonal and right-handed");
-  }
+  basics::require((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRotationRounding &&
+                      R.determinant() > 0,
+                  "the target's rotation is not orthogonal and right-handed");
   workspace_->aimAt(pose);
   return workspace_->solve(start);
 }
@@ -625,10 +617,8 @@ const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const model::In
 const InverseResult& InverseSolver::toTwists(const model::Twists& twists,
                                              const model::InputRef& start) {
   const int sections = workspace_->arm().sectionCount();
-  if (twists.cols() != sections) {
-    throw std::invalid_argument("got twists of " + std::to_string(twists.cols()) +
-                                " sections; the arm has " + std::to_string(sections));
-  }
+  basics::require(twists.cols() == sections, "got twists of ", twists.cols(),
+                  " sections; the arm has ", sections);
   requireNear("twists", twists);
   workspace_->aimAt(twists);
   return workspace_->solve(start);
