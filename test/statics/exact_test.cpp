@@ -417,28 +417,5 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
             "exact tier: a twist of the unloaded arm is not finite");
 }
 
-TEST(ExactArm, TurningArmAndLoadTogetherTurnsTheAnswer) {
-  // A third of a turn about x moves each muscle of a ring of three to the next one's place.
-  const Eigen::Matrix3d R = Eigen::AngleAxisd(2 * test::kPi / 3, Vector3d::UnitX()).matrix();
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  test::Random random(504);
-  for (int i = 0; i < 10; ++i) {
-    const Eigen::Vector3d q = test::randomInput(arm, random);
-    Load load = weightlessLoad(arm);
-    load.gravity = 9.81 * random.direction<3>();
-    load.mass = {0.3};
-    load.points = {samplePoint(0, 0.4, random)};
-    Load turned = load;
-    turned.gravity = R * load.gravity;
-    for (Vector3d PointLoad::*part : {&PointLoad::force, &PointLoad::moment, &PointLoad::offset}) {
-      turned.points[0].*part = R * load.points[0].*part;
-    }
-    const Solution a = ExactArm(arm, load).solve(arm.twists(q));
-    const Solution b = ExactArm(arm, turned).solve(arm.twists(Eigen::Vector3d(q[2], q[0], q[1])));
-    ASSERT_TRUE(a.converged() && b.converged());
-    EXPECT_LT(apart({R * a.tip.rotation * R.transpose(), R * a.tip.translation}, b.tip), 1e-10);
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

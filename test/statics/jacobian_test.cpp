@@ -14,8 +14,7 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "lie/jacobian_slope.hpp"
-#include "support/linked_arm.hpp"
-#include "support/tapered_arm.hpp"
+#include "statics/arms_under_load.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -242,22 +241,15 @@ Eigen::VectorXd innerInput(const model::Arm& arm, Random& random) {
 
 using namespace test;
 
-// Without weight, so that the exact tier has the response to a load of an arm without one.
-Load weightless(int sections) {
-  Load load;
-  load.mass.assign(static_cast<std::size_t>(sections), 0.0);
-  load.K_eps.assign(static_cast<std::size_t>(sections), 900.0);
-  load.K_eps.back() = 1100.0;
-  return load;
-}
-
 TEST(Jacobian, WithoutLoadIsTheDerivativeByLengthsInputsStiffnessAndLoad) {
   Random random(1);
   for (const int sections : {1, 2, 3}) {
     for (const bool resists_torsion : {true, false}) {
       const model::Arm arm = variedArm(sections, 3 + sections % 2, resists_torsion, random);
       const Eigen::VectorXd q = innerInput(arm, random);
-      const Load load = weightless(sections);
+      // Without weight, so that the exact tier has the response to a load of an arm without one.
+      Load load = weightless(sections, 900);
+      load.K_eps.back() = 1100;
       expectDerivatives({std::to_string(sections) + " sections", arm, load, kLinearTier, q});
       // A potential: displacements of the tip by forces there are symmetric.
       const ShapeJacobian found =
@@ -267,7 +259,8 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByLengthsInputsStiffnessAndLoad) {
     }
   }
   const model::Arm tapered = taperedArm(0.26);
-  expectDerivatives({"taper", tapered, weightless(1), kLinearTier, innerInput(tapered, random)});
+  expectDerivatives(
+      {"taper", tapered, weightless(1, 1100), kLinearTier, innerInput(tapered, random)});
   EXPECT_FALSE(jacobianAt(ArmModel(tapered), tapered.inputAt(0.4)).by_load);
 }
 
@@ -372,7 +365,7 @@ TEST(Jacobian, WhatIsWantedDoesNotDependOnTheRest) {
   Random random(5);
   const Load load = weight(Posture::kHorizontal, 0.15, 1000);
   const std::pair<ArmModel, double> cases[] = {
-      {ArmModel(variedArm(2, 4, true, random), std::nullopt, weightless(2), kLinearTier), 0.0},
+      {ArmModel(variedArm(2, 4, true, random), std::nullopt, weightless(2, 900), kLinearTier), 0.0},
       {ArmModel(taperedArm(), std::nullopt, load, kLinearTier), 0.0},
       {ArmModel(softHelicalArm(), std::nullopt, load, loadedTier(5)), 1e-12},
       {ArmModel(softHelicalArm(), std::nullopt, load, kExactTier), 1e-12}};

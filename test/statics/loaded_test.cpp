@@ -18,26 +18,12 @@ using model::Twists;
 
 using test::Posture;
 
-model::Arm randomArm(int sections, test::Random& random) {
-  std::vector<model::Section> parts;
-  for (int k = 0; k < sections; ++k) {
-    test::Ring ring;
-    ring.count = random.integer(3, 5);
-    ring.radius = random.uniform(0.02, 0.05);
-    ring.tilt = random.uniform(-0.3, 0.3);
-    ring.stiffness = {random.logUniform(10, 100), random.uniform(0, 1e-4),
-                      random.uniform(1e-4, 2e-4)};
-    parts.push_back(test::ringSection(ring, test::fig3Muscle()));
-  }
-  return model::Arm(std::move(parts));
-}
-
 TEST(Loaded, AgreesWithShootingOnArmsOfAnySectionsAndPoints) {
   test::Random random(5);
   double worst = 0;
   for (int i = 0; i < 60; ++i) {
     const int sections = random.integer(1, 3);
-    const model::Arm arm = randomArm(sections, random);
+    const model::Arm arm = randomRings(sections, {3, 5}, 0.0, random);
     const Load load = test::randomLoad(sections, random);
     const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Solution truth = ExactArm(arm, load).solve(twists);

@@ -213,27 +213,13 @@ VectorXd unseenInput(const model::Arm& arm, int kind, test::Random& random) {
   return arm.inputAt(fraction);
 }
 
-model::Arm randomRings(int sections, test::Random& random) {
-  std::vector<model::Section> parts;
-  for (int k = 0; k < sections; ++k) {
-    test::Ring ring;
-    ring.count = random.integer(1, 24);
-    ring.radius = random.uniform(0.02, 0.05);
-    ring.tilt = random.uniform(-0.3, 0.3);
-    ring.stiffness = {random.logUniform(10, 100), random.uniform(1e-5, 1e-4),
-                      random.uniform(1e-4, 2e-4)};
-    parts.push_back(test::ringSection(ring, test::fig3Muscle()));
-  }
-  return model::Arm(std::move(parts));
-}
-
 TEST(TierPromise, FiftyRandomScenesKeepTheAccuracyThatIsAskedFor) {
   test::Random random(53);
   int by_order[kMostOrder + 1] = {}, exact_ones = 0;
   double closest = 0.0;
   for (int scene = 0; scene < 50; ++scene) {
     const int sections = 1 + scene % 4;
-    const model::Arm arm = randomRings(sections, random);
+    const model::Arm arm = randomRings(sections, {1, 24}, 1e-5, random);
     Load load = test::randomLoad(sections, random);
     const double heavier = random.uniform(0.3, 1.2);
     for (double& mass : load.mass) mass *= heavier;
