@@ -39,10 +39,7 @@ inline model::Arm randomRings(int sections, std::pair<int, int> muscles, double 
 
 /// K_eps without weight.
 inline Load weightless(int sections, double K_eps) {
-  Load load;
-  load.mass.assign(static_cast<std::size_t>(sections), 0.0);
-  load.K_eps.assign(static_cast<std::size_t>(sections), K_eps);
-  return load;
+  return test::evenLoad(sections, Eigen::Vector3d::Zero(), 0.0, K_eps);
 }
 
 /// Of two sections: their weight, a force at the end of the last link, and a mass where the second

@@ -24,11 +24,7 @@ Load weightlessLoad(const model::Arm& arm, double K_eps = 500.0) {
 
 PointLoad tipLoad(const model::Arm& arm, const Vector3d& force,
                   const Vector3d& moment = Vector3d::Zero()) {
-  PointLoad point;
-  point.section = arm.sectionCount() - 1;
-  point.force = force;
-  point.moment = moment;
-  return point;
+  return {arm.sectionCount() - 1, 1.0, 0.0, force, moment};
 }
 
 lie::SE3 productOfExponentials(const model::Twists& twists) {
@@ -272,10 +268,7 @@ Imbalance imbalance(const model::Arm& arm, const Load& load, const model::Twists
 }
 
 PointLoad samplePoint(int section, double s, test::Random& random) {
-  PointLoad point;
-  point.section = section;
-  point.s = s;
-  point.mass = random.uniform(0, 0.1);
+  PointLoad point{section, s, random.uniform(0, 0.1)};
   point.force = random.uniform(1, 2) * random.direction<3>();
   point.moment = random.uniform(0, 0.1) * random.direction<3>();
   point.offset = random.uniform(0, 0.1) * random.direction<3>();

@@ -148,8 +148,7 @@ void expectLoadColumns(const Case& c, const ShapeDerivative& by_load, double tol
   for (int j = 0; j < 6; j += stride) {
     const auto changed = [&](double change) {
       Load with = c.load;
-      PointLoad tip;
-      tip.section = c.arm.sectionCount() - 1;
+      PointLoad tip{c.arm.sectionCount() - 1};
       tip.offset = c.arm.link(tip.section).translation;
       (j < 3 ? tip.force : tip.moment)[j % 3] = change;
       with.points.push_back(tip);
@@ -479,10 +478,8 @@ TEST(LoadedJacobian, HoldsWhereTheStiffnessDependsOnThePressure) {
 TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
   const model::PlanarArm plane = test::planarArm(2);
   const model::Arm arm = model::embed(plane);
-  Load load;
-  load.gravity = {1, -9, 0};
-  load.mass = {0.05, 0.05};
-  load.K_eps = {900, 1100};
+  Load load = test::evenLoad(2, {1, -9, 0}, 0.05, 900);
+  load.K_eps[1] = 1100;
   const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.2, 0.7, 0.5, 0.3)));
   ASSERT_TRUE(staysInPlane(arm, load));
   expectDerivatives({"in space", arm, load, loadedTier(5), q});
@@ -547,11 +544,8 @@ TEST(LoadedJacobian, HoldsNearABucklingLoad) {
   const double critical = test::kPi * test::kPi / 4 * bending / std::pow(arm.freeLength(0), 2);
   const Eigen::VectorXd q = arm.inputAt(0.0);
   for (const double share : {0.5, 0.9, 0.97}) {
-    Load load;
-    load.mass = {0.0};
-    load.K_eps = {kEps};
-    load.points.resize(1);
-    load.points[0].force = share * critical * Eigen::Vector3d(-1, 0.01, -0.02);
+    Load load = weightless(1, kEps);
+    load.points = {{0, 1.0, 0.0, share * critical * Eigen::Vector3d(-1, 0.01, -0.02)}};
     for (const TierSetting& setting : {loadedTier(8), kExactTier}) {
       // Steps shrink with the distance to the branching point, where the response is not linear.
       expectDerivatives({"share " + std::to_string(share), arm, load, setting, q},

@@ -64,9 +64,7 @@ TEST(Loaded, AgreesWithShootingOnArmsOfEveryKind) {
   knots.gravity = {3, -2, -8};
   knots.mass = {0.1, 0.05};
   knots.K_eps = {900, 700};
-  knots.points.resize(1);
-  knots.points[0].s = 0.7;
-  knots.points[0].mass = 0.02;
+  knots.points = {{0, 0.7, 0.02}};
   const Load weight = test::weight(Posture::kHorizontal, 0.15, 900);
   const Case cases[] = {
       {"plates and a tool", test::linkedArm(), spatialLoad(test::linkedArm()),
@@ -107,11 +105,7 @@ Load planarLoad() {
   load.gravity = {3.0, -9.0, 0};
   load.mass = {0.1, 0.1};
   load.K_eps = {900, 1100};
-  load.points = {{0, 0.4, 0.02, {0, 0.1, 0}, {0, 0, 0.01}, {0.01, -0.02, 0}},
-                 {1, 1.0, 0.03, {}, {}, {}}};
-  for (PointLoad& point : load.points) {
-    if (point.section == 1) point.force = point.moment = point.offset = Eigen::Vector3d::Zero();
-  }
+  load.points = {{0, 0.4, 0.02, {0, 0.1, 0}, {0, 0, 0.01}, {0.01, -0.02, 0}}, {1, 1.0, 0.03}};
   return load;
 }
 
@@ -170,10 +164,8 @@ TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
   const model::Arm arm = test::ringArm(test::straightRing());
   const model::Twists twists = arm.twists(arm.inputAt(0.0));
   for (const auto& [mass, holds] : {std::pair{0.02, true}, std::pair{6.0, false}}) {
-    Load load = test::weight(Posture::kHanging, 0.0, 500);
-    load.gravity = {-test::kGravity, 0, 0};
-    load.points.resize(1);
-    load.points[0].mass = mass;
+    Load load = test::evenLoad(1, {-test::kGravity, 0, 0}, 0.0, 500);
+    load.points = {{0, 1.0, mass}};
     EXPECT_EQ(ExactArm(arm, load).solve(twists).converged(), holds) << mass;
     for (int order = kLeastOrder; order <= kMostOrder; ++order) {
       EXPECT_EQ(LoadedArm(arm, load, order).solve(twists).converged(), holds)
@@ -185,11 +177,9 @@ TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
 TEST(Loaded, PlacesThatAreAllButOneAreTwo) {
   const model::Arm arm = test::softHelicalArm();
   Load load = test::weight(Posture::kHorizontal, 0.1, 900);
-  load.points.resize(3);
-  for (PointLoad& point : load.points) point.mass = 0.02;
-  load.points[0].s = 0.3;
-  load.points[1].s = std::nextafter(0.3, 1.0);
-  load.points[2].s = std::nextafter(1.0, 0.0);
+  for (const double s : {0.3, std::nextafter(0.3, 1.0), std::nextafter(1.0, 0.0)}) {
+    load.points.push_back({0, s, 0.02});
+  }
   const model::Twists twists = arm.twists(arm.inputAt(0.4));
   const Solution exact = ExactArm(arm, load).solve(twists);
   const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
@@ -214,8 +204,7 @@ TEST(Loaded, IsComparedWithAFinerSolutionWithoutTheHeap) {
   ring.stiffness.tau = 1e-4;
   const model::Arm arm = test::ringArm(ring);
   Load load = test::weight(Posture::kHanging, 0.0, 900);
-  load.points.resize(1);
-  load.points[0].force = {-16.75, 0, 0.01};
+  load.points = {{0, 1.0, 0.0, {-16.75, 0, 0.01}}};
   const LoadedArm loaded(arm, load, kLeastOrder);
   const model::Twists twists = arm.twists(arm.inputAt(0.0));
   ASSERT_FALSE(loaded.tip(twists).converged());

@@ -402,10 +402,7 @@ class Climber {
   }
 
  private:
-  struct Candidate {
-    Eigen::VectorXd input;
-    Eigen::Vector3d tip;
-  };
+  using Candidate = WorkspaceExtremes::Extreme;
   struct Point {
     Eigen::VectorXd lengths, slope;  // slope of the cost
     double cost = std::numeric_limits<double>::infinity();
