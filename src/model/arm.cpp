@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "basics/fraction.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -17,11 +17,8 @@ void requireStiffness(const Stiffness& stiffness, const std::string& who) {
   for (const auto& [name, value] :
        {std::pair{"K_gamma", stiffness.gamma}, std::pair{"K_tau", stiffness.tau},
         std::pair{"K_kappa", stiffness.kappa}}) {
-    if (!(value >= 0) || value > 1e300) {
-      std::ostringstream message;
-      message << who << " has " << name << " = " << value << "; expected a finite value >= 0";
-      throw std::invalid_argument(message.str());
-    }
+    basics::require(value >= 0 && value <= 1e300, who, " has ", name, " = ", value,
+                    "; expected a finite value >= 0");
   }
 }
 
@@ -39,19 +36,15 @@ std::shared_ptr<const LinksOf<Group>> linksOf(const std::vector<SectionOf<Group>
   LinksOf<Group> links;
   bool any = false;
   for (const SectionOf<Group>& section : sections) {
-    if (!(std::isfinite(section.plate) && section.plate >= 0)) {
-      std::ostringstream message;
-      message << "section " << links.size() + 1 << ": its plate is " << section.plate
-              << " m long; expected a finite value >= 0";
-      throw std::invalid_argument(message.str());
-    }
+    basics::require(std::isfinite(section.plate) && section.plate >= 0, "section ",
+                    links.size() + 1, ": its plate is ", section.plate,
+                    " m long; expected a finite value >= 0");
     any = any || section.plate > 0;
     links.emplace_back();
     links.back().translation.x() = section.plate;
   }
-  if (!tool.rotation.allFinite() || !tool.translation.allFinite()) {
-    throw std::invalid_argument("the pose of the tool is not finite");
-  }
+  basics::require(tool.rotation.allFinite() && tool.translation.allFinite(),
+                  "the pose of the tool is not finite");
   any = any || !tool.rotation.isIdentity(0) || !tool.translation.isZero(0);
   if (!any) return nullptr;
   links.back() = links.back() * tool;
@@ -79,10 +72,8 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool)
 template <class Group>
 ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps)
     : tool_(tool) {
-  if (sections.empty() || sections.size() > kMaxSections) {
-    throw std::invalid_argument("the arm has " + std::to_string(sections.size()) +
-                                " sections; expected 1 to " + std::to_string(kMaxSections));
-  }
+  basics::require(!sections.empty() && sections.size() <= kMaxSections, "the arm has ",
+                  sections.size(), " sections; expected 1 to ", kMaxSections);
   links_ = linksOf(sections, tool);
   for (const SectionOf<Group>& section : sections) plates_.push_back(section.plate);
   for (std::size_t k = 0; k < sections.size(); ++k) {
@@ -99,14 +90,11 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
       }
       const Range& range = actuator.contraction.inputRange();
       const Range& limits = actuator.limits;
-      if (!(range.contains(limits.lower) && range.contains(limits.upper) &&
-            limits.lower < limits.upper)) {
-        std::ostringstream message;
-        message << where << actuator.name << " has limits [" << limits.lower << ", " << limits.upper
-                << "]; expected a range inside its contraction's [" << range.lower << ", "
-                << range.upper << "]";
-        throw std::invalid_argument(message.str());
-      }
+      basics::require(range.contains(limits.lower) && range.contains(limits.upper) &&
+                          limits.lower < limits.upper,
+                      where, actuator.name, " has limits [", limits.lower, ", ", limits.upper,
+                      "]; expected a range inside its contraction's [", range.lower, ", ",
+                      range.upper, "]");
       strands.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
       if (isConstant(actuator.taper)) actuator.taper.clear();
       tapered = tapered || !actuator.taper.empty();
@@ -122,12 +110,11 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
     for (ActuatorOf<Group>& actuator : sections[k].actuators) {
       actuators_.push_back(std::move(actuator));
     }
-    Eigen::VectorXd rest_length(strands.size());
-    for (int i = 0; i < rest_length.size(); ++i)
-      rest_length[i] = actuators_[first_[k] + i].contraction.restLength();
-    rest_twists_.push_back(equilibria_[k].map * rest_length);
   }
   first_.push_back(static_cast<int>(actuators_.size()));
+  for (int k = 0; k < sectionCount(); ++k) {
+    rest_twists_.push_back(equilibria_[k].map * restLengths(k));
+  }
   section_steps_.resize(tapers_.size());
   const bool tapered =
       std::any_of(tapers_.begin(), tapers_.end(), [](const auto& t) { return t != nullptr; });
@@ -177,21 +164,16 @@ void ArmOf<Group>::check(const InputRef& q) const {
 
 template <class Group>
 void ArmOf<Group>::refuse(const InputRef& q) const {
-  if (q.size() != actuatorCount()) {
-    throw std::invalid_argument("got " + std::to_string(q.size()) + " inputs; the arm has " +
-                                std::to_string(actuatorCount()) + " actuators");
-  }
-  std::ostringstream message;
+  basics::require(q.size() == actuatorCount(), "got ", q.size(), " inputs; the arm has ",
+                  actuatorCount(), " actuators");
   for (int i = 0; i < actuatorCount(); ++i) {
     const Range& limits = actuators_[i].limits;
     if (limits.contains(q[i])) continue;
     const DriveUnit unit = unitOf(actuators_[i].drive);
-    message << actuators_[i].name << " is asked for " << q[i] << "; its limits are ["
-            << limits.lower << ", " << limits.upper << "] " << unit.si
-            << (unit.pressure ? " (gauge)" : "");
-    break;
+    throw std::out_of_range(basics::messageOf(
+        actuators_[i].name, " is asked for ", q[i], "; its limits are [", limits.lower, ", ",
+        limits.upper, "] ", unit.si, unit.pressure ? " (gauge)" : ""));
   }
-  throw std::out_of_range(message.str());
 }
 
 template <class Group>
@@ -238,22 +220,37 @@ Eigen::VectorXd ArmOf<Group>::clamped(Eigen::VectorXd q) const {
 template <class Group>
 Eigen::VectorXd ArmOf<Group>::lengths(const InputRef& q) const {
   check(q);
-  Eigen::VectorXd out(q.size());
+  return lengthsInside(q);
+}
+
+template <class Group>
+typename ArmOf<Group>::Lengths ArmOf<Group>::lengthsInside(const InputRef& q) const noexcept {
+  Lengths out(q.size());
   for (int i = 0; i < actuatorCount(); ++i) out[i] = actuators_[i].contraction.lengthInside(q[i]);
+  return out;
+}
+
+template <class Group>
+typename TaperOf<Group>::Lengths ArmOf<Group>::ofSection(const InputRef& lengths,
+                                                         int k) const noexcept {
+  return lengths.segment(first_[k], first_[k + 1] - first_[k]);
+}
+
+template <class Group>
+typename TaperOf<Group>::Lengths ArmOf<Group>::restLengths(int k) const {
+  typename TaperOf<Group>::Lengths out(first_[k + 1] - first_[k]);
+  for (int i = 0; i < out.size(); ++i) {
+    out[i] = actuators_[first_[k] + i].contraction.restLength();
+  }
   return out;
 }
 
 template <class Group>
 typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
   check(q);
+  if (tapered()) return twistsOfLengths(lengthsInside(q));
   Twists out(Group::kDof, sectionCount());
-  for (int k = 0; k < sectionCount(); ++k) {
-    if (tapers_[k]) {
-      out.col(k) = taperedTwist(lengthsOf(q, k), k);
-    } else {
-      out.col(k) = sectionTwist(q, k);
-    }
-  }
+  for (int k = 0; k < sectionCount(); ++k) out.col(k) = sectionTwist(q, k);
   return out;
 }
 
@@ -276,7 +273,7 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(
   Twists out(Group::kDof, sectionCount());
   for (int k = 0; k < sectionCount(); ++k) {
     if (tapers_[k]) {
-      out.col(k) = taperedTwist(lengths.segment(first_[k], first_[k + 1] - first_[k]), k);
+      out.col(k) = taperedTwist(ofSection(lengths, k), k);
       continue;
     }
     out.col(k).noalias() =
@@ -293,7 +290,7 @@ Group ArmOf<Group>::tip(const InputRef& q) const {
 
 template <class Group>
 Group ArmOf<Group>::tipInside(const InputRef& q) const noexcept {
-  return tapered() ? taperedTip(q) : untaperedTip(q);
+  return tapered() ? tipOfLengths(lengthsInside(q)) : untaperedTip(q);
 }
 
 template <class Group>
@@ -308,27 +305,11 @@ Group ArmOf<Group>::untaperedTip(const InputRef& q) const noexcept {
 }
 
 template <class Group>
-Group ArmOf<Group>::taperedTip(const InputRef& q) const noexcept {
-  Group X;
-  for (int k = 0; k < sectionCount(); ++k) {
-    if (tapers_[k]) {
-      const auto lengths = lengthsOf(q, k);
-      for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(lengths));
-    } else {
-      X = X * Group::exp(sectionTwist(q, k));
-    }
-    if (links_) X = X * (*links_)[k];
-  }
-  return X;
-}
-
-template <class Group>
 Group ArmOf<Group>::tipOfLengths(const InputRef& lengths) const noexcept {
   if (!tapered()) return tipOf(twistsOfLengths(lengths));
   Group X;
   for (int k = 0; k < sectionCount(); ++k) {
-    const typename TaperOf<Group>::Lengths own =
-        lengths.segment(first_[k], first_[k + 1] - first_[k]);
+    const auto own = ofSection(lengths, k);
     if (tapers_[k]) {
       for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(own));
     } else {
@@ -400,13 +381,7 @@ void ArmOf<Group>::setSteps(int steps) {
       section_steps_[k].push_back(
           tapers_[k]->step(static_cast<double>(j) / steps, (j + 1.0) / steps));
     }
-    if (!tapers_[k]) continue;
-    Eigen::VectorXd rest_length(first_[k + 1] - first_[k]);
-    for (int i = 0; i < rest_length.size(); ++i) {
-      rest_length[i] = actuators_[first_[k] + i].contraction.restLength();
-    }
-    rest_twists_[k].setZero();
-    for (const auto& step : section_steps_[k]) rest_twists_[k] += step.twist(rest_length);
+    if (tapers_[k]) rest_twists_[k] = taperedTwist(restLengths(k), k);
   }
 }
 
@@ -414,18 +389,18 @@ void ArmOf<Group>::setSteps(int steps) {
 template <class Group>
 void ArmOf<Group>::chooseSteps() {
   std::mt19937_64 generator(20240229);
-  std::vector<Eigen::VectorXd> samples;
+  std::vector<Eigen::VectorXd> samples;  // lengths
   for (int sample = 0; sample < kStepSamples; ++sample) {
     Eigen::VectorXd fraction(actuatorCount());
     for (double& one : fraction) one = basics::fractionOf(generator());
     // Every other one is a corner of the limits, where twists are largest.
     if (sample % 2 == 0) fraction = fraction.array().round().matrix();
-    samples.push_back(inputAt(fraction));
+    samples.push_back(lengths(inputAt(fraction)));
   }
   const auto tipsWith = [&](int steps) {
     setSteps(steps);
     std::vector<Eigen::Matrix<double, Group::kSpace, 1>> tips;
-    for (const Eigen::VectorXd& q : samples) tips.push_back(tipInside(q).translation);
+    for (const auto& sample : samples) tips.push_back(tipOfLengths(sample).translation);
     return tips;
   };
   const int most = kMaxPieces / sectionCount();
@@ -435,18 +410,14 @@ void ArmOf<Group>::chooseSteps() {
     for (std::size_t i = 0; i < samples.size(); ++i) {
       moved = std::max(moved, (finer[i] - tips[i]).norm());
       for (int k = 0; k < sectionCount(); ++k) {
-        const auto lengths = lengthsOf(samples[i], k);
         for (const auto& step : section_steps_[k]) {
-          within = std::max(within, errorWithin(step.of(lengths)));
+          within = std::max(within, errorWithin(step.of(ofSection(samples[i], k))));
         }
       }
     }
     if (moved < kTipError * restLength() && within < kCurveError * restLength()) return;
-    if (steps == most) {
-      throw std::invalid_argument("its taper needs more than " + std::to_string(most) +
-                                  " Magnus steps per section, " + std::to_string(kMaxPieces) +
-                                  " in all; expected a gentler taper, or fewer sections");
-    }
+    basics::require(steps < most, "its taper needs more than ", most, " Magnus steps per section, ",
+                    kMaxPieces, " in all; expected a gentler taper, or fewer sections");
   }
 }
 
@@ -456,15 +427,6 @@ typename Group::Tangent ArmOf<Group>::taperedTwist(const typename TaperOf<Group>
   typename Group::Tangent sum = Group::Tangent::Zero();
   for (const auto& step : section_steps_[k]) sum += step.twist(lengths);
   return sum;
-}
-
-template <class Group>
-typename TaperOf<Group>::Lengths ArmOf<Group>::lengthsOf(const InputRef& q, int k) const noexcept {
-  typename TaperOf<Group>::Lengths out(first_[k + 1] - first_[k]);
-  for (int i = 0; i < out.size(); ++i) {
-    out[i] = actuators_[first_[k] + i].contraction.lengthInside(q[first_[k] + i]);
-  }
-  return out;
 }
 
 template <class Group>
@@ -489,8 +451,7 @@ PiecesOf<Group> ArmOf<Group>::pieces(const UnloadedOf<Group>& unloaded) const {
       own.colwise() = unloaded.twists.col(k) / steps_;
       continue;
     }
-    const typename TaperOf<Group>::Lengths lengths =
-        unloaded.lengths.segment(first_[k], first_[k + 1] - first_[k]);
+    const auto lengths = ofSection(unloaded.lengths, k);
     for (int j = 0; j < steps_; ++j) own.col(j) = section_steps_[k][j].twist(lengths);
   }
   return out;
@@ -500,8 +461,7 @@ template <class Group>
 typename Equilibrium<Group>::Map ArmOf<Group>::pieceByLengths(
     int k, int j, const UnloadedOf<Group>& unloaded) const {
   if (!tapers_[k]) return equilibria_[k].map / piecesPerSection();
-  return section_steps_[k][j].byLengths(
-      unloaded.lengths.segment(first_[k], first_[k + 1] - first_[k]));
+  return section_steps_[k][j].byLengths(ofSection(unloaded.lengths, k));
 }
 
 template class ArmOf<lie::SE2>;

@@ -91,6 +91,21 @@ class RowInputs {
   bool inside_ = true;
 };
 
+// Calls kernel(first, size) for spans of whole steps, and inBlocks(first, end) for those where it
+// says that not all angles are near, and for the rest. @param head  samples before the streamed.
+template <class InBlocks, class Kernel>
+void inSpans(std::size_t count, std::size_t head, bool streamed, const InBlocks& inBlocks,
+             const Kernel& kernel) {
+  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
+  inBlocks(0, begin);
+  for (std::size_t first = begin; first < end; first += kSpan) {
+    const std::size_t size = std::min(kSpan, end - first);
+    if (!kernel(first, size)) inBlocks(first, first + size);
+  }
+  if (streamed) batch::finishStreams();
+  inBlocks(end, count);
+}
+
 bool isLine(const double* place) {
   return reinterpret_cast<std::uintptr_t>(place) % batch::kLine == 0;
 }
@@ -248,21 +263,16 @@ void TipBatch::columns(const double* const* inputs, std::size_t count, double* x
   const std::size_t head = std::min(count, beforeLine(x, 1));
   const bool streamed = std::max(count, total) >= kLargeBatch && isLine(x + head) &&
                         isLine(y + head) && isLine(z + head);
-  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
   const int n = plan.arm.actuatorCount();
   const batch::Kernel kernel = streamed ? plan.kernels.streamed[n] : plan.kernels.section[n][1];
-  inBlocks(0, begin);
-  for (std::size_t first = begin; first < end; first += kSpan) {
-    const std::size_t size = std::min(kSpan, end - first);
+  inSpans(count, head, streamed, inBlocks, [&](std::size_t first, std::size_t size) {
     Pass pass{};
     pass.actuators = plan.actuators.data();
     pass.rest = plan.arm.restTwist(0).data();
     for (int i = 0; i < n; ++i) pass.inputs[i] = inputs[i] + first;
     pass.to[0] = x + first, pass.to[1] = y + first, pass.to[2] = z + first;
-    if (!kernel(pass, size)) inBlocks(first, first + size);
-  }
-  if (streamed) batch::finishStreams();
-  inBlocks(end, count);
+    return kernel(pass, size);
+  });
 }
 
 bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
@@ -305,25 +315,15 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
     inBlocks(0, count);
     return inside;
   }
-  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
-  inBlocks(0, begin);
-  for (std::size_t first = begin; first < end; first += kSpan) {
-    const std::size_t size = std::min(kSpan, end - first);
+  inSpans(count, head, streamed, inBlocks, [&](std::size_t first, std::size_t size) {
     const double* const from[] = {inputs.place(first, 0), inputs.place(first, 1),
                                   inputs.place(first, 2)};
     const batch::RowsFound found =
         kernel(plan.actuators.data(), plan.arm.restTwist(0).data(), from, size, tips + 3 * first);
     inside &= found.inside;
-    if (!found.near) inBlocks(first, first + size);
-  }
-  if (streamed) batch::finishStreams();
-  inBlocks(end, count);
+    return found.near;
+  });
   return inside;
-}
-
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
-               double* z) {
-  TipBatch(arm).columns(inputs, count, x, y, z);
 }
 
 }  // namespace helix_arm::model

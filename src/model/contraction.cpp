@@ -6,6 +6,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "helix_arm/basics/requirement.hpp"
+
 namespace helix_arm::model {
 namespace {
 
@@ -166,10 +168,8 @@ Contraction Contraction::scaledBy(double factor) const {
 
 double Contraction::length(double q) const {
   if (!input_range_.contains(q)) {
-    std::ostringstream message;
-    message << "input " << q << " is outside [" << input_range_.lower << ", " << input_range_.upper
-            << "]";
-    throw std::out_of_range(message.str());
+    throw std::out_of_range(basics::messageOf("input ", q, " is outside [", input_range_.lower,
+                                              ", ", input_range_.upper, "]"));
   }
   return lengthInside(q);
 }
@@ -189,10 +189,9 @@ double Contraction::slopeInside(double q) const noexcept {
 
 double Contraction::inverse(double length) const {
   if (!length_range_.contains(length)) {
-    std::ostringstream message;
-    message << "length " << length << " m is outside [" << length_range_.lower << ", "
-            << length_range_.upper << "] m";
-    throw std::out_of_range(message.str());
+    throw std::out_of_range(basics::messageOf("length ", length, " m is outside [",
+                                              length_range_.lower, ", ", length_range_.upper,
+                                              "] m"));
   }
   return inverseInside(length, 0.5 * (input_range_.lower + input_range_.upper));
 }

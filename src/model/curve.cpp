@@ -12,21 +12,10 @@ namespace {
 
 constexpr double kTurn = 6.283185307179586;  // 2 pi
 
-// Constant twists in series, with what lies between them.
-struct PlanarPieces {
-  const PlanarTwists& twists;
-
-  const PlanarTwists& pieces() const { return twists; }
-  int sectionCount() const { return static_cast<int>(twists.cols()); }
-  static int piecesPerSection() { return 1; }
-  lie::SE2 beyond(const lie::SE2& X, int j) const { return X * lie::SE2::exp(twists.col(j)); }
-};
-
 // X_1 .. X_j, the pose where piece j begins.
-template <class Group, class Curve>
-Group pieceStart(const Curve& curve, int j) {
-  Group X;
-  for (int i = 0; i < j; ++i) X = curve.beyond(X, i);
+lie::SE3 pieceStart(const Shape& shape, int j) {
+  lie::SE3 X;
+  for (int i = 0; i < j; ++i) X = shape.beyond(X, i);
   return X;
 }
 
@@ -36,60 +25,37 @@ void requireOnArm(double s, int sections) {
                               std::to_string(sections));
 }
 
-template <class Group, class Curve>
-Group poseOnCurve(const Curve& curve, int section, double s) {
-  const int per_section = curve.piecesPerSection();
+}  // namespace
+
+lie::SE3 poseAt(const Shape& shape, double s) {
+  requireOnArm(s, shape.sectionCount());
+  const double along = shape.piecesPerSection() * s;
+  const int j = std::min(static_cast<int>(along), static_cast<int>(shape.pieces().cols()) - 1);
+  return pieceStart(shape, j) * lie::SE3::exp((along - j) * shape.pieces().col(j));
+}
+lie::SE3 poseAt(const Shape& shape, int section, double s) {
+  requireOnArm(section + s, shape.sectionCount());
+  const int per_section = shape.piecesPerSection();
   const double along = per_section * s;
   const int piece = std::min(static_cast<int>(along), per_section - 1);
   const int j = section * per_section + piece;
-  return pieceStart<Group>(curve, j) * Group::exp((along - piece) * curve.pieces().col(j));
-}
-
-template <class Group, class Curve>
-Group poseOnCurve(const Curve& curve, double s) {
-  requireOnArm(s, curve.sectionCount());
-  const int per_section = curve.piecesPerSection();
-  const double along = per_section * s;
-  const int j =
-      static_cast<int>(std::min(std::floor(along), static_cast<double>(curve.pieces().cols() - 1)));
-  return pieceStart<Group>(curve, j) * Group::exp((along - j) * curve.pieces().col(j));
-}
-
-template <class Group, class Curve>
-std::vector<CurvePoint<Group>> sample(const Curve& curve, int count) {
-  requireCurve(count);
-  const int sections = curve.sectionCount();
-  const auto& pieces = curve.pieces();
-  const auto per_section = static_cast<double>(curve.piecesPerSection());
-  std::vector<CurvePoint<Group>> out;
-  out.reserve(count);
-  int j = 0;
-  Group X_j;
-  for (int i = 0; i < count; ++i) {
-    const double s = curvePlace(sections, i, count);
-    const double along = per_section * s;
-    for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = curve.beyond(X_j, j);
-    out.push_back({s, X_j * Group::exp((along - j) * pieces.col(j))});
-  }
-  return out;
-}
-
-}  // namespace
-
-lie::SE3 poseAt(const Shape& shape, double s) { return poseOnCurve<lie::SE3>(shape, s); }
-lie::SE3 poseAt(const Shape& shape, int section, double s) {
-  requireOnArm(section + s, shape.sectionCount());
-  return poseOnCurve<lie::SE3>(shape, section, s);
-}
-lie::SE2 poseAt(const PlanarTwists& twists, double s) {
-  return poseOnCurve<lie::SE2>(PlanarPieces{twists}, s);
+  return pieceStart(shape, j) * lie::SE3::exp((along - piece) * shape.pieces().col(j));
 }
 
 std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count) {
-  return sample<lie::SE3>(shape, count);
-}
-std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count) {
-  return sample<lie::SE2>(PlanarPieces{twists}, count);
+  requireCurve(count);
+  const auto& pieces = shape.pieces();
+  std::vector<CurvePoint<lie::SE3>> out;
+  out.reserve(count);
+  int j = 0;
+  lie::SE3 X_j;
+  for (int i = 0; i < count; ++i) {
+    const double s = curvePlace(shape.sectionCount(), i, count);
+    const double along = shape.piecesPerSection() * s;
+    for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = shape.beyond(X_j, j);
+    out.push_back({s, X_j * lie::SE3::exp((along - j) * pieces.col(j))});
+  }
+  return out;
 }
 
 std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count) {
@@ -99,10 +65,7 @@ std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count) {
 }
 
 lie::SE3 tipPose(const Shape& shape) {
-  return pieceStart<lie::SE3>(shape, static_cast<int>(shape.pieces().cols()));
-}
-lie::SE2 tipPose(const PlanarTwists& twists) {
-  return pieceStart<lie::SE2>(PlanarPieces{twists}, static_cast<int>(twists.cols()));
+  return pieceStart(shape, static_cast<int>(shape.pieces().cols()));
 }
 
 Helix helixOf(const lie::Vector6& twist) {

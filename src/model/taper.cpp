@@ -10,26 +10,21 @@
 #include <utility>
 
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::model {
 namespace {
 
 template <class Group>
 void checkStrands(const std::vector<Strand<Group>>& strands) {
-  if (strands.empty() || strands.size() > kMaxActuators) {
-    throw std::invalid_argument("a section has " + std::to_string(strands.size()) +
-                                " actuators; expected 1 to " + std::to_string(kMaxActuators));
-  }
+  basics::require(!strands.empty() && strands.size() <= kMaxActuators, "a section has ",
+                  strands.size(), " actuators; expected 1 to ", kMaxActuators);
   for (std::size_t i = 0; i < strands.size(); ++i) {
     const auto& [X_O, K] = strands[i];
-    const std::string who = "actuator " + std::to_string(i + 1);
-    if (!X_O.rotation.allFinite() || !X_O.translation.allFinite()) {
-      throw std::invalid_argument(who + " has a pose that is not finite");
-    }
-    if (!K.allFinite() || (K.array() < 0).any() || !(K[0] > 0)) {
-      throw std::invalid_argument(
-          who + " has a stiffness that is not finite and >= 0, or no extensional stiffness");
-    }
+    basics::require(X_O.rotation.allFinite() && X_O.translation.allFinite(), "actuator ", i + 1,
+                    " has a pose that is not finite");
+    basics::require(K.allFinite() && (K.array() >= 0).all() && K[0] > 0, "actuator ", i + 1,
+                    " has a stiffness that is not finite and >= 0, or no extensional stiffness");
   }
 }
 
@@ -142,17 +137,21 @@ Equilibrium<Group> balanceAt(const std::vector<ActuatorOf<Group>>& actuators, do
   return solveEquilibrium(strands);
 }
 
-// sum_k c_k T_k(2 t - 1) by Clenshaw's recurrence.
-template <class Value>
-Value chebyshev(const Value* modes, int count, double t) {
+// sum_k c_k T_k(2 t - 1) by Clenshaw's recurrence. @param mode  c_k by k.
+template <class Value, class Mode>
+Value chebyshev(const Mode& mode, int count, double t) {
   const double x = 2.0 * t - 1.0;
-  Value next = modes[count - 1], after = Value::Zero(next.rows(), next.cols());
+  Value next = mode(count - 1), after = Value::Zero(next.rows(), next.cols());
   for (int k = count - 2; k > 0; --k) {
-    const Value here = modes[k] + 2.0 * x * next - after;
+    const Value here = mode(k) + 2.0 * x * next - after;
     after = next;
     next = here;
   }
-  return modes[0] + x * next - after;
+  return mode(0) + x * next - after;
+}
+template <class Value>
+Value chebyshev(const Value* modes, int count, double t) {
+  return chebyshev<Value>([modes](int k) -> const Value& { return modes[k]; }, count, t);
 }
 
 // Coefficients of the polynomial through values at the Chebyshev points.
@@ -210,17 +209,12 @@ int cellsOf(const std::vector<ActuatorOf<Group>>& actuators) {
   for (const ActuatorOf<Group>& actuator : actuators) {
     const int cells = static_cast<int>(actuator.taper.size()) - 1;
     if (cells < 1) continue;
-    if (out > 0 && cells != out) {
-      throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
-                                  " poses along the section; expected " + std::to_string(out + 1) +
-                                  ", as another actuator has");
-    }
+    basics::require(out == 0 || cells == out, actuator.name, " has ", cells + 1,
+                    " poses along the section; expected ", out + 1, ", as another actuator has");
     out = cells;
   }
-  if (out > kMostCells) {
-    throw std::invalid_argument("a taper of " + std::to_string(out + 1) +
-                                " poses; expected at most " + std::to_string(kMostCells + 1));
-  }
+  basics::require(out <= kMostCells, "a taper of ", out + 1, " poses; expected at most ",
+                  kMostCells + 1);
   return std::max(out, 1);
 }
 
@@ -273,16 +267,12 @@ TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators)
   mean_ = balanceAt(actuators, 0.5);
   double error = fit(actuators, kLeastModes);
   while (error > kFitError && modes_ < kMostModes) error = fit(actuators, 2 * modes_);
-  if (mean_.rank < Group::kDof) {
-    throw std::invalid_argument(
-        "a tapered section has a motion that no actuator resists; give K_tau and K_kappa values "
-        "> 0");
-  }
-  if (error > kFitError) {
-    throw std::invalid_argument(
-        "the taper is too steep: its equilibrium is no polynomial of s to 1e-9; expected ends that "
-        "differ by less, or more values in between");
-  }
+  basics::require(mean_.rank == Group::kDof,
+                  "a tapered section has a motion that no actuator resists; give K_tau and K_kappa "
+                  "values > 0");
+  basics::require(error <= kFitError,
+                  "the taper is too steep: its equilibrium is no polynomial of s to 1e-9; expected "
+                  "ends that differ by less, or more values in between");
   mean_.map.setZero();
   mean_.compliance.setZero();
   // Exact for the polynomials: the mean of T_k over a cell is 1 / (1 - k^2) for even k, 0 for odd.
@@ -323,15 +313,8 @@ TaperTwist<Group>::TaperTwist(const TaperOf<Group>& taper,
 template <class Group>
 typename Group::Tangent TaperTwist<Group>::at(double s) const {
   const auto [cell, t] = placeOf(s, cells_);
-  const double x = 2.0 * t - 1.0;
-  const int first = cell * modes_;
-  Tangent next = g_modes_.col(first + modes_ - 1), after = Tangent::Zero();
-  for (int k = modes_ - 2; k > 0; --k) {
-    const Tangent here = g_modes_.col(first + k) + 2.0 * x * next - after;
-    after = next;
-    next = here;
-  }
-  return g_modes_.col(first) + x * next - after;
+  return chebyshev<Tangent>(
+      [this, first = cell * modes_](int k) { return g_modes_.col(first + k); }, modes_, t);
 }
 
 template <class Group>

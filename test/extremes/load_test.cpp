@@ -32,12 +32,9 @@ Load fittingLoad(const model::Arm& arm, test::Random& random) {
     stretch += C.topLeftCorner<3, 3>().norm();
   }
   const double force = std::min(kBend / (bend * length), kStretch * length / stretch);
-  Load load;
-  load.gravity = test::kGravity * random.direction<3>();
-  load.mass.assign(arm.sectionCount(), force / test::kGravity / arm.sectionCount());
-  load.K_eps.assign(arm.sectionCount(), kStiffness);
-  PointLoad tip;
-  tip.section = arm.sectionCount() - 1;
+  Load load = test::evenLoad(arm.sectionCount(), test::kGravity * random.direction<3>(),
+                             force / test::kGravity / arm.sectionCount(), kStiffness);
+  PointLoad tip{arm.sectionCount() - 1};
   tip.force = 0.3 * force * random.direction<3>();
   tip.moment = 0.1 * force * length * random.direction<3>();
   load.points = {tip};
@@ -91,13 +88,12 @@ TEST(Extremes, DenormalLoadsAreNone) {
     const lie::SE3 unloaded = model::tipPose(twists);
     for (const double value : {kDenormal, 1e-310, 3e-308}) {
       for (int kind = 0; kind < 5; ++kind) {
-        Load load;
-        load.mass.assign(sections, kind == 0 ? value : 0.0);
-        load.K_eps.assign(sections, 1000.0);
-        load.gravity = {0, 0, kind == 1 ? value : 9.81};
-        if (kind == 1) load.mass.assign(sections, 0.2);
-        PointLoad tip;
-        tip.section = sections - 1;
+        Load load = test::evenLoad(sections, {0, 0, kind == 1 ? value : 9.81},
+                                   kind == 0   ? value
+                                   : kind == 1 ? 0.2
+                                               : 0.0,
+                                   1000.0);
+        PointLoad tip{sections - 1};
         if (kind == 2) tip.force = Vector3d::Constant(value);
         if (kind == 3) tip.moment = Vector3d::Constant(value);
         if (kind == 4) tip.mass = value;
@@ -176,12 +172,9 @@ TEST(Buckling, ColumnsGiveWayAtTheirCriticalLoadsAndTiersFindTheStableShapeOrSay
     int found_under = 0, refused_past = 0;
     for (const double share : {0.5, 0.8, 0.95, 0.99, 1.01, 1.05, 1.2, 1.5, 2.0}) {
       const double force = share * critical, angle = random.uniform(0, 2 * test::kPi);
-      Load load;
-      load.gravity = {-test::kGravity, 0, 0};
-      load.mass.assign(sections, by_weight ? force / test::kGravity / sections : 0.0);
-      load.K_eps.assign(sections, kEps_N);
-      load.points.resize(1);
-      load.points[0].section = sections - 1;
+      Load load = test::evenLoad(sections, {-test::kGravity, 0, 0},
+                                 by_weight ? force / test::kGravity / sections : 0.0, kEps_N);
+      load.points.assign(1, PointLoad{sections - 1});
       load.points[0].force =
           force * Vector3d(by_weight ? 0 : -1, 1e-4 * std::cos(angle), 1e-4 * std::sin(angle));
       const Solution truth = ExactArm(arm, load, patient).solve(straight);

@@ -17,22 +17,31 @@ namespace {
 constexpr double kDegree = test::kPi / 180, kTilt = 15 * kDegree;
 
 // The definition: the equilibrium solved at s.
-lie::Vector6 twistAt(const Section& section, double s, const Eigen::VectorXd& lengths) {
+Equilibrium<lie::SE3> equilibriumAt(const Section& section, double s) {
   std::vector<Strand<lie::SE3>> strands;
   for (const Actuator& actuator : section.actuators) {
     strands.push_back({poseAlong(actuator, s), actuator.stiffness.diagonal<lie::SE3>()});
   }
-  return solveEquilibrium(strands).map * lengths;
+  return solveEquilibrium(strands);
+}
+lie::Vector6 twistAt(const Section& section, double s, const Eigen::VectorXd& lengths) {
+  return equilibriumAt(section, s).map * lengths;
+}
+
+// Of exponentials of so many pieces.
+template <class PieceAt>
+Eigen::Vector3d tipOfPieces(int count, const PieceAt& pieceAt) {
+  lie::SE3 X;
+  for (int j = 0; j < count; ++j) X = X * lie::SE3::exp(pieceAt(j));
+  return X.translation;
 }
 
 // The tip by very many steps of order 2, extrapolated (Richardson): independent of Magnus steps.
 Eigen::Vector3d tipByMidpoints(const Section& section, const Eigen::VectorXd& lengths) {
   const auto with = [&](int steps) {
-    lie::SE3 X;
-    for (int j = 0; j < steps; ++j) {
-      X = X * lie::SE3::exp(twistAt(section, (j + 0.5) / steps, lengths) / steps);
-    }
-    return X.translation;
+    return tipOfPieces(steps, [&](int j) {
+      return lie::Vector6(twistAt(section, (j + 0.5) / steps, lengths) / steps);
+    });
   };
   const Eigen::Vector3d coarse = with(200), fine = with(400);
   return fine + (fine - coarse) / 3.0;
@@ -40,12 +49,9 @@ Eigen::Vector3d tipByMidpoints(const Section& section, const Eigen::VectorXd& le
 
 Eigen::Vector3d tipBySteps(const TaperOf<lie::SE3>& taper, const Eigen::VectorXd& lengths,
                            int steps) {
-  lie::SE3 X;
-  for (int j = 0; j < steps; ++j) {
-    X = X *
-        lie::SE3::exp(taper.step(static_cast<double>(j) / steps, (j + 1.0) / steps).twist(lengths));
-  }
-  return X.translation;
+  return tipOfPieces(steps, [&](int j) {
+    return taper.step(static_cast<double>(j) / steps, (j + 1.0) / steps).twist(lengths);
+  });
 }
 
 TEST(Bracket, IsTheDerivativeOfTheAdjoint) {
@@ -73,11 +79,7 @@ TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
   ASSERT_EQ(taper.cells(), 2);
   for (int i = 0; i <= 50; ++i) {
     const double s = i / 50.0;
-    std::vector<Strand<lie::SE3>> strands;
-    for (const Actuator& actuator : section.actuators) {
-      strands.push_back({poseAlong(actuator, s), actuator.stiffness.diagonal<lie::SE3>()});
-    }
-    const Equilibrium<lie::SE3> expected = solveEquilibrium(strands);
+    const Equilibrium<lie::SE3> expected = equilibriumAt(section, s);
     EXPECT_LT((taper.mapAt(s) - expected.map).norm(), 1e-7 * expected.map.norm()) << s;
     EXPECT_LT((taper.complianceAt(s) - expected.compliance).norm(),
               1e-7 * expected.compliance.norm())
@@ -231,26 +233,18 @@ TEST(Taper, MagnusStepsAreWorthMoreThanConstantPieces) {
     const Arm arm({section});
     const Eigen::VectorXd lengths = arm.lengths(Eigen::Vector3d(3e5, 0, 5e4));
     const TaperOf<lie::SE3> taper(section.actuators);
-    const auto product = [](int count, const auto& pieceAt) {
-      lie::SE3 X;
-      for (int j = 0; j < count; ++j) X = X * lie::SE3::exp(pieceAt(j));
-      return X.translation;
-    };
-    const Eigen::Vector3d truth =
-        product(256, [&](int j) { return taper.step(j / 256.0, (j + 1) / 256.0).twist(lengths); });
+    const Eigen::Vector3d truth = tipBySteps(taper, lengths, 256);
     std::vector<double> constant, magnus;
     std::printf("%-28s", one.name);
     for (const int count : {1, 2, 4, 8, 16}) {
-      const Eigen::Vector3d tip = product(count, [&](int j) {
+      const Eigen::Vector3d tip = tipOfPieces(count, [&](int j) {
         return lie::Vector6(twistAt(section, (j + 0.5) / count, lengths) / count);
       });
       constant.push_back(100 * (tip - truth).norm() / arm.restLength());
       std::printf(" %-6.2g", constant.back());
     }
     for (const int count : {1, 2, 4}) {
-      const Eigen::Vector3d tip = product(count, [&](int j) {
-        return taper.step(static_cast<double>(j) / count, (j + 1.0) / count).twist(lengths);
-      });
+      const Eigen::Vector3d tip = tipBySteps(taper, lengths, count);
       magnus.push_back(100 * (tip - truth).norm() / arm.restLength());
       std::printf(" %-6.2g", magnus.back());
     }

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "helix_arm/statics/arm_model.hpp"
 #include "support/apart.hpp"
@@ -19,12 +21,25 @@ inline TierRequest request(Tier tier, std::optional<int> order = {}) {
   return out;
 }
 
+/// Tilted rings of a random number of muscles between two, and K_tau from a least one.
+inline model::Arm randomRings(int sections, std::pair<int, int> muscles, double K_tau,
+                              test::Random& random) {
+  std::vector<model::Section> parts;
+  for (int k = 0; k < sections; ++k) {
+    test::Ring ring;
+    ring.count = random.integer(muscles.first, muscles.second);
+    ring.radius = random.uniform(0.02, 0.05);
+    ring.tilt = random.uniform(-0.3, 0.3);
+    ring.stiffness = {random.logUniform(10, 100), random.uniform(K_tau, 1e-4),
+                      random.uniform(1e-4, 2e-4)};
+    parts.push_back(test::ringSection(ring, test::fig3Muscle()));
+  }
+  return model::Arm(std::move(parts));
+}
+
 /// K_eps without weight.
 inline Load weightless(int sections, double K_eps) {
-  Load load;
-  load.mass.assign(static_cast<std::size_t>(sections), 0.0);
-  load.K_eps.assign(static_cast<std::size_t>(sections), K_eps);
-  return load;
+  return test::evenLoad(sections, Eigen::Vector3d::Zero(), 0.0, K_eps);
 }
 
 /// Of two sections: their weight, a force at the end of the last link, and a mass where the second

@@ -42,31 +42,6 @@ model::Twists expectedTwists(const Arm& arm, const Correction& correction,
 const Arm kArms[] = {test::ringArm(test::helicalRing()), test::ringArm(test::straightRing(4)),
                      test::ringArm(test::helicalRing(), 2), model::embed(test::planarArm())};
 
-TEST(Correct, OfNothingChangesNotABit) {
-  test::Random random(1);
-  for (const Arm& arm : kArms) {
-    InverseSolver plain(arm), corrected(arm);
-    for (int k = 0; k < 200; ++k) {
-      const Eigen::VectorXd input = test::randomInput(arm, random);
-      const Eigen::VectorXd start = test::randomInput(arm, random);
-      const lie::SE3 tip = arm.tip(input);
-      const bool twists = k % 3 == 2;
-      corrected.correct(Correction(arm));
-      const InverseResult expected = twists       ? plain.toTwists(arm.twists(input), start)
-                                     : k % 3 == 0 ? plain.toPosition(tip.translation, start)
-                                                  : plain.toPose(tip, start);
-      const InverseResult& found = twists       ? corrected.toTwists(arm.twists(input), start)
-                                   : k % 3 == 0 ? corrected.toPosition(tip.translation, start)
-                                                : corrected.toPose(tip, start);
-      ASSERT_EQ(found.input, expected.input) << k;
-      ASSERT_EQ(found.residual, expected.residual) << k;
-      ASSERT_EQ(found.status, expected.status) << k;
-      ASSERT_EQ(found.limits, expected.limits) << k;
-      ASSERT_EQ(found.iterations, expected.iterations) << k;
-    }
-  }
-}
-
 TEST(Correct, BringsTheCorrectedArmToTheTargetAndToItsTwists) {
   test::Random random(2);
   for (const Arm& arm : kArms) {

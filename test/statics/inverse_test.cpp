@@ -425,10 +425,7 @@ TEST(LoadedInverse, FindsInputsOfReachableTips) {
                              test::ringArm(test::straightRing(), 2)};
   test::Random random(31);
   for (const model::Arm& arm : arms) {
-    Load load;
-    load.gravity = {0, 0, -test::kGravity};
-    load.mass.assign(arm.sectionCount(), 0.1);
-    load.K_eps.assign(arm.sectionCount(), 1200);
+    const Load load = test::evenLoad(arm.sectionCount(), {0, 0, -test::kGravity}, 0.1, 1200);
     for (const int order : {2, 5}) {
       const ArmModel model = modelOf(arm, load, Tier::kLoaded, order);
       InverseSolver solver(model), linear(arm);

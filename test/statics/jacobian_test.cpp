@@ -14,8 +14,7 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "lie/jacobian_slope.hpp"
-#include "support/linked_arm.hpp"
-#include "support/tapered_arm.hpp"
+#include "statics/arms_under_load.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -149,8 +148,7 @@ void expectLoadColumns(const Case& c, const ShapeDerivative& by_load, double tol
   for (int j = 0; j < 6; j += stride) {
     const auto changed = [&](double change) {
       Load with = c.load;
-      PointLoad tip;
-      tip.section = c.arm.sectionCount() - 1;
+      PointLoad tip{c.arm.sectionCount() - 1};
       tip.offset = c.arm.link(tip.section).translation;
       (j < 3 ? tip.force : tip.moment)[j % 3] = change;
       with.points.push_back(tip);
@@ -242,22 +240,15 @@ Eigen::VectorXd innerInput(const model::Arm& arm, Random& random) {
 
 using namespace test;
 
-// Without weight, so that the exact tier has the response to a load of an arm without one.
-Load weightless(int sections) {
-  Load load;
-  load.mass.assign(static_cast<std::size_t>(sections), 0.0);
-  load.K_eps.assign(static_cast<std::size_t>(sections), 900.0);
-  load.K_eps.back() = 1100.0;
-  return load;
-}
-
 TEST(Jacobian, WithoutLoadIsTheDerivativeByLengthsInputsStiffnessAndLoad) {
   Random random(1);
   for (const int sections : {1, 2, 3}) {
     for (const bool resists_torsion : {true, false}) {
       const model::Arm arm = variedArm(sections, 3 + sections % 2, resists_torsion, random);
       const Eigen::VectorXd q = innerInput(arm, random);
-      const Load load = weightless(sections);
+      // Without weight, so that the exact tier has the response to a load of an arm without one.
+      Load load = weightless(sections, 900);
+      load.K_eps.back() = 1100;
       expectDerivatives({std::to_string(sections) + " sections", arm, load, kLinearTier, q});
       // A potential: displacements of the tip by forces there are symmetric.
       const ShapeJacobian found =
@@ -267,7 +258,8 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByLengthsInputsStiffnessAndLoad) {
     }
   }
   const model::Arm tapered = taperedArm(0.26);
-  expectDerivatives({"taper", tapered, weightless(1), kLinearTier, innerInput(tapered, random)});
+  expectDerivatives(
+      {"taper", tapered, weightless(1, 1100), kLinearTier, innerInput(tapered, random)});
   EXPECT_FALSE(jacobianAt(ArmModel(tapered), tapered.inputAt(0.4)).by_load);
 }
 
@@ -357,8 +349,8 @@ TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
     const Eigen::VectorXd lengths = model.arm().lengths(model.arm().inputAt(0.4));
     const TipResponse found = model.tipResponse(lengths);
     ASSERT_NE(found.status, SolveStatus::kConverged) << model.choice().setting.name();
-    EXPECT_EQ(found.by_lengths.cols(), lengths.size());
-    EXPECT_TRUE(found.by_lengths.array().isNaN().all());
+    EXPECT_EQ(found.by.cols(), lengths.size());
+    EXPECT_TRUE(found.by.array().isNaN().all());
   }
 }
 
@@ -372,7 +364,7 @@ TEST(Jacobian, WhatIsWantedDoesNotDependOnTheRest) {
   Random random(5);
   const Load load = weight(Posture::kHorizontal, 0.15, 1000);
   const std::pair<ArmModel, double> cases[] = {
-      {ArmModel(variedArm(2, 4, true, random), std::nullopt, weightless(2), kLinearTier), 0.0},
+      {ArmModel(variedArm(2, 4, true, random), std::nullopt, weightless(2, 900), kLinearTier), 0.0},
       {ArmModel(taperedArm(), std::nullopt, load, kLinearTier), 0.0},
       {ArmModel(softHelicalArm(), std::nullopt, load, loadedTier(5)), 1e-12},
       {ArmModel(softHelicalArm(), std::nullopt, load, kExactTier), 1e-12}};
@@ -486,10 +478,8 @@ TEST(LoadedJacobian, HoldsWhereTheStiffnessDependsOnThePressure) {
 TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
   const model::PlanarArm plane = test::planarArm(2);
   const model::Arm arm = model::embed(plane);
-  Load load;
-  load.gravity = {1, -9, 0};
-  load.mass = {0.05, 0.05};
-  load.K_eps = {900, 1100};
+  Load load = test::evenLoad(2, {1, -9, 0}, 0.05, 900);
+  load.K_eps[1] = 1100;
   const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.2, 0.7, 0.5, 0.3)));
   ASSERT_TRUE(staysInPlane(arm, load));
   expectDerivatives({"in space", arm, load, loadedTier(5), q});
@@ -533,9 +523,9 @@ TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {
       const ArmModel model(arm, std::nullopt, load, setting);
       const TipResponse tip = model.tipResponse(arm.lengths(q));
       const ShapeJacobian whole = jacobianAt(model, q);
-      Eigen::MatrixXd turned = tip.by_lengths;
+      Eigen::MatrixXd turned = tip.by;
       for (const int half : {0, 3}) {
-        turned.middleRows<3>(half) = tip.tip.rotation * tip.by_lengths.middleRows<3>(half);
+        turned.middleRows<3>(half) = tip.tip.rotation * tip.by.middleRows<3>(half);
       }
       EXPECT_LT((turned - whole.by_lengths.tip).norm(), tolerance * turned.norm())
           << setting.name();
@@ -554,11 +544,8 @@ TEST(LoadedJacobian, HoldsNearABucklingLoad) {
   const double critical = test::kPi * test::kPi / 4 * bending / std::pow(arm.freeLength(0), 2);
   const Eigen::VectorXd q = arm.inputAt(0.0);
   for (const double share : {0.5, 0.9, 0.97}) {
-    Load load;
-    load.mass = {0.0};
-    load.K_eps = {kEps};
-    load.points.resize(1);
-    load.points[0].force = share * critical * Eigen::Vector3d(-1, 0.01, -0.02);
+    Load load = weightless(1, kEps);
+    load.points = {{0, 1.0, 0.0, share * critical * Eigen::Vector3d(-1, 0.01, -0.02)}};
     for (const TierSetting& setting : {loadedTier(8), kExactTier}) {
       // Steps shrink with the distance to the branching point, where the response is not linear.
       expectDerivatives({"share " + std::to_string(share), arm, load, setting, q},

@@ -73,11 +73,8 @@ struct Tally {
 
 // A column of the spatial arm's muscles with a force along it and some across.
 Load pressed(double along, double across) {
-  Load load;
-  load.mass = {0.0};
-  load.K_eps = {900};
-  load.points.resize(1);
-  load.points[0].force = {-along, 0, across};
+  Load load = test::weight(Posture::kHanging, 0.0, 900);
+  load.points = {{0, 1.0, 0.0, {-along, 0, across}}};
   return load;
 }
 model::Arm column(double K_tau) {
@@ -243,12 +240,9 @@ TEST(LoadedError, AnotherStableShapeIsNotConverged) {
   const double length = 1.4890923003547716;
   const model::Arm arm(std::vector<model::Section>(
       3, test::ringSection(ring, muscle.scaledBy(length / 3 / muscle.length(0.0)))));
-  Load load = test::weight(Posture::kHorizontal, 0.0, 0.0);
-  load.mass.assign(3, 1.6073833230423027 / 3);
-  load.K_eps.assign(3, 247.03680524826117);
-  load.points.resize(1);
-  load.points[0].section = 2;
-  load.points[0].mass = 0.2945332664142728;
+  Load load =
+      test::evenLoad(3, {0, 0, -test::kGravity}, 1.6073833230423027 / 3, 247.03680524826117);
+  load.points = {{2, 1.0, 0.2945332664142728}};
   Eigen::VectorXd q(9);
   q << 236.912, 357.728, 26.9607, 307.357, 6.41589, 75.5297, 381.731, 107.528, 356.067;
   const model::Twists twists = arm.twists(1e3 * q);

@@ -18,26 +18,12 @@ using model::Twists;
 
 using test::Posture;
 
-model::Arm randomArm(int sections, test::Random& random) {
-  std::vector<model::Section> parts;
-  for (int k = 0; k < sections; ++k) {
-    test::Ring ring;
-    ring.count = random.integer(3, 5);
-    ring.radius = random.uniform(0.02, 0.05);
-    ring.tilt = random.uniform(-0.3, 0.3);
-    ring.stiffness = {random.logUniform(10, 100), random.uniform(0, 1e-4),
-                      random.uniform(1e-4, 2e-4)};
-    parts.push_back(test::ringSection(ring, test::fig3Muscle()));
-  }
-  return model::Arm(std::move(parts));
-}
-
 TEST(Loaded, AgreesWithShootingOnArmsOfAnySectionsAndPoints) {
   test::Random random(5);
   double worst = 0;
   for (int i = 0; i < 60; ++i) {
     const int sections = random.integer(1, 3);
-    const model::Arm arm = randomArm(sections, random);
+    const model::Arm arm = randomRings(sections, {3, 5}, 0.0, random);
     const Load load = test::randomLoad(sections, random);
     const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Solution truth = ExactArm(arm, load).solve(twists);
@@ -78,9 +64,7 @@ TEST(Loaded, AgreesWithShootingOnArmsOfEveryKind) {
   knots.gravity = {3, -2, -8};
   knots.mass = {0.1, 0.05};
   knots.K_eps = {900, 700};
-  knots.points.resize(1);
-  knots.points[0].s = 0.7;
-  knots.points[0].mass = 0.02;
+  knots.points = {{0, 0.7, 0.02}};
   const Load weight = test::weight(Posture::kHorizontal, 0.15, 900);
   const Case cases[] = {
       {"plates and a tool", test::linkedArm(), spatialLoad(test::linkedArm()),
@@ -121,11 +105,7 @@ Load planarLoad() {
   load.gravity = {3.0, -9.0, 0};
   load.mass = {0.1, 0.1};
   load.K_eps = {900, 1100};
-  load.points = {{0, 0.4, 0.02, {0, 0.1, 0}, {0, 0, 0.01}, {0.01, -0.02, 0}},
-                 {1, 1.0, 0.03, {}, {}, {}}};
-  for (PointLoad& point : load.points) {
-    if (point.section == 1) point.force = point.moment = point.offset = Eigen::Vector3d::Zero();
-  }
+  load.points = {{0, 0.4, 0.02, {0, 0.1, 0}, {0, 0, 0.01}, {0.01, -0.02, 0}}, {1, 1.0, 0.03}};
   return load;
 }
 
@@ -178,75 +158,14 @@ TEST(Loaded, KnowsLoadsThatLeaveThePlane) {
   }
 }
 
-TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
-  test::Random random(17);
-  const model::Arm arm = randomArm(2, random);
-  const Load load = test::randomLoad(2, random);
-  const model::Twists twists = arm.twists(test::randomInput(arm, random));
-  const auto J = LoadedArm(arm, load, kMostOrder).tipByLoad(twists).by;
-  ASSERT_EQ(J.cols(), 2 + 2 * 7);
-  constexpr double kStep = 1e-3;
-  const auto expect = [&](int column, auto&& change) {
-    Load above = load, below = load;
-    change(above, kStep);
-    change(below, -kStep);
-    const lie::SE3 a = ExactArm(arm, above).solve(twists).tip,
-                   b = ExactArm(arm, below).solve(twists).tip;
-    const lie::Vector6 expected = (b.inverse() * a).log() / (2 * kStep);
-    EXPECT_GT(expected.norm(), 1e-4) << column;
-    EXPECT_LT((J.col(column) - expected).norm(), 1e-4 * expected.norm()) << column;
-  };
-  expect(0, [](Load& changed, double by) { changed.mass[0] += by; });
-  expect(1, [](Load& changed, double by) { changed.mass[1] += by; });
-  for (int p = 0; p < 2; ++p) {
-    expect(2 + 7 * p, [p](Load& changed, double by) { changed.points[p].mass += by; });
-    for (int i = 0; i < 3; ++i) {
-      expect(3 + 7 * p + i, [&](Load& changed, double by) { changed.points[p].force[i] += by; });
-      expect(6 + 7 * p + i, [&](Load& changed, double by) { changed.points[p].moment[i] += by; });
-    }
-  }
-}
-
-// An arm of a millimetre and its load are differentiated as well as one of metres.
-TEST(Loaded, DerivativesByTheLoadScaleWithTheArm) {
-  const auto armOf = [](double scale) {
-    test::Ring ring;
-    ring.radius *= scale;
-    ring.stiffness.kappa *= scale * scale;
-    const model::Contraction muscle = test::fig3Muscle().scaledBy(scale);
-    return model::Arm({test::ringSection(ring, muscle)});
-  };
-  const auto derivatives = [&](double scale) {
-    const model::Arm arm = armOf(scale);
-    Load load = test::weight(Posture::kHorizontal, 0.1, 1000);
-    load.K_eps[0] *= scale * scale;  // as areas do: forces, too
-    load.mass[0] *= scale * scale;
-    load.points.resize(1);
-    const auto found = LoadedArm(arm, load, 6).tipByLoad(arm.twists(arm.inputAt(0.3)));
-    EXPECT_TRUE(found.at.converged());
-    return found.by;
-  };
-  const auto large = derivatives(1.0), small = derivatives(0.002);
-  ASSERT_EQ(large.cols(), small.cols());
-  for (int i = 0; i < large.cols(); ++i) {
-    // A moment is a force times a length; so is, the other way round, the motion of the tip.
-    const double column = i < 5 ? std::pow(0.002, 2) : std::pow(0.002, 3);
-    lie::Vector6 expected = large.col(i) / column;
-    expected.head<3>() *= 0.002;
-    EXPECT_LT((small.col(i) - expected).norm(), 1e-5 * expected.norm()) << i;
-  }
-}
-
 // Exactly straight, so that nothing tells the column which way to go: the straight shape balances
 // the load, but does not hold.
 TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
   const model::Arm arm = test::ringArm(test::straightRing());
   const model::Twists twists = arm.twists(arm.inputAt(0.0));
   for (const auto& [mass, holds] : {std::pair{0.02, true}, std::pair{6.0, false}}) {
-    Load load = test::weight(Posture::kHanging, 0.0, 500);
-    load.gravity = {-test::kGravity, 0, 0};
-    load.points.resize(1);
-    load.points[0].mass = mass;
+    Load load = test::evenLoad(1, {-test::kGravity, 0, 0}, 0.0, 500);
+    load.points = {{0, 1.0, mass}};
     EXPECT_EQ(ExactArm(arm, load).solve(twists).converged(), holds) << mass;
     for (int order = kLeastOrder; order <= kMostOrder; ++order) {
       EXPECT_EQ(LoadedArm(arm, load, order).solve(twists).converged(), holds)
@@ -258,11 +177,9 @@ TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
 TEST(Loaded, PlacesThatAreAllButOneAreTwo) {
   const model::Arm arm = test::softHelicalArm();
   Load load = test::weight(Posture::kHorizontal, 0.1, 900);
-  load.points.resize(3);
-  for (PointLoad& point : load.points) point.mass = 0.02;
-  load.points[0].s = 0.3;
-  load.points[1].s = std::nextafter(0.3, 1.0);
-  load.points[2].s = std::nextafter(1.0, 0.0);
+  for (const double s : {0.3, std::nextafter(0.3, 1.0), std::nextafter(1.0, 0.0)}) {
+    load.points.push_back({0, s, 0.02});
+  }
   const model::Twists twists = arm.twists(arm.inputAt(0.4));
   const Solution exact = ExactArm(arm, load).solve(twists);
   const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
@@ -287,8 +204,7 @@ TEST(Loaded, IsComparedWithAFinerSolutionWithoutTheHeap) {
   ring.stiffness.tau = 1e-4;
   const model::Arm arm = test::ringArm(ring);
   Load load = test::weight(Posture::kHanging, 0.0, 900);
-  load.points.resize(1);
-  load.points[0].force = {-16.75, 0, 0.01};
+  load.points = {{0, 1.0, 0.0, {-16.75, 0, 0.01}}};
   const LoadedArm loaded(arm, load, kLeastOrder);
   const model::Twists twists = arm.twists(arm.inputAt(0.0));
   ASSERT_FALSE(loaded.tip(twists).converged());

@@ -34,8 +34,6 @@ TEST(TaperedTiers, TwistsAloneAreRefused) {
   const model::Twists twists = arm.twists(arm.inputAt(0.5));
   EXPECT_THROW(LoadedArm(arm, load, 5).solve(twists), std::invalid_argument);
   EXPECT_THROW(ExactArm(arm, load).solve(twists), std::invalid_argument);
-  EXPECT_THROW(InverseSolver{arm}, std::invalid_argument);
-  EXPECT_THROW(CorrectedModel(arm, nullptr), std::invalid_argument);
 }
 
 TEST(TaperedTiers, TheInverseCloses) {
@@ -81,14 +79,9 @@ TEST(LoadedLinks, APlateIsAPieceThatDoesNotBend) {
   model::Section plated = soft;
   plated.plate = kPlate;
   const model::Arm with({plated, soft}), instead({soft, stiff, soft});
-  Load load;
-  load.gravity = {3, -2, -8};
-  load.mass = {0.1, 0.08};
-  load.K_eps = {900, 900};
-  PointLoad tip;
-  tip.section = 1;
-  tip.mass = 0.03;
-  load.points = {tip};
+  Load load = test::evenLoad(2, {3, -2, -8}, 0.1, 900);
+  load.mass[1] = 0.08;
+  load.points = {{1, 1.0, 0.03}};
   Load longer = load;
   longer.mass = {0.1, 0.0, 0.08};
   longer.K_eps = {900, 1e9, 900};
@@ -106,16 +99,12 @@ TEST(LoadedLinks, APlateIsAPieceThatDoesNotBend) {
 }
 
 TEST(LoadedLinks, AForceAtTheToolIsItsWrenchAtTheEndOfTheCurve) {
-  const model::Arm arm = test::linkedArm();
   const model::Arm bare = test::ringArm(test::helicalRing(), 1);
   model::Section section = test::ringSection(test::helicalRing(), test::fig3Muscle());
   section.plate = 0.02;
   const model::Arm tooled({section}, test::tool());
   Load load = test::weight(test::Posture::kHorizontal, 0.1, 900);
-  PointLoad tip;
-  tip.force = {0.1, -0.05, 0.1};
-  tip.offset = tooled.link(0).translation;
-  load.points = {tip};
+  load.points = {{0, 1.0, 0.0, {0.1, -0.05, 0.1}, {0, 0, 0}, tooled.link(0).translation}};
   const Eigen::VectorXd q = bare.inputAt(0.3);
   // The offset of a point load says the same without a tool; only the tip is elsewhere.
   const Solution a = LoadedArm(tooled, load, 6).solve(tooled.twists(q));

@@ -31,14 +31,19 @@ inline model::PlanarArm planarArm(int sections = 1) {
 
 enum class Posture { kHanging, kHorizontal };
 
-/// The weight of an arm of one section.
-inline statics::Load weight(Posture posture, double mass, double K_eps) {
+/// The weight of sections of this mass each.
+inline statics::Load evenLoad(int sections, const Eigen::Vector3d& gravity, double mass,
+                              double K_eps) {
   statics::Load load;
-  load.gravity = posture == Posture::kHanging ? Eigen::Vector3d(kGravity, 0, 0)
-                                              : Eigen::Vector3d(0, 0, -kGravity);
-  load.mass = {mass};
-  load.K_eps = {K_eps};
+  load.gravity = gravity;
+  load.mass.assign(static_cast<std::size_t>(sections), mass);
+  load.K_eps.assign(static_cast<std::size_t>(sections), K_eps);
   return load;
+}
+/// Of an arm of one section.
+inline statics::Load weight(Posture posture, double mass, double K_eps) {
+  return posture == Posture::kHanging ? evenLoad(1, {kGravity, 0, 0}, mass, K_eps)
+                                      : evenLoad(1, {0, 0, -kGravity}, mass, K_eps);
 }
 
 /// One of the cases that the tiers are measured with (MODEL.md, section 4).
@@ -70,9 +75,7 @@ inline statics::Load randomLoad(int sections, Random& random) {
     load.mass.push_back(random.uniform(0.05, 0.15));
     load.K_eps.push_back(random.uniform(1000, 2000));
   }
-  statics::PointLoad tip;
-  tip.section = sections - 1;
-  tip.mass = random.uniform(0, 0.03);
+  statics::PointLoad tip{sections - 1, 1.0, random.uniform(0, 0.03)};
   tip.force = random.uniform(0, 0.2) * random.direction<3>();
   tip.moment = random.uniform(0, 0.02) * random.direction<3>();
   tip.offset = random.uniform(0, 0.05) * random.direction<3>();

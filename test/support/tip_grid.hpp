@@ -21,7 +21,7 @@ struct TipGrid {
     }
     const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
     x.resize(q[0].size()), y.resize(x.size()), z.resize(x.size());
-    model::batchTips(arm, inputs, x.size(), x.data(), y.data(), z.data());
+    model::TipBatch(arm).columns(inputs, x.size(), x.data(), y.data(), z.data());
   }
 
   std::size_t count() const { return x.size(); }

@@ -170,20 +170,23 @@ class ArmOf {
 
  private:
   using Steps = std::vector<typename TaperOf<Group>::Step>;
+  using Lengths = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor,
+                                kMaxSections * kMaxActuators, 1>;  // without the heap
 
   ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps);
   void chooseSteps();
   void setSteps(int steps);
-  typename TaperOf<Group>::Lengths lengthsOf(const InputRef& q, int k) const noexcept;
+  Lengths lengthsInside(const InputRef& q) const noexcept;
+  typename TaperOf<Group>::Lengths ofSection(const InputRef& lengths, int k) const noexcept;
+  typename TaperOf<Group>::Lengths restLengths(int k) const;
   typename Group::Tangent taperedTwist(const typename TaperOf<Group>::Lengths& lengths,
                                        int k) const noexcept;
   template <class StiffnessOf>
   ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
   typename Group::Tangent sectionTwist(const InputRef& q, int k) const noexcept;
-  // Each returns the one pose that it builds, in place: a copy waits for all of its numbers.
+  // Returns the one pose that it builds, in place: a copy waits for all of its numbers.
   Group untaperedTip(const InputRef& q) const noexcept;
-  Group taperedTip(const InputRef& q) const noexcept;
   [[noreturn]] void refuse(const InputRef& q) const;
 
   std::vector<ActuatorOf<Group>> actuators_;

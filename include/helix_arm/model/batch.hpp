@@ -62,8 +62,4 @@ class TipBatch {
   std::unique_ptr<const Plan> plan_;
 };
 
-/// TipBatch::columns() of an arm.
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
-               double* z);
-
 }  // namespace helix_arm::model

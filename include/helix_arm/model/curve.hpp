@@ -14,14 +14,12 @@ namespace helix_arm::model {
 /// that s = k is the start of section k.
 ///
 /// Each s is evaluated directly, so errors do not accumulate with fine sampling.
-/// @param shape  or planar twists (dof x sections) without links; v [m], w [rad].
-/// @param s      in [0, sections]: section k covers [k, k + 1].
+/// @param s  in [0, sections]: section k covers [k, k + 1].
 /// @throws std::invalid_argument when s is outside.
 lie::SE3 poseAt(const Shape& shape, double s);
 /// The same at s in [0, 1] of a section: s = 1 is its end, before its link.
 lie::SE3 poseAt(const Shape& shape, int section, double s);
 inline lie::SE3 poseAt(const Twists& twists, double s) { return poseAt(Shape(twists), s); }
-lie::SE2 poseAt(const PlanarTwists& twists, double s);
 
 /// A point of a sampled curve.
 template <class Group>
@@ -37,7 +35,6 @@ std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count);
 inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count) {
   return sampleCurve(Shape(twists), count);
 }
-std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
 
 /// The same to draw an arm: followed by the tip if the arm has links.
 std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count);
@@ -46,7 +43,6 @@ std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count);
 /// otherwise, use ArmOf::tipOf().
 lie::SE3 tipPose(const Shape& shape);
 inline lie::SE3 tipPose(const Twists& twists) { return tipPose(Shape(twists)); }
-lie::SE2 tipPose(const PlanarTwists& twists);
 
 /// The helix of a section's curve. A straight section has zero turns and an infinite radius; an arc
 /// has zero pitch.

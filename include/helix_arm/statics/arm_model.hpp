@@ -14,7 +14,7 @@ namespace helix_arm::statics {
 
 /// The shape of one arm at given inputs, with the same interface for every tier.
 ///
-/// Immutable. Solving stores no state, so threads may share a model.
+/// Immutable. Solving stores no state, so threads may share a model. Copies are cheap.
 class ArmModel {
  public:
   /// Chooses the tier automatically. @throws as chooseTier() and Load::validate() do.
@@ -25,10 +25,6 @@ class ArmModel {
   /// needs a load or a plane that the arm does not have.
   ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::optional<Load> load,
            const TierSetting& setting);
-  ArmModel(const ArmModel& other);
-  ArmModel(ArmModel&&) noexcept;
-  ArmModel& operator=(ArmModel other) noexcept;
-  ~ArmModel();
 
   const model::Arm& arm() const;
   const std::optional<model::PlanarArm>& planar() const;
@@ -39,8 +35,8 @@ class ArmModel {
   /// tapered. Otherwise shapes have several pieces per section.
   bool isLinear() const;
 
-  /// The same arm, load and tier, with this stiffness for every actuator.
-  ArmModel withStiffness(const model::Stiffness& stiffness) const;
+  /// The same arm, load and tier, with these factors on every actuator's stiffness and K_eps.
+  ArmModel scaledStiffness(const model::Stiffness& factors, double K_eps_factor = 1.0) const;
   /// The same arm and load with another tier. @throws as chooseTier() does.
   ArmModel withTier(const TierRequest& request) const;
 
@@ -64,10 +60,8 @@ class ArmModel {
   TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
 
  private:
-  class Solvers;
-  explicit ArmModel(std::unique_ptr<Solvers> solvers);
-
-  std::unique_ptr<Solvers> solvers_;
+  struct Solvers;
+  std::shared_ptr<const Solvers> solvers_;  // which copies share
 };
 
 /// Initial guess for a search for the true shape of the arm: the model's shape or, if the load was

@@ -28,9 +28,7 @@ struct Correction {
 /// inputs remain the same box.
 class CorrectedModel {
  public:
-  /// Starts without a difference. @param loaded  model under the scene's load, or of a tapered arm;
-  /// null without either.
-  CorrectedModel(const model::Arm& arm, const ArmModel* loaded);
+  /// Starts without a difference.
   explicit CorrectedModel(const ArmModel& model);
 
   /// Replaces the correction. Allocates only if the factors on the stiffness change, or under load.
@@ -38,10 +36,10 @@ class CorrectedModel {
   void set(const Correction& correction);
 
   const Correction& correction() const { return correction_; }
-  /// The arm with the corrected stiffness; actuators and limits are those of the nominal arm.
-  const model::Arm& arm() const { return arm_; }
-  /// The same under load, or tapered; null without either.
-  const ArmModel* loaded() const { return loaded_ ? &*loaded_ : nullptr; }
+  /// The model with the corrected stiffness; actuators and limits are those of the nominal arm.
+  /// Linear models are without load and in space.
+  const ArmModel& model() const { return model_; }
+  const model::Arm& arm() const { return model_.arm(); }
 
   /// Corrected free lengths (n) [m], valid until the next call.
   const Eigen::VectorXd& scaled(const Eigen::VectorXd& lengths) const noexcept;
@@ -53,17 +51,14 @@ class CorrectedModel {
   bool tipByLengths(const Eigen::VectorXd& lengths, lie::SE3& tip,
                     Eigen::MatrixXd& by_lengths) const;
   /// Derivative of the mean twists (6 sections x n) with respect to lengths (n) [m]. Under load by
-  /// differences; zero if no shape balances the load.
-  void twistsByLengths(const Eigen::VectorXd& lengths, Eigen::MatrixXd& out) const;
+  /// differences; zero, and false, if no shape balances the load.
+  bool twistsByLengths(const Eigen::VectorXd& lengths, Eigen::MatrixXd& out) const;
 
  private:
-  void rebuild();
-
-  const model::Arm nominal_;
-  const std::optional<ArmModel> nominal_loaded_;
+  const ArmModel nominal_;
+  ArmModel model_;
   Correction correction_;
-  model::Arm arm_;
-  std::optional<ArmModel> loaded_;
+  bool moves_twists_ = false;  // whether the offset is not 0
   mutable Eigen::VectorXd scaled_;
 };
 

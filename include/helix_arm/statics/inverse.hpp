@@ -84,14 +84,10 @@ struct InverseResult {
 /// constructor: solving does not allocate if the arm has no load.
 class InverseSolver {
  public:
-  /// Keeps a reference to the arm, which must outlive the solver.
+  /// With the tier of the model: under load, the tip or the mean twists of the loaded arm reach the
+  /// target, and solving allocates some memory. An arm alone is a model without load.
   /// @throws std::invalid_argument naming the option that breaks its rule.
-  explicit InverseSolver(const model::Arm& arm, const InverseOptions& options = {});
-  explicit InverseSolver(const model::Arm&& arm, const InverseOptions& options = {}) = delete;
-  /// The same with the tier of an ArmModel: under load, the tip or the mean twists of the loaded
-  /// arm reach the target. Solving then allocates some memory.
   explicit InverseSolver(const ArmModel& model, const InverseOptions& options = {});
-  explicit InverseSolver(const ArmModel&& model, const InverseOptions& options = {}) = delete;
   ~InverseSolver();
   InverseSolver(InverseSolver&&) noexcept;
   InverseSolver& operator=(InverseSolver&&) noexcept;

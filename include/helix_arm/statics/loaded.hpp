@@ -60,18 +60,6 @@ class LoadedArmOf {
  public:
   using Twists = model::TwistsOf<Group>;
   using Unloaded = model::UnloadedOf<Group>;
-  using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
-
-  /// A tip and its derivatives.
-  struct Response {
-    TipOf<Group> at;  ///< its status also covers the nearby tips of differences
-    /// (dof x m) body twist of the tip per unit of each of m changes; NaN unless it converged.
-    Motion by;
-
-    Response(const TipOf<Group>& tip, Eigen::Index columns);
-    // Fills a column with the central difference of the tips one step below and above.
-    void add(int column, double step, const TipOf<Group>& below, const TipOf<Group>& above);
-  };
 
   /// @param order  degree of the polynomials, kLeastOrder .. kMostOrder.
   /// @throws std::invalid_argument naming the value that breaks a rule of Load, the order, or the
@@ -102,20 +90,15 @@ class LoadedArmOf {
                               bool by_load = true) const;
 
   /// Tip and its derivative with respect to the parameters of `change`, in the same manner.
-  Response tipBy(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;
+  TipResponseOf<Group> tipBy(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;
 
   /// Tip and its derivative when the unloaded twists change along each of m directions (dof *
   /// sections x m). With an actuator's map and the slope of its contraction as direction, this is
   /// the derivative with respect to its input. Central differences of solutions, accurate to 1e-6
   /// of the largest column: faster than tipBy() for few directions. For arms without taper and
   /// loads without StiffnessTables.
-  Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
-
-  /// Tip and its derivative with respect to the load: one column for the mass of each section
-  /// [1/kg], then for each point load its mass, its force (3) [1/N] and its moment (3) [1/(N m)],
-  /// in the order of Load. Central differences of solutions, accurate to 1e-6 of the largest
-  /// column; the status also covers the nearby tips.
-  Response tipByLoad(const Twists& unloaded) const;
+  TipResponseOf<Group> tipByUnloaded(const Twists& unloaded,
+                                     const Eigen::MatrixXd& directions) const;
 
  private:
   struct Element {
@@ -131,11 +114,11 @@ class LoadedArmOf {
 
   // Runs a relaxation, starting from the solution `near` of a similar problem if there is one.
   template <class Solver>
-  Solver solved(const Load& load, const Unloaded& unloaded, const Solver* near) const;
+  Solver solved(const Unloaded& unloaded, const Solver* near = nullptr) const;
   // Rejects a relaxation whose tip differs from that of a finer one; of one that steps the load, if
   // there may be several branches.
   template <class Solver>
-  void check(const Load& load, const Unloaded& unloaded, Solver& solver, bool branches) const;
+  void check(const Unloaded& unloaded, Solver& solver, bool branches) const;
 
   int order_;
   Load load_;

@@ -19,10 +19,10 @@ enum class SolveStatus {
 /// "converged", "not_converged", "snapped" or "unsupported".
 const char* nameOf(SolveStatus status);
 
-/// Shape of an arm as computed by one of the tiers.
-struct Solution {
-  model::Shape shape;
-  lie::SE3 tip;  ///< seen from the base
+/// Tip of an arm as computed by one of the tiers.
+template <class Group>
+struct TipOf {
+  Group tip;  ///< seen from the base
   SolveStatus status = SolveStatus::kConverged;
   /// Size of the last iteration's step, relative to the arm's size. If an order is rejected for its
   /// error, that error.
@@ -33,28 +33,27 @@ struct Solution {
 
   bool converged() const { return status == SolveStatus::kConverged; }
 };
-
-/// The tip alone.
-template <class Group>
-struct TipOf {
-  Group tip;  ///< seen from the base
-  SolveStatus status = SolveStatus::kConverged;
-  double residual = 0.0;
-  int iterations = 0;
-  int load_steps = 0;  ///< as Solution::load_steps
-
-  bool converged() const { return status == SolveStatus::kConverged; }
-};
 using Tip = TipOf<lie::SE3>;
 
-/// Tip of an arm and its Jacobian.
-struct TipResponse {
-  lie::SE3 tip;  ///< seen from the base
-  SolveStatus status = SolveStatus::kConverged;
-  /// (6 x n) body twist of the tip per unit free length of each actuator [m/m; rad/m]; NaN unless
-  /// it converged.
-  Eigen::Matrix<double, 6, Eigen::Dynamic> by_lengths;
+/// The same, embedded in space.
+template <class Group>
+Tip inSpace(const TipOf<Group>& found) {
+  return {lie::inSpace(found.tip), found.status, found.residual, found.iterations,
+          found.load_steps};
+}
+
+/// The tip with the shape of the arm.
+struct Solution : Tip {
+  model::Shape shape;
 };
+
+/// A tip and its derivatives. The status also covers the nearby tips of differences.
+template <class Group>
+struct TipResponseOf : TipOf<Group> {
+  /// (dof x m) body twist of the tip per unit of each of m changes; NaN unless it converged.
+  Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> by;
+};
+using TipResponse = TipResponseOf<lie::SE3>;
 
 /// Derivatives of tip and twists with respect to m quantities.
 struct ShapeDerivative {

@@ -58,7 +58,6 @@ class Workspace {
 
  private:
   Eigen::MatrixXd drawInputs(std::uint64_t first, int count) const;
-  void sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const;
   Eigen::RowVector3d sensitivityAt(const Eigen::VectorXd& q, const Eigen::Vector3d& tip) const;
 
   ArmModel model_;
@@ -109,14 +108,10 @@ class WorkspaceExtremes {
   static double extent(int which, const Eigen::Vector3d& tip);
 
  private:
-  static std::array<double, kCount> unbounded() {
-    std::array<double, kCount> out;
-    out.fill(std::numeric_limits<double>::infinity());
-    return out;
-  }
+  using Extents = Eigen::Matrix<double, kCount, 1>;
 
   std::array<Extreme, kCount> found_;
-  std::array<double, kCount> bounds_ = unbounded();
+  Extents bounds_ = Extents::Constant(std::numeric_limits<double>::infinity());
   bool empty_ = true;
 };
 

@@ -24,76 +24,51 @@
 namespace helix_arm::statics::dormand_prince {
 
 inline constexpr int kStages = 12;
-inline constexpr std::array<double, kStages> kNodes = {0.0,
-                                                       0.05260015195876773,
-                                                       0.0789002279381516,
-                                                       0.1183503419072274,
-                                                       0.2816496580927726,
-                                                       0.3333333333333333,
-                                                       0.25,
-                                                       0.3076923076923077,
-                                                       0.6512820512820513,
-                                                       0.6,
-                                                       0.8571428571428571,
-                                                       1.0};
-inline constexpr double kWeights[kStages][kStages] = {
-    {},
-    {0.05260015195876773},
-    {0.0197250569845379, 0.0591751709536137},
-    {0.02958758547680685, 0, 0.08876275643042054},
-    {0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792},
-    {0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242},
-    {0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125},
-    {0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
-     0.008273789163814023},
-    {0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
-     20.154067550477894, -43.48988418106996},
-    {0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
-     15.279233632882423, -33.28821096898486, -0.020331201708508627},
-    {-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
-     -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196},
-    {2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
-     27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
-     0.6433927460157636}};
-inline constexpr std::array<double, kStages> kStep = {0.054293734116568765,
-                                                      0,
-                                                      0,
-                                                      0,
-                                                      0,
-                                                      4.450312892752409,
-                                                      1.8915178993145003,
-                                                      -5.801203960010585,
-                                                      0.3111643669578199,
-                                                      -0.1521609496625161,
-                                                      0.20136540080403034,
-                                                      0.04471061572777259};
-inline constexpr std::array<double, kStages> kError5 = {0.01312004499419488,
-                                                        0,
-                                                        0,
-                                                        0,
-                                                        0,
-                                                        -1.2251564463762044,
-                                                        -0.4957589496572502,
-                                                        1.6643771824549864,
-                                                        -0.35032884874997366,
-                                                        0.3341791187130175,
-                                                        0.08192320648511571,
-                                                        -0.022355307863886294};
-inline constexpr std::array<double, kStages> kError3 = {-0.18980075407240762,
-                                                        0,
-                                                        0,
-                                                        0,
-                                                        0,
-                                                        4.450312892752409,
-                                                        1.8915178993145003,
-                                                        -5.801203960010585,
-                                                        -0.4226823213237919,
-                                                        -0.1521609496625161,
-                                                        0.20136540080403034,
-                                                        0.02265179219836082};
-
-// Differential equations of frame and moment along a loaded rod: g = g* + C [n; m] in the body
-// frame, X' = X g, m' = m x w + n x v.
+/// Of a stage: its place in the step, and the weights of the stages before it.
+struct Stage {
+  double node, weights[kStages];
+};
+inline constexpr Stage kTableau[kStages] = {
+    {0.0, {}},
+    {0.05260015195876773, {0.05260015195876773}},
+    {0.0789002279381516, {0.0197250569845379, 0.0591751709536137}},
+    {0.1183503419072274, {0.02958758547680685, 0, 0.08876275643042054}},
+    {0.2816496580927726, {0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792}},
+    {0.3333333333333333, {0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242}},
+    {0.25, {0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125}},
+    {0.3076923076923077,
+     {0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
+      0.008273789163814023}},
+    {0.6512820512820513,
+     {0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
+      20.154067550477894, -43.48988418106996}},
+    {0.6,
+     {0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
+      15.279233632882423, -33.28821096898486, -0.020331201708508627}},
+    {0.8571428571428571,
+     {-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
+      -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196}},
+    {1.0,
+     {2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
+      27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
+      0.6433927460157636}}};
+/// Weights of all stages in the step and in its estimates.
+struct Weights {
+  double step, error5, error3;
+};
+inline constexpr Weights kWeights[kStages] = {
+    {0.054293734116568765, 0.01312004499419488, -0.18980075407240762},
+    {0, 0, 0},
+    {0, 0, 0},
+    {0, 0, 0},
+    {0, 0, 0},
+    {4.450312892752409, -1.2251564463762044, 4.450312892752409},
+    {1.8915178993145003, -0.4957589496572502, 1.8915178993145003},
+    {-5.801203960010585, 1.6643771824549864, -5.801203960010585},
+    {0.3111643669578199, -0.35032884874997366, -0.4226823213237919},
+    {-0.1521609496625161, 0.3341791187130175, -0.1521609496625161},
+    {0.20136540080403034, 0.08192320648511571, 0.20136540080403034},
+    {0.04471061572777259, -0.022355307863886294, 0.02265179219836082}};
 
 }  // namespace helix_arm::statics::dormand_prince
 
@@ -123,8 +98,10 @@ struct SectionLaw {
   double per_K = 0.0;                                     // l / K_eps
 };
 
-/// The integrated state: the quaternion (x y z w) and the body moment; then either the position and
-/// the integral of the angular strain, or kColumns columns of the flow's derivative.
+/// The differential equations of frame and moment along a loaded rod, g = g* + C [n; m] in the body
+/// frame, X' = X g, m' = m x w + n x v, and their integration. The state: the quaternion (x y z w)
+/// and the body moment; then either the position and the integral of the angular strain, or
+/// kColumns columns of the flow's derivative.
 template <int kColumns>
 struct Flow {
   static constexpr int kSize = 7 + (kColumns == 0 ? 6 : 6 * kColumns);
@@ -200,7 +177,8 @@ struct Flow {
 
   // Integrates y from s to end. False if the steps vanish or the numbers overflow.
   bool advance(double s, double end, State& y, double& h) const {
-    std::array<State, dormand_prince::kStages> k;
+    using namespace dormand_prince;
+    std::array<State, kStages> k;
     // Ten times the steps that shapes in equilibrium need.
     const double most_steps =
         200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
@@ -210,19 +188,20 @@ struct Flow {
       if (steps > most_steps || !(last || s + h > s)) return false;
       const double step = last ? end - s : h;
       k[0] = (*this)(s, y);
-      for (int i = 1; i < dormand_prince::kStages; ++i) {
-        State sum = dormand_prince::kWeights[i][0] * k[0];
+      for (int i = 1; i < kStages; ++i) {
+        const Stage& stage = kTableau[i];
+        State sum = stage.weights[0] * k[0];
         for (int j = 1; j < i; ++j) {
-          if (dormand_prince::kWeights[i][j] != 0) sum += dormand_prince::kWeights[i][j] * k[j];
+          if (stage.weights[j] != 0) sum += stage.weights[j] * k[j];
         }
-        k[i] = (*this)(s + dormand_prince::kNodes[i] * step, y + step * sum);
+        k[i] = (*this)(s + stage.node * step, y + step * sum);
       }
-      State next = dormand_prince::kStep[0] * k[0], error5 = dormand_prince::kError5[0] * k[0],
-            error3 = dormand_prince::kError3[0] * k[0];
-      for (int i = 5; i < dormand_prince::kStages; ++i) {
-        next += dormand_prince::kStep[i] * k[i];
-        error5 += dormand_prince::kError5[i] * k[i];
-        error3 += dormand_prince::kError3[i] * k[i];
+      State next = kWeights[0].step * k[0], error5 = kWeights[0].error5 * k[0],
+            error3 = kWeights[0].error3 * k[0];
+      for (int i = 5; i < kStages; ++i) {
+        next += kWeights[i].step * k[i];
+        error5 += kWeights[i].error5 * k[i];
+        error3 += kWeights[i].error3 * k[i];
       }
       const double square5 = squaredError(error5), square3 = squaredError(error3);
       const double error =

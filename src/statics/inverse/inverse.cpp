@@ -9,7 +9,6 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include "box_levenberg_marquardt.hpp"
@@ -24,20 +23,6 @@ namespace {
 
 constexpr double kSmallTurn = 0.02;  // of the whole arm by the force [rad]
 constexpr int kPushedOrder = 4;
-
-/// What is inverted: an arm alone, or the model of an arm.
-using Inverted = std::variant<const model::Arm*, const ArmModel*>;
-
-const model::Arm& armOf(const Inverted& inverted) {
-  if (const auto* arm = std::get_if<const model::Arm*>(&inverted)) return **arm;
-  return std::get<const ArmModel*>(inverted)->arm();
-}
-
-// The model if its shapes are not linear in the lengths; else null.
-const ArmModel* loadedOf(const Inverted& inverted) {
-  const auto* model = std::get_if<const ArmModel*>(&inverted);
-  return model != nullptr && !(*model)->isLinear() ? *model : nullptr;
-}
 
 /// How far small forces move the tip of an arm.
 class TipStiffness {
@@ -168,10 +153,10 @@ constexpr double kApart = 0.15;            // between starts of descents, of the
 /// constructor, except by kStiff.
 class InversePreference {
  public:
-  InversePreference(const Inverted& inverted, const InverseOptions& options, const LengthBox& box,
+  InversePreference(const ArmModel& model, const InverseOptions& options, const LengthBox& box,
                     BoxLevenbergMarquardt& minimiser, InverseStarts& starts,
                     const InverseTask& task)
-      : arm_(armOf(inverted)),
+      : arm_(model.arm()),
         options_(options),
         box_(box),
         minimiser_(minimiser),
@@ -186,9 +171,7 @@ class InversePreference {
         base_lengths_(n_),
         base_input_(n_) {
     if (options.preference != Preference::kStiff) return;
-    const auto* model = std::get_if<const ArmModel*>(&inverted);
-    basics::require(model != nullptr, "preference: the tip's stiffness needs the arm's ArmModel");
-    stiffness_.emplace(**model);
+    stiffness_.emplace(model);
     by_fraction_.resize(n_);
   }
 
@@ -418,18 +401,19 @@ Preference preferenceOf(const std::string& word) {
 
 class InverseSolver::Workspace {
  public:
-  Workspace(const Inverted& inverted, const InverseOptions& options)
-      : arm_(armOf(inverted)),
-        options_(checked(options, loadedOf(inverted) != nullptr)),
+  Workspace(const ArmModel& model, const InverseOptions& options)
+      : model_(model),
+        arm_(model_.arm()),
+        options_(checked(options, !model.isLinear())),
         n_(arm_.actuatorCount()),
-        task_(arm_, loadedOf(inverted), options_.rotation_weight),
-        corrected_(arm_, loadedOf(inverted)),
+        corrected_(model),
+        task_(corrected_, options_.rotation_weight),
         box_(arm_),
         minimiser_(task_, box_, options_.position_tolerance),
         valley_(minimiser_, n_, arm_.restLength(),
-                loadedOf(inverted) != nullptr ? kLoadedValleyBudget : kValleyBudget),
-        starts_(arm_, loadedOf(inverted), box_),
-        preference_(inverted, options_, box_, minimiser_, starts_, task_),
+                model.isLinear() ? kValleyBudget : kLoadedValleyBudget),
+        starts_(model, box_),
+        preference_(model, options_, box_, minimiser_, starts_, task_),
         input_(n_),
         current_(n_, task_.maxRows()),
         best_(n_, task_.maxRows()) {
@@ -446,12 +430,10 @@ class InverseSolver::Workspace {
     if (answered_) current_.residual.head<3>() += task_.position() - position;
     task_.setPosition(position);
   }
-
   void aimAt(const lie::SE3& pose) noexcept {
     answered_ = false;
     task_.setPose(pose);
   }
-
   void aimAt(const model::Twists& twists) noexcept {
     answered_ = false;
     task_.setTwists(twists);
@@ -494,16 +476,12 @@ class InverseSolver::Workspace {
 
   void correct(const Correction& correction) {
     corrected_.set(correction);
-    task_.correctBy(corrected_);
     answered_ = false;
   }
 
   void limit(const model::InputRef& lower, const model::InputRef& upper) {
-    if (lower.size() != n_ || upper.size() != n_) {
-      throw std::invalid_argument("got " + std::to_string(lower.size()) + " and " +
-                                  std::to_string(upper.size()) + " limits; the arm has " +
-                                  std::to_string(n_) + " actuators");
-    }
+    basics::require(lower.size() == n_ && upper.size() == n_, "got ", lower.size(), " and ",
+                    upper.size(), " limits; the arm has ", n_, " actuators");
     for (int i = 0; i < n_; ++i) {
       const model::Range& limits = arm_.actuator(i).limits;
       if (limits.contains(lower[i]) && limits.contains(upper[i]) && lower[i] < upper[i]) continue;
@@ -520,10 +498,8 @@ class InverseSolver::Workspace {
 
  private:
   void checkStart(const model::InputRef& start) const {
-    if (start.size() != n_) {
-      throw std::invalid_argument("the start has " + std::to_string(start.size()) +
-                                  " inputs; the arm has " + std::to_string(n_) + " actuators");
-    }
+    basics::require(start.size() == n_, "the start has ", start.size(), " inputs; the arm has ", n_,
+                    " actuators");
     for (int i = 0; i < n_; ++i) {
       if (!box_.limits(i).contains(start[i])) {
         throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name +
@@ -592,11 +568,12 @@ class InverseSolver::Workspace {
     result_.residual = result_.position_error = std::numeric_limits<double>::infinity();
   }
 
+  const ArmModel model_;
   const model::Arm& arm_;
   const InverseOptions options_;
   const int n_;
-  InverseTask task_;
   CorrectedModel corrected_;
+  InverseTask task_;
   LengthBox box_;
   BoxLevenbergMarquardt minimiser_;
   InverseValley valley_;
@@ -608,12 +585,8 @@ class InverseSolver::Workspace {
   InverseResult result_;
 };
 
-InverseSolver::InverseSolver(const model::Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(&arm, options)) {
-  basics::require(!arm.tapered(), "inverse: the arm is tapered; expected its ArmModel");
-}
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(&model, options)) {}
+    : workspace_(std::make_unique<Workspace>(model, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
@@ -634,10 +607,9 @@ const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
 const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const model::InputRef& start) {
   requireNear("position", pose.translation);
   const Eigen::Matrix3d& R = pose.rotation;
-  if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRotationRounding &&
-        R.determinant() > 0)) {
-    throw std::invalid_argument("the target's rotation is not orthogonal and right-handed");
-  }
+  basics::require((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRotationRounding &&
+                      R.determinant() > 0,
+                  "the target's rotation is not orthogonal and right-handed");
   workspace_->aimAt(pose);
   return workspace_->solve(start);
 }
@@ -645,10 +617,8 @@ const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const model::In
 const InverseResult& InverseSolver::toTwists(const model::Twists& twists,
                                              const model::InputRef& start) {
   const int sections = workspace_->arm().sectionCount();
-  if (twists.cols() != sections) {
-    throw std::invalid_argument("got twists of " + std::to_string(twists.cols()) +
-                                " sections; the arm has " + std::to_string(sections));
-  }
+  basics::require(twists.cols() == sections, "got twists of ", twists.cols(),
+                  " sections; the arm has ", sections);
   requireNear("twists", twists);
   workspace_->aimAt(twists);
   return workspace_->solve(start);

@@ -29,6 +29,12 @@ auto withNodes(int order, const F& f) {
   return f(std::integral_constant<int, kOrder + 1>());
 }
 
+template <class Group>
+TipResponseOf<Group> withoutResponse(const TipOf<Group>& tip, Eigen::Index columns) {
+  using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
+  return {tip, Motion::Constant(Group::kDof, columns, std::numeric_limits<double>::quiet_NaN())};
+}
+
 inline std::shared_ptr<const model::Links> linksInSpace(const model::Arm& arm) {
   return arm.links();
 }
@@ -92,14 +98,13 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
 
 template <class Group>
 template <class Solver>
-Solver LoadedArmOf<Group>::solved(const Load& load, const Unloaded& unloaded,
-                                  const Solver* near) const {
+Solver LoadedArmOf<Group>::solved(const Unloaded& unloaded, const Solver* near) const {
   basics::require(!tapered_ || unloaded.lengths.size() == first_.back(),
                   "loaded tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
   basics::require(!has_tables_ || unloaded.compliance.size() > 0,
                   "loaded tier: K_eps depends on pressure; expected unloadedUnder(), not twists "
                   "alone");
-  Solver solver(*this, load, unloaded);
+  Solver solver(*this, unloaded);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);
   // A solution close to a checked one needs no check of its own.
@@ -107,16 +112,16 @@ Solver LoadedArmOf<Group>::solved(const Load& load, const Unloaded& unloaded,
   if (may_buckle_) solver.refuseUnstable();
   const bool branches = may_buckle_ && solver.branches();
   if (branches || solver.doubtful(statedTipError(order_))) {
-    check(load, unloaded, solver, branches);
+    check(unloaded, solver, branches);
   }
   return solver;
 }
 
 template <class Group>
 template <class Solver>
-[[gnu::noinline]] void LoadedArmOf<Group>::check(const Load& load, const Unloaded& unloaded,
-                                                 Solver& solver, bool branches) const {
-  Relaxation<kFineNodes> finer(*this, load, unloaded);
+[[gnu::noinline]] void LoadedArmOf<Group>::check(const Unloaded& unloaded, Solver& solver,
+                                                 bool branches) const {
+  Relaxation<kFineNodes> finer(*this, unloaded);
   if (branches) {
     finer.stepLoad();
   } else {
@@ -127,34 +132,15 @@ template <class Solver>
 }
 
 template <class Group>
-LoadedArmOf<Group>::Response::Response(const TipOf<Group>& tip, Eigen::Index columns)
-    : at(tip),
-      by(Motion::Constant(Group::kDof, columns, std::numeric_limits<double>::quiet_NaN())) {}
-
-template <class Group>
-void LoadedArmOf<Group>::Response::add(int column, double step, const TipOf<Group>& below,
-                                       const TipOf<Group>& above) {
-  if (!below.converged()) at.status = below.status;
-  if (!above.converged()) at.status = above.status;
-  if (!at.converged()) {
-    by.setConstant(std::numeric_limits<double>::quiet_NaN());
-    return;
-  }
-  by.col(column) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
-}
-
-template <class Group>
 TipOf<Group> LoadedArmOf<Group>::tip(const Unloaded& unloaded) const {
-  return withNodes(order_, [&](auto nodes) {
-    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr).result();
-  });
+  return withNodes(order_,
+                   [&](auto nodes) { return solved<Relaxation<nodes()>>(unloaded).result(); });
 }
 
 template <class Group>
 Solution LoadedArmOf<Group>::solve(const Unloaded& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
-    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
-        .solution(static_cast<int>(unloaded.twists.cols()));
+    return solved<Relaxation<nodes()>>(unloaded).solution(static_cast<int>(unloaded.twists.cols()));
   });
 }
 
@@ -163,8 +149,8 @@ std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloade
                                                                    int count) const {
   model::requireCurve(count);
   return withNodes(order_, [&](auto nodes) {
-    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
-        .curve(static_cast<int>(unloaded.twists.cols()), count);
+    return solved<Relaxation<nodes()>>(unloaded).curve(static_cast<int>(unloaded.twists.cols()),
+                                                       count);
   });
 }
 
@@ -174,7 +160,7 @@ ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
                                                 bool by_load) const {
   return withNodes(order_, [&](auto nodes) {
     const int sections = static_cast<int>(unloaded.twists.cols());
-    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    auto relaxation = solved<Relaxation<nodes()>>(unloaded);
     if (!relaxation.result().converged()) {
       return withoutDerivative(relaxation.solution(sections), change.count() + (by_load ? 6 : 0));
     }
@@ -189,25 +175,25 @@ ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
 }
 
 template <class Group>
-typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipBy(
-    const Unloaded& unloaded, const UnloadedChange<Group>& change) const {
+TipResponseOf<Group> LoadedArmOf<Group>::tipBy(const Unloaded& unloaded,
+                                               const UnloadedChange<Group>& change) const {
   return withNodes(order_, [&](auto nodes) {
-    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
-    Response out(relaxation.result(), change.count());
-    if (!out.at.converged()) return out;
-    out.by = out.at.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
+    auto relaxation = solved<Relaxation<nodes()>>(unloaded);
+    TipResponseOf<Group> out = withoutResponse(relaxation.result(), change.count());
+    if (!out.converged()) return out;
+    out.by = out.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
     return out;
   });
 }
 
 template <class Group>
-typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
-    const Twists& unloaded, const Eigen::MatrixXd& directions) const {
+TipResponseOf<Group> LoadedArmOf<Group>::tipByUnloaded(const Twists& unloaded,
+                                                       const Eigen::MatrixXd& directions) const {
   return withNodes(order_, [&](auto nodes) {
     using Solver = Relaxation<nodes()>;
-    const Solver here = solved<Solver>(load_, unloaded, nullptr);
-    Response out(here.result(), directions.cols());
-    for (int d = 0; d < directions.cols() && out.at.converged(); ++d) {
+    const Solver here = solved<Solver>(unloaded);
+    TipResponseOf<Group> out = withoutResponse(here.result(), directions.cols());
+    for (int d = 0; d < directions.cols() && out.converged(); ++d) {
       const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
       const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
                                    direction.template bottomRows<Group::kRotations>().norm());
@@ -216,45 +202,14 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
         continue;
       }
       const double step = kDifferenceStep / size;
-      out.add(d, step, solved<Solver>(load_, Twists(unloaded - step * direction), &here).result(),
-              solved<Solver>(load_, Twists(unloaded + step * direction), &here).result());
-    }
-    return out;
-  });
-}
-
-template <class Group>
-typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists& unloaded) const {
-  // Units of moment and force: they turn the softest section by about one radian.
-  double softest = 0.0;
-  for (const auto& C : compliance_) {
-    softest = std::max(softest,
-                       C.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
-  }
-  const double moment = 1.0 / softest, force = moment / size_, pull = load_.gravity.norm();
-  const double mass = pull > 0 ? force / pull : 1.0;
-  // Load entries in the order of the columns, each with its unit.
-  Load load = load_;
-  std::vector<std::pair<double*, double>> entries;
-  for (double& of_section : load.mass) entries.emplace_back(&of_section, mass);
-  for (PointLoad& point : load.points) {
-    entries.emplace_back(&point.mass, mass);
-    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.force[i], force);
-    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.moment[i], moment);
-  }
-  return withNodes(order_, [&](auto nodes) {
-    using Solver = Relaxation<nodes()>;
-    const Solver here = solved<Solver>(load, unloaded, nullptr);
-    Response out(here.result(), static_cast<Eigen::Index>(entries.size()));
-    for (std::size_t i = 0; i < entries.size() && out.at.converged(); ++i) {
-      const auto [entry, unit] = entries[i];
-      const double kept = *entry, step = kDifferenceStep * unit;
-      *entry = kept - step;
-      const TipOf<Group> below = solved<Solver>(load, unloaded, &here).result();
-      *entry = kept + step;
-      const TipOf<Group> above = solved<Solver>(load, unloaded, &here).result();
-      *entry = kept;
-      out.add(static_cast<int>(i), step, below, above);
+      const auto tipAt = [&](double move) {
+        return solved<Solver>(Twists(unloaded + move * direction), &here).result();
+      };
+      const TipOf<Group> below = tipAt(-step), above = tipAt(step);
+      if (!below.converged()) out.status = below.status;
+      if (!above.converged()) out.status = above.status;
+      if (!out.converged()) return withoutResponse<Group>(out, directions.cols());
+      out.by.col(d) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
     }
     return out;
   });

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -85,15 +86,8 @@ struct Range {
   double least, largest;
 };
 
-/// Those of H; the largest is infinite if H is not finite.
-inline Range eigenvalues(const Projection& H) {
-  if (!H.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
-  const auto real = Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().eval();
-  return {real.minCoeff(), real.maxCoeff()};
-}
-
-/// The same for the derivative of a map, in the Krylov space of a start vector with components in
-/// all entries. Allocates nothing except for the eigenvalues.
+/// Those of the derivative of a map, in the Krylov space of a start vector with components in all
+/// entries; the largest is infinite if they are not finite. Allocates nothing but the eigenvalues.
 ///
 /// @tparam kMostSize  maximum of `size`.
 /// @param size  number of entries of a motion.
@@ -119,7 +113,10 @@ Range eigenvalues(int size, const Respond& respond) {
     if (!(H(j + 1, j) > kStep)) count = j + 1;
     next /= H(j + 1, j);
   }
-  return eigenvalues(H.topLeftCorner(count, count));
+  const Projection kept = H.topLeftCorner(count, count);
+  if (!kept.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
+  const auto real = Eigen::EigenSolver<Projection>(kept, false).eigenvalues().real().eval();
+  return {real.minCoeff(), real.maxCoeff()};
 }
 
 }  // namespace krylov
@@ -140,10 +137,43 @@ class Anderson {
 
   /// Adds x and F(x), (n) each, and replaces x by the next iterate.
   /// @return the largest entry of the weighted change F(x) - x, for the old x.
-  double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer);
+  [[gnu::noinline]] double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer) {
+    Stack change = weight_.cwiseProduct(answer - x);
+    const double largest = change.template lpNorm<Eigen::Infinity>();
+    const int kept = std::min(calls_, kDepth);
+    x = answer;
+    if (kept > 0) {
+      const int newest = (calls_ - 1) % kDepth;
+      changes_.col(newest) = change - last_change_;
+      answers_.col(newest) = answer - last_answer_;
+      for (int i = 0; i < kept; ++i) {
+        gram_(i, newest) = gram_(newest, i) = changes_.col(i).dot(changes_.col(newest));
+      }
+      using Matrix =
+          Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kDepth, kDepth>;
+      using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kDepth, 1>;
+      Matrix G = gram_.topLeftCorner(kept, kept);
+      // Memories differ widely in size, so each is scaled to unit length.
+      const Vector unit = G.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
+      Vector right(kept);
+      for (int i = 0; i < kept; ++i) right[i] = unit[i] * changes_.col(i).dot(change);
+      for (int i = 0; i < kept; ++i) {
+        for (int j = 0; j < kept; ++j) G(i, j) *= unit[i] * unit[j];
+        G(i, i) += kRidge;
+      }
+      const Vector share = Eigen::LDLT<Matrix>(G).solve(right);
+      for (int i = 0; i < kept; ++i) x -= share[i] * unit[i] * answers_.col(i);
+    }
+    last_answer_ = answer;
+    last_change_ = change;
+    ++calls_;
+    return largest;
+  }
 
  private:
   static constexpr int kDepth = 5;
+  static constexpr double kRidge = 1e-12;  // relative to memories of unit length; for nearly
+                                           // parallel ones
   using Stack = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMost, 1>;
   using Memory = Eigen::Matrix<double, Eigen::Dynamic, kDepth, Eigen::ColMajor, kMost, kDepth>;
 
@@ -196,17 +226,12 @@ class LoadedArmOf<Group>::UnloadedElements {
   /// At t in [0, 1] of element e.
   Group at(int e, double t) const {
     if (!isTapered(e)) return Group::exp(t * twist_[e]);
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     const Element& element = arm_.elements_[e];
-    Group X;
-    double from = 0.0;
-    for (int j = 0; j < kNodes && rule.nodes()[j] <= t; ++j) {
-      X = atNode(e * kNodes + j);
-      from = rule.nodes()[j];
-    }
-    return X * Group::exp(profileOf(element.section)
-                              .step(element.begin + from * element.length,
-                                    element.begin + t * element.length));
+    const int before = nodesBefore(t);
+    return (before > 0 ? atNode(e * kNodes + before - 1) : Group()) *
+           Group::exp(profileOf(element.section)
+                          .step(element.begin + lastNode(before) * element.length,
+                                element.begin + t * element.length));
   }
   /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
   /// from the element's start.
@@ -221,10 +246,7 @@ class LoadedArmOf<Group>::UnloadedElements {
   /// The same at t in [0, 1], from changes().
   Motion changeAt(int e, double t, const UnloadedChange<Group>& change,
                   const std::vector<Motion>& at_nodes) const {
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
-    int before = 0;
-    while (before < kNodes && rule.nodes()[before] <= t) ++before;
-    return changeAt(e, t, before, change, at_nodes);
+    return changeAt(e, t, nodesBefore(t), change, at_nodes);
   }
 
   /// Twist per wrench, both seen from the node's frame.
@@ -244,6 +266,15 @@ class LoadedArmOf<Group>::UnloadedElements {
             unloaded_.lengths.segment(first, arm_.first_[section + 1] - first)};
   }
 
+  static int nodesBefore(double t) {
+    const auto& nodes = GaussRule<kNodes>::get().nodes();
+    return static_cast<int>((nodes.array() <= t).count());
+  }
+  // The last of so many, from the element's start.
+  static double lastNode(int before) {
+    return before > 0 ? GaussRule<kNodes>::get().nodes()[before - 1] : 0.0;
+  }
+
   // At t, with `before` nodes before it.
   Motion changeAt(int e, double t, int before, const UnloadedChange<Group>& change,
                   const std::vector<Motion>& at_nodes) const {
@@ -252,11 +283,9 @@ class LoadedArmOf<Group>::UnloadedElements {
       return Group::leftJacobian(t * twist_[e]) *
              (t * element.length * change.twist(element.section, 0.0));
     }
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
-    const double from = before > 0 ? rule.nodes()[before - 1] : 0.0;
-    const TaperStep<Group> step =
-        taperStep(profileOf(element.section), change, element.section,
-                  element.begin + from * element.length, element.begin + t * element.length);
+    const TaperStep<Group> step = taperStep(profileOf(element.section), change, element.section,
+                                            element.begin + lastNode(before) * element.length,
+                                            element.begin + t * element.length);
     const Motion moved = Group::leftJacobian(step.twist) * step.by;
     if (before == 0) return moved;
     return at_nodes[before - 1] + atNode(e * kNodes + before - 1).adjoint() * moved;
@@ -323,9 +352,9 @@ class LoadedArmOf<Group>::Relaxation {
   using Rates =
       Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
 
-  Relaxation(const LoadedArmOf& arm, const Load& load, const Unloaded& unloaded)
+  Relaxation(const LoadedArmOf& arm, const Unloaded& unloaded)
       : arm_(arm),
-        load_(load),
+        load_(arm.load_),
         rule_(GaussRule<kNodes>::get()),
         count_(elementCount(arm)),
         unloaded_(arm, unloaded) {
@@ -486,9 +515,7 @@ class LoadedArmOf<Group>::Relaxation {
   }
 
   TipOf<Group> result() const { return {tip_, status_, residual_, iterations_, load_steps_}; }
-  Solution solution(int sections) const {
-    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_, load_steps_};
-  }
+  Solution solution(int sections) const { return {inSpace(result()), shape(sections)}; }
 
   // Pose at t in [0, 1] of an element, seen from the base.
   Group poseAt(int e, double t) const {
@@ -682,27 +709,25 @@ class LoadedArmOf<Group>::Relaxation {
     const Matrices by_second = answerTo(by_first).rates;
     // factor = first . (second - first) / |first|^2
     const Rates step = second - first;
-    Rates weight = scale_.cwiseAbs2().replicate(1, rates_.cols());
-    const double square = flat(weight).dot(first.reshaped().cwiseAbs2());
-    const double factor =
-        square > 0 ? flat(weight).cwiseProduct(first.reshaped()).dot(step.reshaped()) / square
-                   : 0.0;
+    const auto weighted = [this](const Rates& rates) -> Rates {
+      return scale_.cwiseAbs2().asDiagonal() * rates;
+    };
+    const Rates first_w = weighted(first), step_w = weighted(step);
+    const double square = first.cwiseProduct(first_w).sum();
+    const double factor = square > 0 ? first.cwiseProduct(step_w).sum() / square : 0.0;
+    const auto at = [](const Rates& rates, int e) -> Eigen::VectorXd {
+      return rates.template middleCols<kNodes>(e * kNodes).reshaped();
+    };
     Eigen::RowVectorXd by_factor = Eigen::RowVectorXd::Zero(columns);
     for (int e = 0; e < count_ && square > 0; ++e) {
-      const auto at = [&](const Rates& rates) {
-        return rates.template middleCols<kNodes>(e * kNodes).reshaped();
-      };
-      const Eigen::VectorXd w = at(weight);
       by_factor +=
-          (w.cwiseProduct(at(step)) - 2.0 * factor * w.cwiseProduct(at(first))).transpose() *
-              by_first[e] / square +
-          w.cwiseProduct(at(first)).transpose() * (by_second[e] - by_first[e]) / square;
+          (at(step_w, e) - 2.0 * factor * at(first_w, e)).transpose() * by_first[e] / square;
+      by_factor += at(first_w, e).transpose() * (by_second[e] - by_first[e]) / square;
     }
     Matrices by_found;
     for (int e = 0; e < count_; ++e) {
-      const Eigen::VectorXd of_step = step.template middleCols<kNodes>(e * kNodes).reshaped();
       by_found.push_back(by_second[e] + factor / (1.0 - factor) * (by_second[e] - by_first[e]) +
-                         of_step * by_factor / ((1.0 - factor) * (1.0 - factor)));
+                         at(step, e) * by_factor / ((1.0 - factor) * (1.0 - factor)));
     }
     rates_ = found;
     evaluate(second);
@@ -731,26 +756,20 @@ class LoadedArmOf<Group>::Relaxation {
     rates_ = first;
     evaluate(next);
     iterations_ = 2;
-    double first_square = 0.0, step_square = 0.0, product = 0.0;
-    double first_turn = 0.0, step_turn = 0.0;
-    for (int node = 0; node < first.cols(); ++node) {
-      const Tangent one = scale_.cwiseProduct(first.col(node));
-      const Tangent step = scale_.cwiseProduct(next.col(node) - first.col(node));
-      first_square += one.squaredNorm();
-      step_square += step.squaredNorm();
-      product += one.dot(step);
-      first_turn += one.template tail<Group::kRotations>().squaredNorm();
-      step_turn += step.template tail<Group::kRotations>().squaredNorm();
-    }
-    residual_ = std::sqrt(step_square);
-    const double factor = first_square > 0 ? product / first_square : 0.0;
+    const Rates one = scale_.asDiagonal() * first, step = scale_.asDiagonal() * (next - first);
+    const auto turnOf = [](const Rates& rates) {
+      return rates.template bottomRows<Group::kRotations>().norm();
+    };
+    const double first_square = one.squaredNorm(), first_turn = turnOf(one);
+    residual_ = step.norm();
+    const double factor = first_square > 0 ? one.cwiseProduct(step).sum() / first_square : 0.0;
     rates_ = next;
     rates_ += factor / (1.0 - factor) * (next - first);
     place();
     const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
     // Considers rotations separately, too: a load along the arm shortens it by more than it bends
     // it, and the shortening is the same in every step.
-    factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
+    factor_ = std::max(shorter, first_turn > 0 ? turnOf(step) / first_turn : 0.0);
     const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
     finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
   }

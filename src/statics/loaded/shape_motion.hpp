@@ -70,12 +70,12 @@ typename Group::Tangent seenFrom(const Group& X, const typename Group::Tangent& 
 
 using Motions = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
-inline Motions motionsInSpace(const Motions& motions) { return motions; }
-inline Motions motionsInSpace(const Eigen::Matrix<double, 3, Eigen::Dynamic>& motions) {
+/// Motions in the plane or in space, embedded in space.
+template <class Derived>
+Motions motionsInSpace(const Eigen::MatrixBase<Derived>& motions) {
+  using Twist = Eigen::Matrix<double, Derived::RowsAtCompileTime, 1>;
   Motions out(6, motions.cols());
-  for (int i = 0; i < motions.cols(); ++i) {
-    out.col(i) = lie::embed(lie::SE2::Tangent(motions.col(i)));
-  }
+  for (int i = 0; i < motions.cols(); ++i) out.col(i) = lie::inSpace(Twist(motions.col(i)));
   return out;
 }
 

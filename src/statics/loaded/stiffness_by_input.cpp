@@ -39,17 +39,22 @@ void addSection(const model::ArmOf<Group>& arm, const Load& load, const Eigen::V
       arm.freeLength(k) / load.K_eps[k] * (S.asDiagonal() * factors.solve(Matrix(S.asDiagonal())));
 }
 
-template <class Group>
+// @param inputOf  the input of an actuator.
+template <class Group, class InputOf>
 model::UnloadedOf<Group> withTables(const model::ArmOf<Group>& arm, const Load& load,
-                                    const Eigen::VectorXd& factor, Eigen::VectorXd lengths) {
+                                    const Eigen::VectorXd& lengths, const InputOf& inputOf) {
   model::UnloadedOf<Group> out = arm.unloadedOfLengths(lengths);
   out.compliance.resize(Group::kDof, Group::kDof * arm.sectionCount());
+  Eigen::VectorXd factor(arm.actuatorCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
     if (load.tables[k].empty()) {
       out.compliance.template middleCols<Group::kDof>(Group::kDof * k) = complianceOf(arm, load, k);
-    } else {
-      addSection(arm, load, factor, lengths, k, out);
+      continue;
     }
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      factor[i] = load.tables[k].at(inputOf(i));
+    }
+    addSection(arm, load, factor, lengths, k, out);
   }
   return out;
 }
@@ -60,26 +65,15 @@ template <class Group>
 model::UnloadedOf<Group> unloadedUnder(const model::ArmOf<Group>& arm, const Load& load,
                                        const model::InputRef& q) {
   if (load.tables.empty()) return arm.unloaded(q);
-  Eigen::VectorXd factor(arm.actuatorCount());
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      factor[i] = load.tables[k].at(q[i]);
-    }
-  }
-  return withTables(arm, load, factor, arm.lengths(q));
+  return withTables(arm, load, arm.lengths(q), [&q](int i) { return q[i]; });
 }
 
 template <class Group>
 model::UnloadedOf<Group> unloadedUnderOfLengths(const model::ArmOf<Group>& arm, const Load& load,
                                                 const Eigen::VectorXd& lengths) {
   if (load.tables.empty()) return arm.unloadedOfLengths(lengths);
-  Eigen::VectorXd factor(arm.actuatorCount());
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      factor[i] = load.tables[k].at(nearestInput(arm.actuator(i), lengths[i]).q);
-    }
-  }
-  return withTables(arm, load, factor, lengths);
+  return withTables(arm, load, lengths,
+                    [&](int i) { return nearestInput(arm.actuator(i), lengths[i]).q; });
 }
 
 template <class Group>

@@ -23,9 +23,8 @@ using Change = ActuatorChange<SE3>;
 
 constexpr int kEntries = Change::kEntries;
 
-void setColumn(ShapeDerivative& to, int column, const ShapeDerivative& from, int source) {
-  to.tip.col(column) = from.tip.col(source);
-  to.twists.col(column) = from.twists.col(source);
+ShapeDerivative columnsOf(const ShapeDerivative& from, const std::vector<int>& columns) {
+  return {from.tip(Eigen::all, columns), from.twists(Eigen::all, columns)};
 }
 
 // Pose of the tip seen from the end of each section.
@@ -55,12 +54,12 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
     const lie::Matrix6 compliance = complianceOf(arm, load, k);
     const Vector6 g = twists.col(k);
     for (int piece = 0; piece < kLoadedPieces; ++piece) {
+      const SE3 beyond =
+          SE3::exp((1.0 - step * (piece + 1)) * g) * ends[static_cast<std::size_t>(k)];
       lie::Matrix6 motion = lie::Matrix6::Zero();  // of the piece's end, seen from there
       for (int node = 0; node < kNodes; ++node) {
         const double rest = step * (1.0 - rule.nodes()[node]);  // of the piece, beyond the node
-        const SE3 end = SE3::exp(rest * g);
-        const SE3 tip =
-            end * SE3::exp((1.0 - step * (piece + 1)) * g) * ends[static_cast<std::size_t>(k)];
+        const SE3 end = SE3::exp(rest * g), tip = end * beyond;
         // A wrench seen from the tip, seen from the node.
         const lie::Matrix6 wrench = tip.inverse().adjoint().transpose();
         motion += step * rule.weights()[node] * end.inverse().adjoint() * compliance * wrench;
@@ -69,8 +68,6 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
         out.twists.block<6, 1>(6 * k, j) +=
             SE3::solveRightJacobian(step * g, Vector6(motion.col(j)));
       }
-      const SE3 beyond =
-          SE3::exp((1.0 - step * (piece + 1)) * g) * ends[static_cast<std::size_t>(k)];
       out.tip += beyond.inverse().adjoint() * motion;
     }
   }
@@ -179,19 +176,20 @@ ShapeJacobian loadedJacobian(const ArmModel& model, const Eigen::VectorXd& lengt
   out.status = found.at.status;
   out.tip = found.at.tip;
   out.twists = found.at.shape.twists();
-  const int sections = arm.sectionCount(), count = arm.actuatorCount();
-  out.by_lengths = constantDerivative(sections, count, 0.0);
-  if (wanted.by_stiffness) out.by_stiffness = constantDerivative(sections, kEntries * count, 0.0);
-  for (int k = 0; k < sections; ++k) {
+  std::vector<int> of_lengths, of_stiffness;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      setColumn(out.by_lengths, i, found.by, change.lengthColumn(k, i));
-      for (int component = 0; wanted.by_stiffness && component < kEntries; ++component) {
-        setColumn(*out.by_stiffness, kEntries * i + component, found.by,
-                  change.stiffnessColumn(k, i, component));
+      of_lengths.push_back(change.lengthColumn(k, i));
+      for (int component = 0; component < kEntries; ++component) {
+        of_stiffness.push_back(change.stiffnessColumn(k, i, component));
       }
     }
   }
-  if (wanted.by_stiffness) markJumps(arm, change, *out.by_stiffness);
+  out.by_lengths = columnsOf(found.by, of_lengths);
+  if (wanted.by_stiffness) {
+    out.by_stiffness = columnsOf(found.by, of_stiffness);
+    markJumps(arm, change, *out.by_stiffness);
+  }
   if (wanted.by_load) out.by_load = byLoad(found);
   return out;
 }

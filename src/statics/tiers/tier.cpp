@@ -12,10 +12,10 @@
 #include "basics/fraction.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
-#include "tier_solver.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -27,19 +27,14 @@ constexpr double kTaperedError = 1e-5;  // at which an arm stops doubling its Ma
 // If none of this many samples has a balance, the others are skipped, since each takes long.
 constexpr int kHopeless = 6;
 
-std::string percent(double part) {
+std::string rounded(double value, int digits, const char* unit) {
   std::ostringstream text;
-  text.precision(2);
-  text << 100.0 * part << " %";
+  text.precision(digits);
+  text << value << unit;
   return text.str();
 }
-
-std::string microseconds(double seconds) {
-  std::ostringstream text;
-  text.precision(3);
-  text << 1e6 * seconds << " us";
-  return text.str();
-}
+std::string percent(double part) { return rounded(100.0 * part, 2, " %"); }
+std::string microseconds(double seconds) { return rounded(1e6 * seconds, 3, " us"); }
 
 std::vector<Eigen::VectorXd> samplesOf(const model::Arm& arm) {
   const int corners = std::min(kCornerSamples * arm.sectionCount(), kMostCornerSamples);
@@ -86,20 +81,20 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
 }
 
 // Largest tip error, relative to the arm's length.
-double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, double arm_length) {
+double errorOf(const ArmModel& model, const std::vector<Sample>& samples, double arm_length) {
   double error = 0.0;
   for (const Sample& sample : samples) {
-    const Tip found = solver.tip(sample.lengths);
-    if (found.status != SolveStatus::kConverged) return std::numeric_limits<double>::infinity();
+    const Tip found = model.tipOfLengths(sample.lengths);
+    if (!found.converged()) return std::numeric_limits<double>::infinity();
     error = std::max(error, (found.tip.translation - sample.tip).norm() / arm_length);
   }
   return std::max(error, kExactTipError);
 }
 
 // Mean time of a solution over the samples; times of inputs differ by a factor of two and more.
-double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& lengths) {
+double meanTime(const ArmModel& model, const std::vector<Eigen::VectorXd>& lengths) {
   const double all = basics::medianTime([&] {
-    for (const Eigen::VectorXd& one : lengths) solver.tip(one);
+    for (const Eigen::VectorXd& one : lengths) model.tipOfLengths(one);
   });
   return all / static_cast<double>(lengths.size());
 }
@@ -127,16 +122,15 @@ struct Scale {
   const std::optional<Load>& load;
   Samples samples;
 
-  TierSolver solverOf(const TierSetting& setting) const { return {arm, planar, load, setting}; }
-
-  TierChoice judge(const TierSetting& setting, const TierSolver& solver) const {
+  TierChoice judge(const ArmModel& model) const {
+    const TierSetting& setting = model.choice().setting;
     TierChoice out{setting, kExactTipError, ""};
     std::ostringstream reason;
     reason << setting.name();
     if (setting.tier == Tier::kExact) {
       reason << ", the reference of the other tiers";
     } else {
-      out.relative_tip_error = errorOf(solver, samples.balanced, arm.restLength());
+      out.relative_tip_error = errorOf(model, samples.balanced, arm.restLength());
       if (std::isfinite(out.relative_tip_error)) {
         reason << " errs by up to " << percent(out.relative_tip_error) << " of the arm's length at "
                << samples.balanced.size() << " sampled inputs";
@@ -160,11 +154,11 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
   std::vector<Eigen::VectorXd> lengths;
   for (const Sample& sample : scale.samples.balanced) lengths.push_back(sample.lengths);
   for (const TierSetting& setting : settings) {
-    const TierSolver solver = scale.solverOf(setting);
-    const double taken = meanTime(solver, lengths);
+    const ArmModel model(scale.arm, scale.planar, scale.load, setting);
+    const double taken = meanTime(model, lengths);
     if (cheapest.empty()) cheapest = setting.name() + ", takes " + microseconds(taken);
     if (taken > time) continue;
-    TierChoice choice = scale.judge(setting, solver);
+    TierChoice choice = scale.judge(model);
     if (best && best->relative_tip_error <= choice.relative_tip_error) continue;
     choice.reason += ", takes " + microseconds(taken) + " on average over them of the " +
                      microseconds(time) + " allowed";
@@ -179,14 +173,14 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
                           const std::vector<TierSetting>& settings) {
   const double allowed = request.relative_tip_error.value_or(kUsualTipError);
   if (settings.size() == 1 && !request.relative_tip_error) {
-    TierChoice choice = scale.judge(settings.front(), scale.solverOf(settings.front()));
+    TierChoice choice = scale.judge({scale.arm, scale.planar, scale.load, settings.front()});
     choice.reason = "requested; " + choice.reason;
     return choice;
   }
   std::string nearest;
   double least = std::numeric_limits<double>::infinity();
   for (const TierSetting& setting : settings) {
-    TierChoice choice = scale.judge(setting, scale.solverOf(setting));
+    TierChoice choice = scale.judge({scale.arm, scale.planar, scale.load, setting});
     if (kTipErrorMargin * choice.relative_tip_error <= std::max(allowed, kLeastTipError)) {
       choice.reason += ", the cheapest within " + percent(allowed);
       return choice;
@@ -229,7 +223,7 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
     for (const Eigen::VectorXd& q : samplesOf(arm)) {
       lengths.push_back(arm.lengths(q));
     }
-    const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
+    const double time = meanTime(ArmModel(arm, planar, {}, setting), lengths);
     basics::requireKey(time <= *request.time, "budget.time_us", "the cheapest tier, ",
                        setting.name(), ", takes ", microseconds(time),
                        " on average over sampled inputs; allow twice that, since times vary");

@@ -40,25 +40,6 @@ std::uint64_t mixed(std::uint64_t z) {
   return z ^ (z >> 31);
 }
 
-// The models, by the same tier, with each entry of K in turn 1 % larger.
-std::vector<ArmModel> stifferModels(const ArmModel& model) {
-  const TierSetting& setting = model.choice().setting;
-  std::vector<ArmModel> out;
-  const model::Stiffness factors[] = {
-      {kOnePercentMore, 1.0, 1.0}, {1.0, kOnePercentMore, 1.0}, {1.0, 1.0, kOnePercentMore}};
-  for (const model::Stiffness& factor : factors) {
-    std::optional<model::PlanarArm> planar;
-    if (model.planar()) planar = model.planar()->scaledStiffness(factor);
-    out.emplace_back(model.arm().scaledStiffness(factor), std::move(planar), model.load(), setting);
-  }
-  if (model.load() && !model.load()->empty()) {
-    Load load = *model.load();
-    for (double& K_eps : load.K_eps) K_eps *= kOnePercentMore;
-    out.emplace_back(model.arm(), model.planar(), std::move(load), setting);
-  }
-  return out;
-}
-
 }  // namespace
 
 Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
@@ -70,7 +51,13 @@ Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
     basics::require(model::isPressure(actuator.drive), "sensitivity: it is per kPa, and ",
                     actuator.name, " is a tendon; leave it out");
   }
-  stiffer_ = stifferModels(model_);
+  for (const model::Stiffness& factors : {model::Stiffness{kOnePercentMore, 1.0, 1.0},
+                                          {1.0, kOnePercentMore, 1.0},
+                                          {1.0, 1.0, kOnePercentMore}}) {
+    stiffer_.push_back(model_.scaledStiffness(factors));
+  }
+  if (!model_.load() || model_.load()->empty()) return;
+  stiffer_.push_back(model_.scaledStiffness({1.0, 1.0, 1.0}, kOnePercentMore));
 }
 
 int Workspace::pieceSize() const {
@@ -108,7 +95,7 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
     return Eigen::RowVector3d::Constant(std::numeric_limits<double>::infinity());
   }
   // Not rotated to the base frame, which would not change their lengths.
-  const auto moves = response.by_lengths.topRows<3>().eval();
+  const auto moves = response.by.topRows<3>().eval();
   double pressure = 0.0, stiffness = 0.0;
   for (int i = 0; i < q.size(); ++i) {
     pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();
@@ -121,23 +108,17 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
   return {kKilopascal * std::sqrt(pressure), kMillimetre * moves.norm(), std::sqrt(stiffness)};
 }
 
-void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const {
-  out.inputs = drawInputs(first, count);
-  out.tips.resize(count, 3);
-  std::vector<const double*> columns;
-  for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
-  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(count),
-                   out.tips.col(0).data(), out.tips.col(1).data(), out.tips.col(2).data());
-}
-
 WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
   WorkspacePoints out;
+  out.inputs = drawInputs(first, count);
+  out.tips.resize(count, 3);
   if (batch_) {
-    sampleBatch(first, count, out);
+    std::vector<const double*> columns;
+    for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
+    model::TipBatch(model_.arm())
+        .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
+                 out.tips.col(1).data(), out.tips.col(2).data());
     if (!options_.sensitivity) return out;
-  } else {
-    out.inputs = drawInputs(first, count);
-    out.tips.resize(count, 3);
   }
   if (options_.sensitivity) out.sensitivity.resize(count, kSensitivities);
   int kept = 0;
@@ -421,10 +402,7 @@ class Climber {
   }
 
  private:
-  struct Candidate {
-    Eigen::VectorXd input;
-    Eigen::Vector3d tip;
-  };
+  using Candidate = WorkspaceExtremes::Extreme;
   struct Point {
     Eigen::VectorXd lengths, slope;  // slope of the cost
     double cost = std::numeric_limits<double>::infinity();
@@ -507,8 +485,8 @@ class Climber {
     const Eigen::Vector3d& p = response.tip.translation;
     const Eigen::Vector3d direction = extentDirection(which, p);
     point.cost = -WorkspaceExtremes::extent(which, p);
-    point.slope = -(response.by_lengths.topRows<3>().transpose() *
-                    (response.tip.rotation.transpose() * direction));
+    point.slope =
+        -(response.by.topRows<3>().transpose() * (response.tip.rotation.transpose() * direction));
   }
 
   // Climbs to a local maximum of the extent, from inputs within the limits.
@@ -587,14 +565,11 @@ void WorkspaceExtremes::add(const Eigen::Vector3d& tip, const model::InputRef& i
 void WorkspaceExtremes::add(const WorkspacePoints& points) {
   if (points.count() == 0) return;
   for (int which = 0; which < kCount; ++which) {
+    const double sign = which < 3 ? -1 : 1;
     Eigen::Index row = 0;
-    if (which == 6) {
-      points.tips.rowwise().squaredNorm().maxCoeff(&row);
-    } else if (which < 3) {
-      points.tips.col(which).minCoeff(&row);
-    } else {
-      points.tips.col(which - 3).maxCoeff(&row);
-    }
+    (which == 6 ? points.tips.rowwise().squaredNorm().eval()
+                : (sign * points.tips.col(which % 3)).eval())
+        .maxCoeff(&row);
     add(points.tips.row(row).transpose(), points.inputs.row(row).transpose());
   }
 }
@@ -606,8 +581,7 @@ Eigen::AlignedBox3d WorkspaceExtremes::bounds() const {
 }
 
 Eigen::AlignedBox3d WorkspaceExtremes::outerBounds() const {
-  const Eigen::Map<const Eigen::Vector3d> below(bounds_.data()), above(bounds_.data() + 3);
-  return {-below, above};
+  return {-bounds_.head<3>(), bounds_.segment<3>(3)};
 }
 
 double WorkspaceExtremes::reach() const { return empty_ ? 0.0 : extent(6, found_[6].tip); }
