@@ -344,8 +344,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   }
   if (!arguments.out.empty()) io::writeFileAtomically(arguments.out, csvOf(report));
   if (!arguments.png.empty()) {
-    procedures::drawReportText(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
-                               "leave out --png");
+    procedures::drawReport(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
+                           "leave out --png");
   }
   if (global.format == Format::kCsv) {
     std::cout << csvOf(report);

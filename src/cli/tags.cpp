@@ -134,7 +134,7 @@ void writePages(Print& print) {
   }
   const json report{{"pages", pages}};
   const std::string printed =
-      procedures::drawReportText(report.dump(), print.out, "choose another path");
+      procedures::drawReport(report.dump(), print.out, "choose another path");
   print.pages = json::parse(printed).at("pages");
 }
 

@@ -403,8 +403,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   table().print(csv);
   io::writeFileAtomically(*folder / "trade.csv", csv.str());
   io::writeFileAtomically(*folder / "trade.json", report.dump(2) + "\n");
-  procedures::drawReport(*folder / "trade.json", *folder / "trade.png",
-                         "leave it out with --no-files");
+  procedures::drawReport(report.dump(), *folder / "trade.png", "leave it out with --no-files");
   std::cerr << "wrote trade.csv, trade.json and trade.png to " << folder->string() << "\n";
   return kDone;
 }

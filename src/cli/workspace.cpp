@@ -499,8 +499,8 @@ void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
                     {"tier", origin.tier},
                     {"reach_m", summary.extremes.reach()},
                     {"cloud", "cloud.ply"}};
-  procedures::drawReportText(report.dump(), arguments.png, "leave out --png",
-                             {"cloud.ply", format.header(count) + format.encode(summary.kept)});
+  procedures::drawReport(report.dump(), arguments.png, "leave out --png",
+                         {"cloud.ply", format.header(count) + format.encode(summary.kept)});
 }
 
 // Fault of a --count; empty if it is valid.
