@@ -296,20 +296,15 @@ void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
 }
 
-void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
-                 const json& shown) {
-  printResult(format, report, table, [&shown] { printText(shown, std::cout); });
-}
-
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
   printResult(format, report, table, report);
 }
 
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
-                 const std::function<void()>& text) {
+                 const json& shown) {
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
   if (format == Format::kCsv) table().print(std::cout);
-  if (format == Format::kText) text();
+  if (format == Format::kText) printText(shown, std::cout);
 }
 
 void checkPicture(const std::string& png, const std::string& out) {
