@@ -208,10 +208,13 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   return source;
 }
 
-// Finds a board of either kind in a picture.
-class BoardFinder {
+// Collects the boards of all pictures.
+class Views {
  public:
-  explicit BoardFinder(const CalibrationBoard& board) : board_(board) {
+  Views(const CalibrationBoard& board, int wanted)
+      : board_(board),
+        parts_(std::visit([](const auto& one) { return one.parts(); }, board)),
+        wanted_(wanted) {
     const auto* tags = std::get_if<vision::TagBoard>(&board);
     if (tags == nullptr) return;
     vision::DetectorConfig config;
@@ -219,26 +222,6 @@ class BoardFinder {
     config.quad_decimate = 1;  // time does not matter here, corners do
     detector_.emplace(config);
   }
-
-  vision::BoardObservation find(const vision::Frame& frame) {
-    if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
-      return vision::boardObservation(*tags, frame.name, frame.gray.size(),
-                                      detector_->detect(frame.gray));
-    }
-    return vision::charucoObservation(std::get<vision::CharucoBoard>(board_), frame.name,
-                                      frame.gray);
-  }
-
- private:
-  const CalibrationBoard& board_;
-  std::optional<vision::TagDetector> detector_;  // of a board of tags
-};
-
-// Collects the boards of all pictures.
-class Views {
- public:
-  Views(const CalibrationBoard& board, int wanted)
-      : board_(board), finder_(board), parts_(partsOf(board)), wanted_(wanted) {}
 
   // False once there are enough.
   bool take(const vision::Frame& frame, bool continuous) {
@@ -250,7 +233,7 @@ class Views {
       other_size_ = frame.name;
       return false;
     }
-    const vision::BoardObservation observation = finder_.find(frame);
+    const vision::BoardObservation observation = find(frame);
     if (static_cast<int>(observation.corners.size()) >= parts_.leastCorners()) {
       seen_ = true;
       without_.clear();
@@ -294,12 +277,16 @@ class Views {
  private:
   static constexpr std::size_t kMostWithout = 3;
 
-  static vision::BoardParts partsOf(const CalibrationBoard& board) {
-    return std::visit([](const auto& one) { return one.parts(); }, board);
+  vision::BoardObservation find(const vision::Frame& frame) {
+    if (const auto* charuco = std::get_if<vision::CharucoBoard>(&board_)) {
+      return vision::charucoObservation(*charuco, frame.name, frame.gray);
+    }
+    return vision::boardObservation(std::get<vision::TagBoard>(board_), frame.name,
+                                    frame.gray.size(), detector_->detect(frame.gray));
   }
 
   const CalibrationBoard& board_;
-  BoardFinder finder_;
+  std::optional<vision::TagDetector> detector_;  // of a board of tags
   const vision::BoardParts parts_;
   const int wanted_;
   std::optional<cv::Size> size_;

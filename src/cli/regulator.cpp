@@ -9,6 +9,7 @@
 #include <iostream>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <sstream>
 #include <thread>
 #include <utility>
@@ -474,66 +475,6 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   return result.reason.empty() ? kDone : kNotPossible;
 }
 
-// An emulated device of either kind, through the functions that this command needs.
-struct Emulated {
-  std::shared_ptr<void> device;
-  std::vector<int> channels;  // (actuators) positions in the device
-  std::function<Eigen::VectorXd()> pressure, setPoint;
-  std::function<std::vector<Valve>()> valves;
-  std::function<void(DeviceFault)> setFault;
-};
-
-template <class Device>
-Emulated wrap(const std::shared_ptr<Device>& device, std::vector<int> channels) {
-  return {device,
-          std::move(channels),
-          [device] { return device->pressure(); },
-          [device] { return device->setPoint(); },
-          [device] { return device->valves(); },
-          [device](DeviceFault fault) { device->setFault(fault); }};
-}
-
-regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
-  regulator::SimulatedRegulatorConfig config;
-  config.supply_pressure =
-      std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
-  config.noise = kNoise;
-  return config;
-}
-
-Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) {
-  if (config.host != "127.0.0.1" && config.host != "localhost") {
-    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
-                      config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
-  }
-  simulation::ModbusDeviceConfig device;
-  device.profile = config.profile;
-  device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
-  device.regulator = emulatedConfigOf(scene);
-  device.port = config.port;
-  const auto made = std::make_shared<simulation::ModbusDevice>(device);
-  return wrap(made, config.slots);
-}
-
-Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) {
-  simulation::SerialDeviceConfig device;
-  device.profile = config.profile;
-  device.addresses = config.addresses;
-  device.channels = scene.arm.actuatorCount();
-  device.regulator = emulatedConfigOf(scene);
-  device.link = config.device;
-  const auto made = std::make_shared<simulation::SerialDevice>(device);
-  std::vector<int> channels;
-  for (int i = 0; i < device.channels; ++i) channels.push_back(i);
-  return wrap(made, channels);
-}
-
-[[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
-  throw CallerError("scene " + scene.name +
-                    " has a simulated regulator, hence no device to emulate; expected "
-                    "regulator.ascii_serial or regulator.modbus_tcp");
-}
-
 const char* wordOf(Valve valve) {
   switch (valve) {
     case Valve::kVent:
@@ -546,13 +487,15 @@ const char* wordOf(Valve valve) {
   return "is closed";
 }
 
-void tell(const Emulated& emulated, const io::Scene& scene) {
-  const Eigen::VectorXd pressure = emulated.pressure();
-  const Eigen::VectorXd set_point = emulated.setPoint();
-  const std::vector<Valve> valves = emulated.valves();
+// @param channels  (actuators) positions in the device.
+template <class Device>
+void tell(const Device& device, const std::vector<int>& channels, const io::Scene& scene) {
+  const Eigen::VectorXd pressure = device.pressure();
+  const Eigen::VectorXd set_point = device.setPoint();
+  const std::vector<Valve> valves = device.valves();
   std::vector<std::string> parts;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const int k = emulated.channels[static_cast<std::size_t>(i)];
+    const int k = channels[static_cast<std::size_t>(i)];
     parts.push_back(scene.arm.actuator(i).name +
                     basics::format(" %s: set %.1f, has %.1f kPa",
                                    wordOf(valves[static_cast<std::size_t>(k)]), set_point[k] / 1e3,
@@ -561,9 +504,10 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
   std::cout << basics::joined(parts) << std::endl;
 }
 
-void obey(const std::string& word, const Emulated& emulated) {
+template <class Device>
+void obey(const std::string& word, Device& device) {
   if (const auto fault = simulation::parseDeviceFault(word)) {
-    emulated.setFault(*fault);
+    device.setFault(*fault);
     std::cout << "fault: " << word << std::endl;
     return;
   }
@@ -595,27 +539,76 @@ class Lines {
   std::string begun_;
 };
 
+// Runs a device until its time is over: tells its state every second, and sets the faults that
+// come on stdin.
+template <class Device>
+void serve(Device& device, const std::vector<int>& channels, const io::Scene& scene,
+           double seconds) {
+  std::cout << "emulates " << regulator::describe(*scene.regulator)
+            << "; faults by name on stdin, Ctrl-C ends" << std::endl;
+  const double end = steadyNow() + seconds;
+  Lines lines;
+  double next = steadyNow();
+  while (!interrupted() && steadyNow() < end) {
+    if (steadyNow() >= next) {
+      tell(device, channels, scene);
+      next += kBetweenReports;
+    }
+    for (const std::string& line : lines.await(std::min(next, end) - steadyNow())) {
+      obey(line, device);
+    }
+  }
+}
+
+regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
+  regulator::SimulatedRegulatorConfig config;
+  config.supply_pressure =
+      std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
+  config.noise = kNoise;
+  return config;
+}
+
+void emulate(const regulator::ModbusConfig& config, const io::Scene& scene, double seconds) {
+  if (config.host != "127.0.0.1" && config.host != "localhost") {
+    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
+                      config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
+  }
+  simulation::ModbusDeviceConfig device;
+  device.profile = config.profile;
+  device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
+  device.regulator = emulatedConfigOf(scene);
+  device.port = config.port;
+  simulation::ModbusDevice emulated(device);
+  serve(emulated, config.slots, scene, seconds);
+}
+
+void emulate(const regulator::SerialConfig& config, const io::Scene& scene, double seconds) {
+  simulation::SerialDeviceConfig device;
+  device.profile = config.profile;
+  device.addresses = config.addresses;
+  device.channels = scene.arm.actuatorCount();
+  device.regulator = emulatedConfigOf(scene);
+  device.link = config.device;
+  std::vector<int> channels(static_cast<std::size_t>(device.channels));
+  std::iota(channels.begin(), channels.end(), 0);
+  simulation::SerialDevice emulated(device);
+  serve(emulated, channels, scene, seconds);
+}
+
+[[noreturn]] void emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene,
+                          double /*seconds*/) {
+  throw CallerError("scene " + scene.name +
+                    " has a simulated regulator, hence no device to emulate; expected "
+                    "regulator.ascii_serial or regulator.modbus_tcp");
+}
+
 int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   if (global.format != Format::kText)
     throw CallerError("emulate prints only text; leave out --format");
   const io::Scene scene = loadRegulatedScene(options, global);
   const InterruptWatch watch;
-  const Emulated emulated =
-      std::visit([&scene](const auto& config) { return emulate(config, scene); }, *scene.regulator);
-  std::cout << "emulates " << regulator::describe(*scene.regulator)
-            << "; faults by name on stdin, Ctrl-C ends" << std::endl;
-  const double end = steadyNow() + options.seconds.value_or(kNever);
-  Lines lines;
-  double next = steadyNow();
-  while (!interrupted() && steadyNow() < end) {
-    if (steadyNow() >= next) {
-      tell(emulated, scene);
-      next += kBetweenReports;
-    }
-    for (const std::string& line : lines.await(std::min(next, end) - steadyNow())) {
-      obey(line, emulated);
-    }
-  }
+  const double seconds = options.seconds.value_or(kNever);
+  std::visit([&](const auto& config) { emulate(config, scene, seconds); }, *scene.regulator);
   return kDone;
 }
 

@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/report_plot.hpp"
 
+#include <cerrno>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -76,7 +77,7 @@ int exitCodeOf(std::vector<std::string> words, const fs::path& printed) {
   const int failed =
       posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
-  if (failed == 0) waitpid(child, &status, 0);
+  while (failed == 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
   return failed == 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
