@@ -192,32 +192,6 @@ TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
   EXPECT_FALSE(fs::exists(out));
 }
 
-TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
-  const TemporaryFolder folder;
-  const std::string pictures = board().path();
-  save(folder / "small.jpg", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128)));
-  expectCallerErrors(
-      {"camera", "calibrate"},
-      {{{}, "--source is required"},
-       {{"--source", "webcam", pictures}, "--source has webcam beside files; give either"},
-       {{"--source", folder / "none"}, "none"},
-       {{"--source", "webcam", "--size", "640,0"},
-        "--size is 640,0; expected whole numbers from 1 to 32767"}});
-  expectCallerErrors(
-      {"camera", "calibrate", "--source", pictures},
-      {{{"--board", "chessboard"}, "--board: chessboard not in {tags,charuco}"},
-       {{"--dictionary", "DICT_4X4_50"},
-        "--dictionary is of a ChArUco board, and --board is tags; add --board charuco"},
-       {{"--board", "charuco", "--squares", "7,1"},
-        "ChArUco board: the number of squares down is 1; expected 3 to 100"},
-       {{"--set", "name=x"}, "none is given; leave out --set"},
-       {{"--size", "640,480"}, "go with --source webcam"},
-       {{"--scene", scenePath("planar_50")},
-        "scene planar_50 has no camera; add the section camera"},
-       {{"--coefficients", "3"}, "--coefficients"},
-       {{folder / "small.jpg"}, "small.jpg is not of the first picture's size, 1280 x 720 px"}});
-}
-
 // The demo rig at rest, seen by a camera that is not where the scene has it.
 struct MovedRig {
   io::Scene scene = io::loadScene(scenePath("demo"));
@@ -307,18 +281,6 @@ TEST(CameraPlace, ADamagedPictureIsNamedOnce) {
   EXPECT_EQ(outcome.err.find(broken.path(), first + 1), std::string::npos) << outcome.err;
 }
 
-TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
-  const TemporaryFolder folder;
-  expectCallerErrors(
-      {"camera", "place"},
-      {{{scenePath("planar_50"), "--source", folder.path()},
-        "scene planar_50 has no camera; expected a scene with the sections camera and tags"},
-       {{scenePath("demo"), "--source", "webcam"},
-        "scene demo has no camera.webcam; add it, or give pictures as --source"},
-       {{scenePath("demo")}, "--source is required"},
-       {{"--source", "webcam"}, "SCENE is required"}});
-}
-
 TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
   const TemporaryFolder folder;
   const std::string scene = folder / "arm.yaml";
@@ -338,12 +300,6 @@ TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
   EXPECT_EQ(reason({"camera", "calibrate", "--source", "webcam", "--seconds", "0.2", "--device",
                     "/dev/no_such_camera", "--format", "json"}),
             expected);
-}
-
-TEST(Camera, WithoutASubcommandIsRefused) {
-  expectCallerError(runCommand({"camera"}),
-                    "A subcommand is required\nRun with --help for more information.\n"
-                    "subcommands of camera: calibrate, place\n");
 }
 
 }  // namespace

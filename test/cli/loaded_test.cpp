@@ -121,28 +121,5 @@ TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
   EXPECT_EQ(csvRows(csv.out).at(1)[2], "not_converged");
 }
 
-TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
-  const std::vector<Refusal> refusals = {
-      {{"--accuracy", "nan"}, "--accuracy: nan is not a number from 2e-07 to 100"},
-      {{"--budget", "0"}, "--budget: 0 is not a number from 0.001 to 1e+09"},
-      {{"--tier", "planar"}, "--tier planar needs a scene with arm.geometry: planar"},
-      {{"--order", "3"}, "--order needs --tier loaded"},
-      {{"--tier", "exact", "--order", "3"}, "--order needs --tier loaded"},
-      {{"--tier", "loaded", "--order", "9"}, "--order"},
-      {{"--accuracy", "1", "--budget", "10"}, "give either --accuracy or --budget"},
-      {{"--accuracy", "1", "--tier", "linear"}, "--accuracy needs tiers to choose from"},
-      {{"--budget", "9", "--tier", "loaded", "--order", "3"},
-       "--budget needs tiers to choose from"},
-      {{"--tier", "loaded", "--accuracy", "2e-7", "--set", "load.mass_kg=2", "--set",
-        "arm.stiffness.K_eps_n=60", "--set", "arm.base.rpy_deg=[0,0,0]"},
-       "--accuracy is not possible with scene loaded: accuracy.tip_error_percent: no requested "
-       "tier meets"},
-      {{"--budget", "1e-3"},
-       "--budget is not possible with scene loaded: budget.time_us: the cheapest"}};
-  expectCallerErrors({"forward", scenePath("loaded"), "--pressure-kpa", "200,0,50"}, refusals);
-  expectCallerError(forward("helical_50", {"--set", "load.mass_kg=0.2"}),
-                    "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N]");
-}
-
 }  // namespace
 }  // namespace helix_arm::test
