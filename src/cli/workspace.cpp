@@ -394,6 +394,16 @@ json shownOf(const io::Scene& scene, const statics::TierSetting& setting, json r
   report["tier"] = setting.name();
   for (const char* key : {"order", "response"}) report.erase(key);
   if (report["unbalanced"] == 0) report.erase("unbalanced");
+  const char* const errors[] = {"kPa of pressure error", "mm of free length error",
+                                "% of stiffness error"};
+  json table;
+  for (int k = 0; k < statics::kSensitivities && !report["sensitivity"].is_null(); ++k) {
+    const json& sensitivity = report["sensitivity"][statics::kSensitivityNames[k]];
+    table.push_back({{"name", std::string("tip displacement per ") + errors[k]},
+                     {"median_m", sensitivity["median"]},
+                     {"max_m", sensitivity["max"]}});
+  }
+  report["sensitivity"] = table;
   const std::string note = noteOnResponse(scene.arm);
   if (!note.empty()) report["notes"].push_back(note);
   if (report["reach_bound_m"].is_null() && !report["reach_m"].is_null()) {
