@@ -68,14 +68,6 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
   }
 }
 
-TEST(ForwardLoaded, TheCurveEndsAtTheTipOfItsTier) {
-  const nlohmann::json result =
-      forward("loaded", {"--tier", "exact", "--samples", "9", "--set", kHorizontal}).json();
-  ASSERT_EQ(result["curve"].size(), 9u);
-  EXPECT_LT(positionOf(result["curve"][0]).norm(), 1e-15);
-  EXPECT_LT((positionOf(result["curve"][8]) - positionOf(result["tip"])).norm(), 1e-9);
-}
-
 TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
   const auto chosen = [](std::vector<std::string> options) {
     options.insert(options.end(), {"--set", kHorizontal});
