@@ -178,7 +178,7 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   counts["board"] = print.board.has_value();
   json shown = counts;
   shown.erase("ids");
-  shown["board"] = arguments.board.kind;
+  shown["board"] = textOrNull(arguments.board.kind);
   shown["notes"] = {"print at 100 % (\"actual size\"); both rulers must then be 100 mm long"};
   printResult(
       global.format, report,

@@ -449,7 +449,7 @@ TEST(Tags, FormatsTellWhatWasPrinted) {
   EXPECT_EQ(printed({scenePath("demo"), "--format", "csv"}).out,
             "scene,tags,size_m,board,paper,pages,out\ndemo,21,0.031,0,a4,3," + out + "\n");
   const std::string text = printed({scenePath("demo")}).out;
-  for (const char* part : {"tags    21", "size    31 mm", "print at 100 %"}) {
+  for (const char* part : {"tags     21\n", "size     31 mm\n", "note     print at 100 %"}) {
     EXPECT_NE(text.find(part), std::string::npos) << text;
   }
 }
