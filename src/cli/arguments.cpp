@@ -71,25 +71,33 @@ constexpr model::Range kTimeUs{1e-3, 1e9};
 }
 
 void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
-  addOption(command, "--squares", arguments.squares,
-            "of a ChArUco board: number of squares across and down, default 7,9",
-            TypeName{"ACROSS,DOWN"});
-  addOption(command, "--square-size-m", arguments.square_size,
-            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
-  addOption(
-      command, "--marker-size-m", arguments.marker_size,
-      "of a ChArUco board: side of a marker's black border [m], default three quarters of a square",
-      TypeName{"S"});
-  addOption(command, "--dictionary", arguments.dictionary,
-            "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
-            TypeName{"NAME"});
-  command.add_flag("--legacy-pattern", arguments.legacy_pattern,
-                   "of a ChArUco board with an even number of squares down: its top left square is "
-                   "white, as OpenCV before 4.6 drew it");
+  vision::CharucoBoard& board = arguments.charuco;
+  arguments.of_charuco = {
+      addOption(command, "--squares", arguments.squares,
+                "of a ChArUco board: number of squares across and down, default 7,9",
+                TypeName{"ACROSS,DOWN"}),
+      addOption(command, "--square-size-m", board.square_size,
+                "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"}),
+      addOption(command, "--marker-size-m", board.marker_size,
+                "of a ChArUco board: side of a marker's black border [m], default three quarters "
+                "of a square",
+                TypeName{"S"}),
+      addOption(command, "--dictionary", board.dictionary,
+                "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+                TypeName{"NAME"}),
+      command.add_flag("--legacy-pattern", board.legacy_pattern,
+                       "of a ChArUco board with an even number of squares down: its top left "
+                       "square is white, as OpenCV before 4.6 drew it")};
+}
+
+bool isGiven(const BoardArguments& arguments, const std::string& name) {
+  return std::any_of(
+      arguments.of_charuco.begin(), arguments.of_charuco.end(),
+      [&name](const CLI::Option* one) { return one->get_name() == name && one->count() > 0; });
 }
 
 vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
-  vision::CharucoBoard board;
+  vision::CharucoBoard board = arguments.charuco;
   if (!arguments.squares.empty()) {
     const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
     for (const double count : squares) {
@@ -100,18 +108,10 @@ vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
     board.columns = static_cast<int>(squares[0]);
     board.rows = static_cast<int>(squares[1]);
   }
-  if (arguments.square_size) {
-    board.square_size = *arguments.square_size;
+  if (isGiven(arguments, "--square-size-m") && !isGiven(arguments, "--marker-size-m")) {
     board.marker_size = kUsualMarker * board.square_size;
   }
-  if (arguments.marker_size) board.marker_size = *arguments.marker_size;
-  if (!arguments.dictionary.empty()) board.dictionary = arguments.dictionary;
-  board.legacy_pattern = arguments.legacy_pattern;
-  try {
-    board.validate();
-  } catch (const std::invalid_argument& error) {
-    throw CallerError(error.what());
-  }
+  board.validate();
   return board;
 }
 
@@ -296,18 +296,12 @@ std::vector<std::string> joinBoardKind(std::vector<std::string> arguments) {
 
 void checkBoard(const BoardArguments& arguments) {
   if (arguments.kind == kCharuco) return;
-  const std::pair<const char*, bool> options[] = {
-      {"--squares", !arguments.squares.empty()},
-      {"--square-size-m", arguments.square_size.has_value()},
-      {"--marker-size-m", arguments.marker_size.has_value()},
-      {"--dictionary", !arguments.dictionary.empty()},
-      {"--legacy-pattern", arguments.legacy_pattern}};
-  for (const auto& [name, given] : options) {
-    if (!given) continue;
+  for (const CLI::Option* option : arguments.of_charuco) {
+    if (option->count() == 0) continue;
     throw CallerError(
-        std::string(name) + " is of a ChArUco board, and " +
+        option->get_name() + " is of a ChArUco board, and " +
         (arguments.given() ? "--board is " + arguments.kind : "--board is not given") +
-        "; add --board charuco, or leave out " + name);
+        "; add --board charuco, or leave out " + option->get_name());
   }
 }
 

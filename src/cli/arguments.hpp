@@ -114,9 +114,8 @@ using CalibrationBoard = std::variant<vision::TagBoard, vision::CharucoBoard>;
 struct BoardArguments {
   std::string kind;  ///< empty: no board is asked for
   std::string squares;
-  std::optional<double> square_size, marker_size;
-  std::string dictionary;
-  bool legacy_pattern = false;
+  vision::CharucoBoard charuco;
+  std::vector<CLI::Option*> of_charuco;  ///< options that a ChArUco board alone has
 
   bool given() const { return !kind.empty(); }
 };

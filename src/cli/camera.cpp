@@ -52,37 +52,38 @@ struct CameraSource {
   bool isWebcam() const { return sources.size() == 1 && sources[0] == kWebcam; }
 };
 
-// Why a picture could not be used, without its name.
-struct PictureFault {
-  explicit PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
-    // Of a video, the name has the number of the frame behind #, which the fault may lack.
-    for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
-      if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
-      reason.erase(0, prefix.size() + 2);
-      return;
-    }
+// Why a picture could not be used: {file, reason}, the reason without its name.
+json faultOf(const vision::Frame& frame) {
+  std::string reason = frame.fault;
+  // Of a video, the name has the number of the frame behind #, which the fault may lack.
+  for (const std::string& name : {frame.name, frame.name.substr(0, frame.name.rfind('#'))}) {
+    if (reason.compare(0, name.size() + 2, name + ": ") != 0) continue;
+    reason.erase(0, name.size() + 2);
+    break;
   }
-  std::string name;
-  std::string reason;
-};
+  return {{"file", frame.name}, {"reason", reason}};
+}
+
+std::string faultLine(const json& fault) {
+  return fault["file"].get<std::string>() + ": " + fault["reason"].get<std::string>();
+}
 
 // How reading ended.
 struct PicturesRead {
   int pictures = 0;
-  std::vector<PictureFault> faults;
+  json faults = json::array();
   bool interrupted = false;  // by Ctrl-C
 };
 
 struct CameraArguments {
   std::string scene;  // calibrate: empty for none
-  std::vector<std::string> sources;
-  std::string out;           // empty: nothing is written
-  BoardArguments board;      // calibrate
-  std::string device, size;  // calibrate: of a webcam without scene
-  std::optional<int> focus;  // calibrate: likewise
-  int coefficients = 5;      // calibrate
-  int views = 25;            // calibrate: of a webcam or a video
-  std::optional<double> seconds;
+  CameraSource source;
+  std::string out;                  // empty: nothing is written
+  BoardArguments board;             // calibrate
+  std::string device, size;         // calibrate: of a webcam without scene
+  std::optional<int> focus;         // calibrate: likewise
+  int coefficients = 5;             // calibrate
+  int views = 25;                   // calibrate: of a webcam or a video
   std::string pressure_kpa, input;  // place
 };
 
@@ -111,19 +112,18 @@ void readWebcam(const CameraSource& source, const TakePicture& take, PicturesRea
     }
     retry = steadySeconds() + frame.retry_after;
     if (steadySeconds() - last < kPatience) continue;
-    read.faults.emplace_back(frame);
+    read.faults.push_back(faultOf(frame));
     return;
   }
   // The time was shorter than the patience.
-  if (read.pictures == 0 && !frame.fault.empty()) read.faults.emplace_back(frame);
+  if (read.pictures == 0 && !frame.fault.empty()) read.faults.push_back(faultOf(frame));
 }
 
 // Why there is not a single picture, naming the first file or device; nothing if there is one.
 std::optional<std::string> whyNoPicture(const PicturesRead& read) {
   if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
-  const PictureFault& first = read.faults.front();
   const std::size_t others = read.faults.size() - 1;
-  return "no picture could be read: " + first.name + ": " + first.reason +
+  return "no picture could be read: " + faultLine(read.faults.front()) +
          (others > 0 ? ", and " + std::to_string(others) + " others" : "");
 }
 
@@ -153,7 +153,7 @@ PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
       read.interrupted = interrupted();
       if (read.interrupted) return read;
       if (status == vision::FrameStatus::kFault) {
-        read.faults.emplace_back(frame);
+        read.faults.push_back(faultOf(frame));
         continue;
       }
       ++read.pictures;
@@ -165,23 +165,11 @@ PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
 
 // On stderr.
 void tellFaults(const PicturesRead& read) {
-  for (const PictureFault& fault : read.faults) {
-    std::cerr << basics::printable(fault.name + ": " + fault.reason) << "\n";
-  }
-}
-
-json faultsJson(const PicturesRead& read) {
-  json faults = json::array();
-  for (const PictureFault& fault : read.faults) {
-    faults.push_back({{"file", fault.name}, {"reason", fault.reason}});
-  }
-  return faults;
+  for (const json& fault : read.faults) std::cerr << basics::printable(faultLine(fault)) << "\n";
 }
 
 CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::Scene>& scene) {
-  CameraSource source;
-  source.sources = arguments.sources;
-  if (arguments.seconds) source.seconds = *arguments.seconds;
+  CameraSource source = arguments.source;
   const bool given = !arguments.device.empty() || !arguments.size.empty() || arguments.focus;
   if (given && !source.isWebcam()) {
     throw CallerError("--device, --size and --focus go with --source webcam");
@@ -208,10 +196,13 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   return source;
 }
 
-// Finds a board of either kind in a picture.
-class BoardFinder {
+// Collects the boards of all pictures.
+class Views {
  public:
-  explicit BoardFinder(const CalibrationBoard& board) : board_(board) {
+  Views(const CalibrationBoard& board, int wanted)
+      : board_(board),
+        parts_(std::visit([](const auto& one) { return one.parts(); }, board)),
+        wanted_(wanted) {
     const auto* tags = std::get_if<vision::TagBoard>(&board);
     if (tags == nullptr) return;
     vision::DetectorConfig config;
@@ -219,26 +210,6 @@ class BoardFinder {
     config.quad_decimate = 1;  // time does not matter here, corners do
     detector_.emplace(config);
   }
-
-  vision::BoardObservation find(const vision::Frame& frame) {
-    if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
-      return vision::boardObservation(*tags, frame.name, frame.gray.size(),
-                                      detector_->detect(frame.gray));
-    }
-    return vision::charucoObservation(std::get<vision::CharucoBoard>(board_), frame.name,
-                                      frame.gray);
-  }
-
- private:
-  const CalibrationBoard& board_;
-  std::optional<vision::TagDetector> detector_;  // of a board of tags
-};
-
-// Collects the boards of all pictures.
-class Views {
- public:
-  Views(const CalibrationBoard& board, int wanted)
-      : board_(board), finder_(board), parts_(partsOf(board)), wanted_(wanted) {}
 
   // False once there are enough.
   bool take(const vision::Frame& frame, bool continuous) {
@@ -250,7 +221,7 @@ class Views {
       other_size_ = frame.name;
       return false;
     }
-    const vision::BoardObservation observation = finder_.find(frame);
+    const vision::BoardObservation observation = find(frame);
     if (static_cast<int>(observation.corners.size()) >= parts_.leastCorners()) {
       seen_ = true;
       without_.clear();
@@ -294,12 +265,16 @@ class Views {
  private:
   static constexpr std::size_t kMostWithout = 3;
 
-  static vision::BoardParts partsOf(const CalibrationBoard& board) {
-    return std::visit([](const auto& one) { return one.parts(); }, board);
+  vision::BoardObservation find(const vision::Frame& frame) {
+    if (const auto* charuco = std::get_if<vision::CharucoBoard>(&board_)) {
+      return vision::charucoObservation(*charuco, frame.name, frame.gray);
+    }
+    return vision::boardObservation(std::get<vision::TagBoard>(board_), frame.name,
+                                    frame.gray.size(), detector_->detect(frame.gray));
   }
 
   const CalibrationBoard& board_;
-  BoardFinder finder_;
+  std::optional<vision::TagDetector> detector_;  // of a board of tags
   const vision::BoardParts parts_;
   const int wanted_;
   std::optional<cv::Size> size_;
@@ -345,7 +320,7 @@ json reportOf(const Calibrated& result) {
           {"reason", textOrNull(calibration.reason)},
           {"size_px", {result.size.width, result.size.height}},
           {"pictures", result.read.pictures},
-          {"faults", faultsJson(result.read)},
+          {"faults", result.read.faults},
           {"parameters", parameters},
           {"rms_px", calibration.rms},
           {"coverage", calibration.coverage},
@@ -449,7 +424,7 @@ json reportOf(const Placed& result) {
   }
   json out{{"scene", result.scene.name},           {"success", placing.success},
            {"reason", textOrNull(placing.reason)}, {"pictures", result.read.pictures},
-           {"faults", faultsJson(result.read)},    {"tags", tags},
+           {"faults", result.read.faults},         {"tags", tags},
            {"outlier_tags", placing.outliers},     {"warnings", placing.warnings},
            {"out", textOrNull(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
@@ -494,9 +469,7 @@ CsvTable placeTable(const Placed& result) {
 }
 
 CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) {
-  CameraSource source;
-  source.sources = arguments.sources;
-  if (arguments.seconds) source.seconds = *arguments.seconds;
+  CameraSource source = arguments.source;
   source.expected = cv::Size(scene.camera->model.width, scene.camera->model.height);
   if (source.isWebcam()) {
     if (!scene.camera->webcam) {
@@ -545,11 +518,11 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
 }
 
 void addSource(CLI::App* action, CameraArguments& arguments) {
-  addOption(*action, "--source", arguments.sources,
+  addOption(*action, "--source", arguments.source.sources,
             "webcam, or pictures, folders of pictures and videos", kRequired)
       ->expected(1, -1)
       ->type_name("webcam|FILES");
-  addOption(*action, "--seconds", arguments.seconds,
+  addOption(*action, "--seconds", arguments.source.seconds,
             "longest time to look through a webcam [s], default 120", TypeName{"S"},
             CLI::Range(0.1, kLongest));
 }

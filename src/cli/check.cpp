@@ -118,12 +118,9 @@ json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
 
 // The names also where there are no findings.
 void printCsv(const json& findings) {
-  const std::vector<const char*> names = {"severity", "check", "culprit", "value", "remedy"};
-  CsvTable::Row row;
-  for (const char* name : names) row.emplace_back(name, "");
-  CsvTable::printNames(row, std::cout);
+  std::cout << "severity,check,culprit,value,remedy\n";
   for (const json& finding : findings) {
-    row = cellsOf(finding, names);
+    CsvTable::Row row = cellsOf(finding, {"severity", "check", "culprit", "value", "remedy"});
     for (std::size_t i = 2; i < row.size(); ++i) row[i].second = quotedCell(row[i].second);
     CsvTable::printValues(row, std::cout);
   }

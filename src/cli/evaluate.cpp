@@ -49,19 +49,12 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
       if (capture.sound()) rms.push_back(*tags);
       if (capture.sound()) tip_errors.push_back(*tip);
     }
-    captures.push_back({{"capture", capture.number},
-                        {"pressure_pa", toJson(capture.pressure)},
-                        {"status", estimation::nameOf(capture.status)},
-                        {"converged", capture.converged()},
-                        {"reason", textOrNull(capture.reason)},
-                        {"model_status", statics::nameOf(capture.model.status)},
-                        {"rms_m", toJson(tags)},
-                        {"tip_error_m", toJson(tip)},
-                        {"tip_error_percent", percent(tip)},
-                        {"outlier_tags", capture.outlierTags(*scene.tags)},
-                        {"fit_rms_m", capture.fit ? json(capture.fit->rms) : json()},
-                        {"usual_fit_rms_m", toJson(capture.usual_rms)},
-                        {"unknown_tags", capture.unknown_tags}});
+    captures.push_back(captureJson(capture, *scene.tags));
+    captures.back().update({{"rms_m", toJson(tags)},
+                            {"tip_error_m", toJson(tip)},
+                            {"tip_error_percent", percent(tip)},
+                            {"fit_rms_m", capture.fit ? json(capture.fit->rms) : json()},
+                            {"usual_fit_rms_m", toJson(capture.usual_rms)}});
   }
   const std::optional<double> tip_error = median(tip_errors);
   std::string reason = reasonForNoFit(fitted);

@@ -16,22 +16,11 @@ struct FitOptions {
   std::string scene, data;
 };
 
-json captureJson(const FittedCapture& capture, const TagLayout& layout) {
+json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
   json tags = json::array();
-  json result{{"capture", capture.number},
-              {"pressure_pa", toJson(capture.pressure)},
-              {"status", estimation::nameOf(capture.status)},
-              {"converged", capture.converged()},
-              {"reason", textOrNull(capture.reason)},
-              {"model_status", statics::nameOf(capture.model.status)},
-              {"twist", nullptr},
-              {"covariance", nullptr},
-              {"rms_m", nullptr},
-              {"tip", nullptr},
-              {"base", nullptr},
-              {"outlier_tags", capture.outlierTags(layout)},
-              {"usual_rms_m", toJson(capture.usual_rms)},
-              {"unknown_tags", capture.unknown_tags}};
+  json result = captureJson(capture, layout);
+  result["usual_rms_m"] = toJson(capture.usual_rms);
+  for (const char* key : {"twist", "covariance", "rms_m", "tip", "base"}) result[key] = nullptr;
   if (capture.fit) {
     const estimation::TwistFit& fit = *capture.fit;
     for (const estimation::TagResidual& tag : fit.tags) {
@@ -55,7 +44,7 @@ json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures
   std::vector<double> rms;                             // of the valid captures [m]
   std::set<int> unknown;
   for (const FittedCapture& capture : captures) {
-    list.push_back(captureJson(capture, *scene.tags));
+    list.push_back(fittedJson(capture, *scene.tags));
     if (capture.sound()) rms.push_back(capture.fit->rms);
     const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
     if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {

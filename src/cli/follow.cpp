@@ -232,10 +232,8 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
 }
 
 struct FollowArguments {
-  std::string scene, rig, plant, tip, path, vision = "corners", force, blind, out, png;
-  double seconds = 0.0, latency = 0.06;
-  bool open = false;
-  std::uint32_t seed = 1;
+  std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
+  FollowPlan plan;
 };
 
 Eigen::Vector3d tipOf(const std::string& text) {
@@ -254,11 +252,11 @@ std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
                       std::to_string(kMostTips));
   }
   const double least = procedures::kLeastTipTime * static_cast<double>(tips.size());
-  if (arguments.seconds < least) {
+  if (arguments.plan.seconds < least) {
     throw CallerError(
         basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
                        "--seconds %g",
-                       arguments.seconds, tips.size(), least));
+                       arguments.plan.seconds, tips.size(), least));
   }
   return tips;
 }
@@ -288,13 +286,8 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   if (arguments.tip.empty() == arguments.path.empty()) {
     throw CallerError("give either --tip or --path");
   }
-  FollowPlan plan;
-  plan.seconds = arguments.seconds;
-  plan.open = arguments.open;
-  plan.plant = arguments.plant;
+  FollowPlan plan = arguments.plan;
   if (arguments.vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
-  plan.latency = arguments.latency;
-  plan.seed = arguments.seed;
   if (!arguments.force.empty()) plan.force = forceOf(arguments.force);
   if (!arguments.blind.empty()) plan.blind = blindOf(arguments.blind);
   if (arguments.path.empty()) {
@@ -344,8 +337,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   }
   if (!arguments.out.empty()) io::writeFileAtomically(arguments.out, csvOf(report));
   if (!arguments.png.empty()) {
-    procedures::drawReportText(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
-                               "leave out --png");
+    procedures::drawReport(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
+                           "leave out --png");
   }
   if (global.format == Format::kCsv) {
     std::cout << csvOf(report);
@@ -378,16 +371,16 @@ Subcommand addFollow(CLI::App& app) {
            "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
            "--set does not apply to it)")
       ->type_name("FILE");
-  addOption(*command, "--plant", arguments->plant,
+  addOption(*command, "--plant", arguments->plan.plant,
             "command that simulates the true arm in place of the rig's: docs/closed_loop.md",
             TypeName{"COMMAND"});
   addOption(*command, "--tip", arguments->tip,
             "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
   addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
             TypeName{"FILE"});
-  addOption(*command, "--seconds", arguments->seconds, "simulated time [s]", kRequired,
+  addOption(*command, "--seconds", arguments->plan.seconds, "simulated time [s]", kRequired,
             TypeName{"S"}, within(kSeconds));
-  command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
+  command->add_flag("--open", arguments->plan.open, "keep the loop open: the model alone commands");
   addOption(*command, "--sight", arguments->vision,
             "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
             "which the tags are detected)",
@@ -395,10 +388,10 @@ Subcommand addFollow(CLI::App& app) {
   addOption(*command, "--force", arguments->force,
             "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
   addOption(*command, "--blind", arguments->blind, "interval without pictures [s]: from,to");
-  addOption(*command, "--latency-s", arguments->latency,
+  addOption(*command, "--latency-s", arguments->plan.latency,
             "time from a picture to its measurement [s]", TypeName{"S"}, within(kLatency),
             kShowDefault);
-  addOption(*command, "--seed", arguments->seed, "seed of all noise", kShowDefault);
+  addOption(*command, "--seed", arguments->plan.seed, "seed of all noise", kShowDefault);
   addOption(*command, "--out", arguments->out, "CSV file to write: one row per step of 10 ms",
             TypeName{"FILE"});
   addOption(*command, "--png", arguments->png,

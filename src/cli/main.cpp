@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <exception>
 #include <iostream>
 #include <map>
@@ -14,6 +15,9 @@
 
 namespace helix_arm::cli {
 namespace {
+
+std::atomic<bool> noted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
 
 const char* const kFooter =
     "Units: pressures are gauge; kPa where an option says so, otherwise SI. Poses and twists\n"
@@ -127,6 +131,19 @@ int run(int argc, char** argv) {
 }
 
 }  // namespace
+
+InterruptWatch::InterruptWatch() {
+  noted = false;
+  struct sigaction action {};
+  action.sa_handler = [](int) { noted = true; };
+  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before_[i]);
+}
+
+InterruptWatch::~InterruptWatch() {
+  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &before_[i], nullptr);
+}
+
+bool interrupted() { return noted; }
 
 }  // namespace helix_arm::cli
 

@@ -131,6 +131,17 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   return captures;
 }
 
+nlohmann::json captureJson(const FittedCapture& capture, const estimation::TagLayout& layout) {
+  return {{"capture", capture.number},
+          {"pressure_pa", toJson(capture.pressure)},
+          {"status", estimation::nameOf(capture.status)},
+          {"converged", capture.converged()},
+          {"reason", textOrNull(capture.reason)},
+          {"model_status", statics::nameOf(capture.model.status)},
+          {"outlier_tags", capture.outlierTags(layout)},
+          {"unknown_tags", capture.unknown_tags}};
+}
+
 std::string noteOnScatter(const FittedCapture& capture) {
   if (!capture.usual_rms) return {};
   return procedures::scatterText(capture.fit->rms, *capture.usual_rms);

@@ -48,6 +48,9 @@ struct FittedCapture {
 /// data.
 std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data);
 
+/// What fit and evaluate report alike of a capture.
+nlohmann::json captureJson(const FittedCapture& capture, const estimation::TagLayout& layout);
+
 /// Names a capture that no shape explains, with its RMS, what is usual, and what to do; empty for
 /// the others.
 std::string noteOnScatter(const FittedCapture& capture);

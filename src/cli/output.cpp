@@ -36,8 +36,7 @@ bool samePlace(const std::string& one, const std::string& other) {
   return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
 }
 
-// Passes its text on in whole lines, and what there is of one when it is flushed, except for the
-// begin of a character.
+// Passes its text on in whole lines, and what there is of one when it is flushed.
 class PrintableBuffer : public std::streambuf {
  public:
   explicit PrintableBuffer(std::streambuf& to) : to_(to) {}
@@ -60,21 +59,7 @@ class PrintableBuffer : public std::streambuf {
     const std::size_t end = waiting_.rfind('\n');
     return end == std::string::npos || pass(end + 1) ? size : 0;
   }
-  int sync() override {
-    std::size_t whole = waiting_.size();
-    const auto isContinuation = [](char c) {
-      return (static_cast<unsigned char>(c) & 0xC0U) == 0x80U;
-    };
-    std::size_t begin = whole;
-    while (begin > 0 && whole - begin < 3 && isContinuation(waiting_[begin - 1])) --begin;
-    // Of a first byte as many bytes follow as it has leading ones, less one.
-    if (begin > 0) {
-      const auto first = static_cast<unsigned char>(waiting_[begin - 1]);
-      const std::size_t size = first >= 0xF0U ? 4 : first >= 0xE0U ? 3 : first >= 0xC0U ? 2 : 1;
-      if (whole - begin + 1 < size) whole = begin - 1;
-    }
-    return pass(whole) && to_.pubsync() == 0 ? 0 : -1;
-  }
+  int sync() override { return passAll() && to_.pubsync() == 0 ? 0 : -1; }
 
  private:
   std::streambuf& to_;
@@ -296,20 +281,15 @@ void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
 }
 
-void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
-                 const json& shown) {
-  printResult(format, report, table, [&shown] { printText(shown, std::cout); });
-}
-
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
   printResult(format, report, table, report);
 }
 
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
-                 const std::function<void()>& text) {
+                 const json& shown) {
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
   if (format == Format::kCsv) table().print(std::cout);
-  if (format == Format::kText) text();
+  if (format == Format::kText) printText(shown, std::cout);
 }
 
 void checkPicture(const std::string& png, const std::string& out) {

@@ -135,9 +135,6 @@ void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table, const nlohmann::json& shown);
 void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table);
-/// @param text  prints the result for people.
-void printResult(Format format, const nlohmann::json& report,
-                 const std::function<CsvTable()>& table, const std::function<void()>& text);
 
 /// Checks the file of --png, which may be empty, before work that takes long.
 /// @param out  the file of --out, may be empty.

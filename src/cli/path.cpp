@@ -22,8 +22,7 @@ constexpr model::Range kPathPeriod{1e-3, control::kLongestPath};
 
 struct PathArguments {
   std::string shape, centre, plane = nameOf(PathPlane::kYz), out;
-  double radius = 0.0, period = 0.0;
-  int turns = 1;
+  ShapedPath path;
 };
 
 // Names of all shapes or planes, for the help.
@@ -45,12 +44,9 @@ Named withName(const std::string& name, const Named (&all)[kCount]) {
 
 ShapedPath pathOf(const PathArguments& arguments) {
   const std::vector<double> centre = numberList("--centre", arguments.centre, 3);
-  ShapedPath path;
+  ShapedPath path = arguments.path;
   path.shape = withName(arguments.shape, control::kTipShapes);
   path.centre = {centre[0], centre[1], centre[2]};
-  path.radius = arguments.radius;
-  path.period = arguments.period;
-  path.turns = arguments.turns;
   path.plane = withName(arguments.plane, control::kPathPlanes);
   return path;
 }
@@ -68,28 +64,17 @@ std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points
 
 json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
               const std::string& out) {
-  json result{{"shape", nameOf(path.shape)},
-              {"centre_m", toJson(path.centre)},
-              {"radius_m", path.radius},
-              {"period_s", path.period},
-              {"turns", path.turns},
-              {"plane", nameOf(path.plane)},
-              {"points", points.size()},
-              {"duration_s", points.back().time},
-              {"out", nullptr},
-              {"time_s", nullptr},
+  json result{{"shape", nameOf(path.shape)}, {"centre_m", toJson(path.centre)},
+              {"radius_m", path.radius},     {"period_s", path.period},
+              {"turns", path.turns},         {"plane", nameOf(path.plane)},
+              {"points", points.size()},     {"duration_s", points.back().time},
+              {"out", textOrNull(out)},      {"time_s", nullptr},
               {"position_m", nullptr}};
-  if (!out.empty()) {
-    result["out"] = out;
-    return result;
-  }
-  json times = json::array(), positions = json::array();
+  if (!out.empty()) return result;
   for (const TipWayPoint& point : points) {
-    times.push_back(point.time);
-    positions.push_back(toJson(point.position));
+    result["time_s"].push_back(point.time);
+    result["position_m"].push_back(toJson(point.position));
   }
-  result["time_s"] = times;
-  result["position_m"] = positions;
   return result;
 }
 
@@ -127,13 +112,13 @@ Subcommand addPath(CLI::App& app) {
             CLI::IsMember(namesOf(control::kTipShapes)));
   addOption(*command, "--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z",
             kRequired);
-  addOption(*command, "--radius", arguments->radius,
+  addOption(*command, "--radius", arguments->path.radius,
             "largest distance from the centre along each axis of the plane [m]; the sides of a "
             "square have twice this length",
             kRequired, TypeName{"M"}, within(kRadius));
-  addOption(*command, "--period", arguments->period, "time of one turn [s]", kRequired,
+  addOption(*command, "--period", arguments->path.period, "time of one turn [s]", kRequired,
             TypeName{"S"}, within(kPathPeriod));
-  addOption(*command, "--turns", arguments->turns, "number of turns",
+  addOption(*command, "--turns", arguments->path.turns, "number of turns",
             CLI::Range(1, control::kMostTurns), kShowDefault);
   addOption(*command, "--plane", arguments->plane,
             "plane of the shape, by two axes of the base: xy, xz or yz",

@@ -27,13 +27,10 @@ struct TagsArguments {
   BoardArguments board;
 };
 
-// What was printed.
+// What is printed.
 struct Print {
   std::optional<io::Scene> scene;
   std::optional<CalibrationBoard> board;
-  std::string paper;
-  int pages;
-  std::string out;
 };
 
 // A line per row of cells, with # for black ones.
@@ -122,31 +119,29 @@ json printedJson(const vision::CharucoBoard& board) {
   return out;
 }
 
-// Prints it and counts its pages.
-void writePages(Print& print) {
+// Prints it. @return the number of pages.
+json writePages(const Print& print, const TagsArguments& arguments) {
   json pages{{"title", print.scene ? "Tags of " + print.scene->name : "Calibration board"},
-             {"paper", print.paper},
-             {"arm", nullptr},
+             {"paper", arguments.paper},
+             {"arm", print.scene ? armJson(*print.scene) : json()},
              {"board", nullptr}};
-  if (print.scene) pages["arm"] = armJson(*print.scene);
   if (print.board) {
     pages["board"] = std::visit([](const auto& board) { return printedJson(board); }, *print.board);
   }
-  const json report{{"pages", pages}};
   const std::string printed =
-      procedures::drawReportText(report.dump(), print.out, "choose another path");
-  print.pages = json::parse(printed).at("pages");
+      procedures::drawReport(json{{"pages", pages}}.dump(), arguments.out, "choose another path");
+  return json::parse(printed).at("pages");
 }
 
-json reportOf(const Print& print) {
+json reportOf(const Print& print, const TagsArguments& arguments, const json& pages) {
   json result{{"scene", nullptr},
               {"family", nullptr},
               {"size_m", nullptr},
               {"ids", json::array()},
               {"board", print.board ? boardJson(*print.board) : json()},
-              {"paper", print.paper},
-              {"pages", print.pages},
-              {"out", print.out}};
+              {"paper", arguments.paper},
+              {"pages", pages},
+              {"out", arguments.out}};
   if (print.scene) {
     result["scene"] = print.scene->name;
     result["family"] = print.scene->vision.detector.family;
@@ -156,29 +151,6 @@ json reportOf(const Print& print) {
     }
   }
   return result;
-}
-
-CsvTable toCsv(const Print& print, const json& report) {
-  CsvTable::Row row = cellsOf(report, {"scene", "size_m", "paper", "pages", "out"});
-  row.insert(row.begin() + 1, {"tags", std::to_string(report["ids"].size())});
-  row.insert(row.begin() + 3, {"board", print.board ? "1" : "0"});
-  return row;
-}
-
-void printText(const Print& print) {
-  const char* separator = "";
-  if (print.scene) {
-    std::cout << print.scene->tags->tags.size() << " tags " << print.scene->vision.detector.family
-              << " of " << 1e3 * print.scene->tags->size << " mm and where they are mounted";
-    separator = ", ";
-  }
-  if (print.board) {
-    const bool charuco = std::holds_alternative<vision::CharucoBoard>(*print.board);
-    std::cout << separator << (charuco ? "a ChArUco board" : "a calibration board");
-  }
-  std::cout << ": " << print.pages << (print.pages == 1 ? " page " : " pages ") << print.paper
-            << " in " << print.out << "\n"
-            << "Print at 100 % (\"actual size\"); both rulers must then be 100 mm long.\n";
 }
 
 void check(const TagsArguments& arguments, const GlobalOptions& global) {
@@ -196,14 +168,24 @@ void check(const TagsArguments& arguments, const GlobalOptions& global) {
 
 int run(const TagsArguments& arguments, const GlobalOptions& global) {
   check(arguments, global);
-  Print print{{}, {}, arguments.paper, 0, arguments.out};
+  Print print;
   if (!arguments.scene.empty()) print.scene = loadScene(arguments.scene, global);
   if (arguments.board.given()) print.board = boardOf(arguments.board);
-  checkPicture(print.out, "");
-  writePages(print);
-  const json report = reportOf(print);
+  checkPicture(arguments.out, "");
+  const json report = reportOf(print, arguments, writePages(print, arguments));
+  json counts = report;
+  counts["tags"] = report["ids"].size();
+  counts["board"] = print.board.has_value();
+  json shown = counts;
+  shown.erase("ids");
+  shown["board"] = textOrNull(arguments.board.kind);
+  shown["notes"] = {"print at 100 % (\"actual size\"); both rulers must then be 100 mm long"};
   printResult(
-      global.format, report, [&] { return toCsv(print, report); }, [&] { printText(print); });
+      global.format, report,
+      [&counts] {
+        return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
+      },
+      shown);
   return kDone;
 }
 

@@ -44,6 +44,8 @@ constexpr int kInner = 300;
 constexpr int kDrawnShapes = 8;
 constexpr int kDenseFactor = 16;  // reference points per segment of a drawn line
 
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
 // What one way to compute, draw or measure the arm's shape costs, and how far it is off.
 struct TradeRow {
   std::string part;     ///< model, curve, sight or fit: rows of one part compete with each other
@@ -125,8 +127,8 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
     double error = 0.0;
     for (std::size_t i = 0; i < inputs.size(); ++i) {
       const statics::Tip found = tier.tip(inputs[i]);
-      error = std::max(error, found.converged() ? (found.tip.translation - tips[i]).norm()
-                                                : std::numeric_limits<double>::infinity());
+      error =
+          std::max(error, found.converged() ? (found.tip.translation - tips[i]).norm() : kInfinity);
     }
     std::size_t next = 0;
     const double time = basics::medianTime([&] {
@@ -176,8 +178,6 @@ std::vector<TradeRow> drawingRows(const io::Scene& scene) {
   rows.insert(rows.end(), markers.begin(), markers.end());
   return rows;
 }
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Pictures of the simulated rig in a fast motion, 30 per second.
 struct Film {
@@ -323,53 +323,44 @@ struct TradeOptions {
   bool no_files = false;
 };
 
-struct Trade {
-  std::string scene;
-  std::vector<TradeRow> rows;
-  std::vector<std::string> notes;  // on parts that could not be measured
-};
-
-Trade measure(const io::Scene& scene, const TradeOptions& options) {
-  Trade trade{scene.name, modelRows(scene), {}};
-  if (trade.rows.empty()) {
-    trade.notes.push_back(
+// {scene, rows, notes}: notes are on parts that could not be measured.
+json measure(const io::Scene& scene, const TradeOptions& options) {
+  std::vector<TradeRow> rows = modelRows(scene);
+  json notes = json::array();
+  const auto append = [&rows](const std::vector<TradeRow>& more) {
+    rows.insert(rows.end(), more.begin(), more.end());
+  };
+  if (rows.empty()) {
+    notes.push_back(
         "no shape balances the scene's load at any sampled input, so there is nothing to measure; "
         "check load and K_eps_n: less load, or stiffer muscles");
-    return trade;
-  }
-  const auto append = [&trade](std::vector<TradeRow> rows) {
-    trade.rows.insert(trade.rows.end(), std::make_move_iterator(rows.begin()),
-                      std::make_move_iterator(rows.end()));
-  };
-  append(drawingRows(scene));
-  if (options.pictures == 0) {
-    trade.notes.push_back("no pictures were requested: sight and fit are not measured");
-  } else if (!scene.camera || !scene.tags) {
-    trade.notes.push_back("the scene has no camera or no tags: sight and fit are not measured");
   } else {
-    std::vector<TradeRow> vision = visionRows(scene, options.pictures);
-    if (vision.empty()) {
-      trade.notes.push_back(
-          "the scene's tier finds no shape to start from at any picture: sight and fit are not "
-          "measured");
+    append(drawingRows(scene));
+    if (options.pictures == 0) {
+      notes.push_back("no pictures were requested: sight and fit are not measured");
+    } else if (!scene.camera || !scene.tags) {
+      notes.push_back("the scene has no camera or no tags: sight and fit are not measured");
+    } else {
+      const std::size_t before = rows.size();
+      append(visionRows(scene, options.pictures));
+      if (rows.size() == before) {
+        notes.push_back(
+            "the scene's tier finds no shape to start from at any picture: sight and fit are not "
+            "measured");
+      }
     }
-    append(std::move(vision));
+    markFrontier(rows);
   }
-  markFrontier(trade.rows);
-  return trade;
-}
-
-json reportOf(const Trade& trade) {
-  json rows = json::array();
-  for (const TradeRow& row : trade.rows) {
-    rows.push_back({{"part", row.part},
-                    {"tier", row.tier},
-                    {"setting", row.setting},
-                    {"time_ns", 1e9 * row.time},
-                    {"tip_error_percent", finite(100 * row.error)},
-                    {"on_frontier", row.on_frontier}});
+  json table = json::array();
+  for (const TradeRow& row : rows) {
+    table.push_back({{"part", row.part},
+                     {"tier", row.tier},
+                     {"setting", row.setting},
+                     {"time_ns", 1e9 * row.time},
+                     {"tip_error_percent", finite(100 * row.error)},
+                     {"on_frontier", row.on_frontier}});
   }
-  return {{"scene", trade.scene}, {"rows", rows}, {"notes", trade.notes}};
+  return {{"scene", scene.name}, {"rows", table}, {"notes", notes}};
 }
 
 fs::path makeFolder(const TradeOptions& options, const std::string& scene) {
@@ -386,8 +377,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   std::optional<fs::path> folder;
   if (!options.no_files) folder = makeFolder(options, scene.name);
-  const Trade trade = measure(scene, options);
-  const json report = reportOf(trade);
+  const json report = measure(scene, options);
   const auto table = [&report] {
     return CsvTable(report["rows"],
                     {"part", "tier", "setting", "time_ns", "tip_error_percent", "on_frontier"});
@@ -397,14 +387,13 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
       "tip errors in % of the arm's length; on the frontier: no faster row of "
       "the same part is as accurate");
   printResult(global.format, report, table, shown);
-  if (trade.rows.empty()) return kNotPossible;
+  if (report["rows"].empty()) return kNotPossible;
   if (!folder) return kDone;
   std::ostringstream csv;
   table().print(csv);
   io::writeFileAtomically(*folder / "trade.csv", csv.str());
   io::writeFileAtomically(*folder / "trade.json", report.dump(2) + "\n");
-  procedures::drawReport(*folder / "trade.json", *folder / "trade.png",
-                         "leave it out with --no-files");
+  procedures::drawReport(report.dump(), *folder / "trade.png", "leave it out with --no-files");
   std::cerr << "wrote trade.csv, trade.json and trade.png to " << folder->string() << "\n";
   return kDone;
 }

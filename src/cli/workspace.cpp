@@ -12,7 +12,6 @@
 #include <exception>
 #include <filesystem>
 #include <future>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -27,6 +26,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -161,35 +161,6 @@ class CloudFormat {
   const bool ply_;
 };
 
-// A file of points, written piece by piece.
-class CloudFile {
- public:
-  // @throws CallerError on another end of the name, io::FileError where it cannot be written.
-  CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin)
-      : format_(arm, origin, isPly(path)), file_(path) {
-    file_.write(format_.header(0));
-  }
-
-  const CloudFormat& format() const { return format_; }
-
-  // Appends so many encoded points. @throws io::FileError.
-  void write(const std::string& encoded, std::uint64_t points) {
-    file_.write(encoded);
-    points_ += points;
-  }
-
-  // Puts the file in its place, not before. @throws io::FileError.
-  void finish() {
-    if (format_.tellsCount()) file_.writeOver(0, format_.header(points_));
-    file_.commit();
-  }
-
- private:
-  const CloudFormat format_;
-  std::uint64_t points_ = 0;
-  io::AtomicFile file_;
-};
-
 constexpr std::uint64_t kUsualCount = 10000000;
 constexpr std::uint64_t kUsualSensitiveCount = 200000;
 
@@ -226,40 +197,16 @@ struct WorkspaceSummary {
 };
 
 constexpr double kRewritePeriod = 0.2;  // [s]
-const char* const kEraseToEnd = "\x1b[K";
-
-std::string durationText(double seconds) {
-  const auto whole = static_cast<long>(std::ceil(seconds));
-  std::ostringstream text;
-  if (whole >= 3600) text << whole / 3600 << " h ";
-  if (whole >= 60) text << whole / 60 % 60 << " min ";
-  if (whole < 3600) text << whole % 60 << " s ";
-  return text.str() + "left";
-}
-
-// "8.74 million points/s".
-std::string rateText(double points_per_second) {
-  std::ostringstream text;
-  if (points_per_second >= 1e6) {
-    text << std::setprecision(3) << points_per_second / 1e6 << " million";
-  } else {
-    text << std::fixed << std::setprecision(0) << points_per_second;
-  }
-  return text.str() + " points/s";
-}
 
 // Tells on stderr how far the points are, how fast they come and how long the rest takes: on a
 // terminal one line that is rewritten, else a line every 10 %.
 class Progress {
  public:
   // @param total  points, > 0.
-  explicit Progress(std::uint64_t total)
-      : total_(total),
-        terminal_(::isatty(STDERR_FILENO) == 1),
-        start_(std::chrono::steady_clock::now()) {}
+  explicit Progress(std::uint64_t total) : total_(total) {}
   // Ends the line.
   ~Progress() {
-    if (written_) std::cerr << "\n";
+    if (terminal_ && next_ > 0) std::cerr << "\n";
   }
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -267,22 +214,20 @@ class Progress {
   // So many are done now.
   void reached(std::uint64_t done) {
     const double now = seconds();
-    const auto tenths =
-        static_cast<int>(10.0 * static_cast<double>(done) / static_cast<double>(total_));
-    const bool due = terminal_ ? now - last_ >= kRewritePeriod || done == total_ : tenths > tenths_;
-    if (!due) return;
-    last_ = now;
+    const std::uint64_t tenths = 10 * done / total_;
+    if (terminal_ ? now < next_ && done < total_ : tenths == tenths_) return;
+    next_ = now + kRewritePeriod;
     tenths_ = tenths;
     const double rate = static_cast<double>(done) / std::max(now, 1e-9);
-    std::ostringstream text;
-    text << std::setw(3) << 100 * done / total_ << " %, " << rateText(rate) << ", "
-         << durationText(static_cast<double>(total_ - done) / std::max(rate, 1e-9));
-    if (terminal_) {
-      // Past std::cerr, which escapes control characters.
-      std::fputs(("\r" + text.str() + kEraseToEnd).c_str(), stderr);
-      written_ = true;
-    } else {
-      std::cerr << text.str() << "\n";
+    const auto left =
+        static_cast<long>(std::ceil(static_cast<double>(total_ - done) / std::max(rate, 1e-9)));
+    const std::string text = basics::format("%3d %%, %.3g points/s, %ld:%02ld:%02ld h left",
+                                            static_cast<int>(100 * done / total_), rate,
+                                            left / 3600, left / 60 % 60, left % 60);
+    if (!terminal_) {
+      std::cerr << text << "\n";
+    } else {  // past std::cerr, which escapes control characters; the last one erases the rest
+      std::fputs(("\r" + text + "\x1b[K").c_str(), stderr);
     }
   }
 
@@ -293,11 +238,10 @@ class Progress {
 
  private:
   const std::uint64_t total_;
-  const bool terminal_;
-  const std::chrono::steady_clock::time_point start_;
-  double last_ = 0.0;     // when the terminal's line was last written [s]
-  int tenths_ = 0;        // that were told
-  bool written_ = false;  // something stands on the terminal's line
+  const bool terminal_ = ::isatty(STDERR_FILENO) == 1;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  double next_ = 0.0;         // when the terminal's line may be written again [s]
+  std::uint64_t tenths_ = 0;  // that were told
 };
 
 // Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
@@ -324,20 +268,21 @@ void add(const statics::WorkspacePoints& points, Eigen::Index& kept, WorkspaceSu
 
 // Samples on all threads and takes the pieces in their order, so that the result does not tell how
 // many threads there were. Ends early when interrupted.
-// @param file  for the points, finished if it is whole and has any; or null.
+// @param format, file  for the points, committed if it is whole and has any; or null.
 // @throws io::FileError where the file cannot be written.
 WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
-                                 const WorkspaceArguments& arguments, CloudFile* file) {
+                                 const WorkspaceArguments& arguments, const CloudFormat& format,
+                                 io::AtomicFile* file) {
   struct Piece {
     statics::WorkspacePoints points;
     std::string encoded;
   };
   const std::uint64_t total = arguments.inputs();
   const int size = workspace.pieceSize();  // small enough to react to Ctrl-C soon
-  const auto make = [&workspace, file, total, size](std::uint64_t first) {
+  const auto make = [&, total, size](std::uint64_t first) {
     const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
     Piece piece{workspace.sample(first, count), {}};
-    if (file != nullptr) piece.encoded = file->format().encode(piece.points);
+    if (file != nullptr) piece.encoded = format.encode(piece.points);
     return piece;
   };
   const std::size_t threads = arguments.threads > 0
@@ -350,6 +295,7 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     summary.kept.tips.resize(most, 3);
     summary.kept.sensitivity.resize(arguments.sensitivity ? most : 0, 3);
   }
+  if (file != nullptr) file->write(format.header(0));
   Progress progress(total);
   std::deque<std::future<Piece>> pieces;
   std::uint64_t begun = 0;
@@ -360,16 +306,17 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     }
     const Piece piece = pieces.front().get();
     pieces.pop_front();
-    if (file != nullptr) {
-      file->write(piece.encoded, static_cast<std::uint64_t>(piece.points.count()));
-    }
+    if (file != nullptr) file->write(piece.encoded);
     add(piece.points, kept, summary);
     progress.reached(summary.inputs);
   }
   summary.whole = !interrupted();
   summary.kept.tips.conservativeResize(kept, 3);
   summary.kept.sensitivity.conservativeResize(arguments.sensitivity ? kept : 0, 3);
-  if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
+  if (file != nullptr && summary.whole && summary.points() > 0) {
+    if (format.tellsCount()) file->writeOver(0, format.header(summary.points()));
+    file->commit();
+  }
   summary.seconds = progress.seconds();
   return summary;
 }
@@ -442,41 +389,27 @@ CsvTable csvTable(const json& report) {
   return row;
 }
 
-void printText(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
-  std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
-            << std::setprecision(3) << summary.seconds << " s, "
-            << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
-  const std::string note = noteOnResponse(scene.arm);
-  if (!note.empty()) std::cout << note << "\n";
-  if (summary.unbalanced > 0) {
-    std::cout << "inputs omitted because no shape balances the load: " << summary.unbalanced
-              << "\n";
-  }
-  if (summary.points() == 0) {
-    std::cout << workspaceFailure(summary) << "\n";
-    return;
-  }
-  const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
-  std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
-            << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
-            << (summary.extremes.certified() ? "" : "at least ") << summary.extremes.reach()
-            << " m; ";
-  if (std::isfinite(summary.extremes.reachBound())) {
-    std::cout << "no tip is farther than " << summary.extremes.reachBound() << " m; ";
-  } else {
-    std::cout << "no bound is known under load or with a taper; ";
-  }
-  std::cout << "samples alone " << summary.sampled.reach() << " m\n";
+// The report with what it means.
+json shownOf(const io::Scene& scene, const statics::TierSetting& setting, json report) {
+  report["tier"] = setting.name();
+  for (const char* key : {"order", "response"}) report.erase(key);
+  if (report["unbalanced"] == 0) report.erase("unbalanced");
   const char* const errors[] = {"kPa of pressure error", "mm of free length error",
                                 "% of stiffness error"};
-  for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {
-    std::cout << "tip displacement per " << errors[k] << ": median " << std::setprecision(3)
-              << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
+  json table;
+  for (int k = 0; k < statics::kSensitivities && !report["sensitivity"].is_null(); ++k) {
+    const json& sensitivity = report["sensitivity"][statics::kSensitivityNames[k]];
+    table.push_back({{"name", std::string("tip displacement per ") + errors[k]},
+                     {"median_m", sensitivity["median"]},
+                     {"max_m", sensitivity["max"]}});
   }
-  for (const std::string& file : {arguments.out, arguments.png}) {
-    if (!file.empty()) std::cout << "wrote " << file << "\n";
+  report["sensitivity"] = table;
+  const std::string note = noteOnResponse(scene.arm);
+  if (!note.empty()) report["notes"].push_back(note);
+  if (report["reach_bound_m"].is_null() && !report["reach_m"].is_null()) {
+    report["notes"].push_back("tips may reach farther: no bound is known under load or a taper");
   }
+  return report;
 }
 
 constexpr double kLeastWidth = 1e-3;  // of a map, as a part of its length; plot_report has it too
@@ -499,8 +432,8 @@ void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
                     {"tier", origin.tier},
                     {"reach_m", summary.extremes.reach()},
                     {"cloud", "cloud.ply"}};
-  procedures::drawReportText(report.dump(), arguments.png, "leave out --png",
-                             {"cloud.ply", format.header(count) + format.encode(summary.kept)});
+  procedures::drawReport(report.dump(), arguments.png, "leave out --png",
+                         {"cloud.ply", format.header(count) + format.encode(summary.kept)});
 }
 
 // Fault of a --count; empty if it is valid.
@@ -530,9 +463,10 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   WorkspaceSummary summary;
   {
     const InterruptWatch watch;
-    std::optional<CloudFile> file;
-    if (!arguments.out.empty()) file.emplace(arguments.out, scene.arm, origin);
-    summary = sampleWorkspace(workspace, arguments, file ? &*file : nullptr);
+    const CloudFormat format(scene.arm, origin, !arguments.out.empty() && isPly(arguments.out));
+    std::optional<io::AtomicFile> file;
+    if (!arguments.out.empty()) file.emplace(arguments.out);
+    summary = sampleWorkspace(workspace, arguments, format, file ? &*file : nullptr);
   }
   if (summary.whole && summary.points() > 0) {
     summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);
@@ -555,7 +489,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const json report = reportOf(scene, setting, arguments, summary);
   printResult(
       global.format, report, [&report] { return csvTable(report); },
-      [&] { printText(scene, setting, arguments, summary); });
+      shownOf(scene, setting, report));
   if (fault) std::rethrow_exception(fault);
   return summary.points() > 0 ? kDone : kNotPossible;
 }

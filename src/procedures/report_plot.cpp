@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/report_plot.hpp"
 
+#include <cerrno>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -19,13 +20,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kReport[] = "report.json";
-
-// Where plot_report is: beside the program where it is installed, else among the sources.
-fs::path plotReport() {
+// Where a script is: beside the program where it is installed, else among the sources.
+fs::path pathOf(const std::string& script) {
   std::error_code error;
-  const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / "plot_report";
-  return fs::exists(beside, error) ? beside : fs::path(HELIX_ARM_SCRIPTS_DIR) / "plot_report";
+  const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / script;
+  return fs::exists(beside, error) ? beside : fs::path(HELIX_ARM_SCRIPTS_DIR) / script;
 }
 
 // A folder of its own for temporary files, which goes away with the object.
@@ -63,47 +62,50 @@ std::string contentOf(const fs::path& path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-// @param printed  file for what plot_report prints on stdout; empty: none.
-void run(const fs::path& report, const fs::path& picture, const std::string& without,
-         const fs::path& printed) {
-  constexpr int kRefused = 3;  // exit code; it prints why
-  const std::string script = plotReport(), source = report, target = picture;
-  char* const arguments[] = {const_cast<char*>(script.c_str()), const_cast<char*>(source.c_str()),
-                             const_cast<char*>(target.c_str()), nullptr};
+// Runs a program with its stdout in a file. @return its exit code; -1 where it did not run to its
+// end.
+int exitCodeOf(std::vector<std::string> words, const fs::path& printed) {
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
-  if (!printed.empty()) {
-    posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, printed.c_str(), O_WRONLY | O_CREAT,
-                                     S_IRUSR | S_IWUSR);
-  }
+  posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, printed.c_str(), O_WRONLY | O_CREAT,
+                                   S_IRUSR | S_IWUSR);
   pid_t child = 0;
   int status = 0;
-  const int failed = posix_spawn(&child, script.c_str(), &actions, nullptr, arguments, environ);
+  const int failed =
+      posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
-  if (failed == 0) waitpid(child, &status, 0);
-  const int exit_code = failed == 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  if (exit_code == 0) return;
-  if (exit_code == kRefused) {
-    const std::string why = contentOf(printed);
-    throw std::invalid_argument(why.substr(0, why.find('\n')));
-  }
-  throw io::FileError(target + " could not be drawn by " + script +
-                      "; install python3-matplotlib, or " + without);
+  while (failed == 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  return failed == 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
 }  // namespace
 
-void drawReport(const fs::path& report, const fs::path& picture, const std::string& without) {
-  run(report, picture, without, {});
-}
-
-std::string drawReportText(const std::string& report, const fs::path& picture,
-                           const std::string& without, const ReportPart& beside) {
+std::string runScript(const std::string& script, const std::string& report,
+                      const std::vector<std::string>& arguments, const std::string& failure,
+                      const ReportPart& beside) {
+  constexpr int kRefused = 3;  // exit code; it prints why
   const Folder folder;
   if (!beside.name.empty()) written(beside, folder);
   const fs::path printed = folder / "printed.txt";
-  run(written({kReport, report}, folder), picture, without, printed);
-  return contentOf(printed);
+  std::vector<std::string> words{pathOf(script), written({"report.json", report}, folder)};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  const int exit_code = exitCodeOf(words, printed);
+  std::string text = contentOf(printed);
+  if (exit_code == 0) return text;
+  if (exit_code == kRefused) throw std::invalid_argument(text.substr(0, text.find('\n')));
+  throw io::FileError(failure);
+}
+
+std::string drawReport(const std::string& report, const fs::path& picture,
+                       const std::string& without, const ReportPart& beside) {
+  const std::string script = "plot_report";
+  return runScript(script, report, {picture},
+                   picture.string() + " could not be drawn by " + pathOf(script).string() +
+                       "; install python3-matplotlib, or " + without,
+                   beside);
 }
 
 }  // namespace helix_arm::procedures

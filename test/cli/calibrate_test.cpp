@@ -140,29 +140,6 @@ TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
                 "K_gamma");
 }
 
-TEST(Calibrate, FaultsOfFilesAndWordsAreCallerErrors) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "calibrated.yaml";
-  const auto expectFault = [&](const std::string& csv, const std::string& word,
-                               const std::vector<std::string>& more = {}) {
-    const TemporaryFile data(csv);
-    std::vector<std::string> arguments{"--out", out};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, arguments), word);
-    EXPECT_FALSE(std::filesystem::exists(out));
-  };
-  expectFault("pressure_1_kpa,curvature_rad\n0,nan\n100,0.3\n", ":2");
-  expectFault("pressure_1_kpa,curvature_rad\n", "rows");
-  expectFault("pressure_1_kpa,pressure_4_kpa,curvature_rad\n0,0,0\n100,0,0.3\n", "pressure_4_kpa");
-  expectFault("pressure_1_kpa,curvature_rad\n0,0.1\n900,0.3\n", "limits");
-  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n",
-              "\"springs\" is not a parameter to fit", {"--fit", "springs"});
-  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n", "SCENE,DATA.csv",
-              {"--also", scenePath("spatial_101")});
-  expectFault("capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,3,0,0,0,0,0,0,1\n",
-              "has none");
-}
-
 TEST(Calibrate, NeitherDataNorScenesAreWrittenOver) {
   const std::string text = curvatures(scenePath("spatial_50"), 2.1e-4, 3);
   const TemporaryFile data(text), scene(contentOf(scenePath("spatial_50")));
@@ -194,15 +171,6 @@ TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
   expectRefused(calibrate(scenePath("spatial_50"), {data.path()},
                           {"--also", scenePath("spatial_50") + "," + lengths.path()}),
                 "free lengths");
-}
-
-TEST(Calibrate, AnOutputThatCannotBeWrittenIsTheCallers) {
-  const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
-  expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "demo"}),
-                    "--out demo does not end in .yaml");
-  expectCallerError(
-      calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "/nowhere/at/all.yaml"}),
-      "/nowhere/at");
 }
 
 // The measurements behind the paper, read where they are.

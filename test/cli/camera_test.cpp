@@ -1,6 +1,5 @@
 // `helix_arm camera` on rendered pictures whose truth is known.
 #include <filesystem>
-#include <iostream>
 
 #include <gtest/gtest.h>
 
@@ -9,7 +8,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
-#include "support/board_studio.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -24,21 +22,16 @@ void save(const std::string& path, const cv::Mat& gray) {
   io::writeFileAtomically(path, std::string(jpeg.begin(), jpeg.end()));
 }
 
-// A folder with pictures of a board of either kind.
+// A folder with pictures of a board by the camera of the demo.
 class BoardPictures {
  public:
-  template <class Board>
-  BoardPictures(const Board& shown, int count) {
-    Random random(1);
-    fs::create_directory(path());
-    int number = 0;
-    for (const lie::SE3& pose : boardPoses(boardCamera(), count, random)) {
-      simulation::SimulatedCameraConfig config;
-      config.bleed = 0.0002;
-      config.seed = static_cast<std::uint32_t>(++number);
-      save(path() + "/" + std::to_string(100 + number) + ".jpg",
-           boardPicture(boardCamera(), shown, pose, config));
-    }
+  BoardPictures(const std::vector<std::string>& options, int count) {
+    const Outcome outcome = runCommand(
+        {"simulate", "demo", "--count", std::to_string(count), "--out", path(), "--format", "json"},
+        options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.json()["pictures"], count);
+    EXPECT_TRUE(outcome.json()["truth"].is_null());
   }
 
   std::string path() const { return folder_ / "board"; }
@@ -49,7 +42,7 @@ class BoardPictures {
 };
 
 const BoardPictures& board() {
-  static const BoardPictures pictures(vision::TagBoard(), 18);
+  static const BoardPictures pictures({"--board", "tags"}, 18);
   return pictures;
 }
 
@@ -60,16 +53,15 @@ std::vector<double> matrixOf(const std::string& text, const std::string& name) {
 }
 
 void expectFocalLength(const json& result) {
-  for (const auto& [name, truth] : {std::pair("fx", boardCamera().fx), {"fy", boardCamera().fy}}) {
+  const estimation::Camera truth = io::loadScene(scenePath("demo")).camera->model;
+  for (const auto& [name, focal] : {std::pair("fx", truth.fx), {"fy", truth.fy}}) {
     const json& found = result["parameters"][name];
-    std::cout << name << " off by " << 100 * (found["value"].get<double>() / truth - 1) << " % +- "
-              << 100 * found["standard_error"].get<double>() / truth << " %\n";
-    EXPECT_NEAR(found["value"].get<double>() / truth, 1, 0.005);
+    EXPECT_NEAR(found["value"].get<double>() / focal, 1, 0.005);
     EXPECT_GT(found["standard_error"], 0);
   }
 }
 
-TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
+TEST(CameraCalibrate, GivesTheCameraThatTookThePictures) {
   const std::string out = board() / "camera.yaml";
   const json result = resultOf(
       {"camera", "calibrate", "--source", board().path(), "--board", "tags", "--out", out});
@@ -103,11 +95,14 @@ TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
 
 TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
   // An even number of rows, drawn by OpenCV before 4.6.
-  const BoardPictures lab(vision::CharucoBoard{8, 6, 0.03, 0.022, "DICT_5X5_100", true}, 12);
-  const std::vector<std::string> call{
-      "camera",       "calibrate",    "--source",        lab.path(), "--board",         "charuco",
-      "--squares",    "8,6",          "--square-size-m", "0.03",     "--marker-size-m", "0.022",
-      "--dictionary", "DICT_5X5_100", "--format",        "json"};
+  const std::vector<std::string> options{
+      "--board", "charuco",         "--squares", "8,6",          "--square-size-m",
+      "0.03",    "--marker-size-m", "0.022",     "--dictionary", "DICT_5X5_100"};
+  std::vector<std::string> drawn = options, call{"camera", "calibrate", "--format", "json"};
+  drawn.emplace_back("--legacy-pattern");
+  const BoardPictures lab(drawn, 12);
+  call.insert(call.end(), {"--source", lab.path()});
+  call.insert(call.end(), options.begin(), options.end());
   const Outcome legacy = runCommand(call, {"--legacy-pattern"}), black = runCommand(call);
   ASSERT_EQ(legacy.exit_code, 0) << legacy.err << legacy.out;
   expectFocalLength(legacy.json());
@@ -120,33 +115,10 @@ TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
   EXPECT_EQ(black.exit_code, 1);
 }
 
-TEST(CameraCalibrate, PicturesThatSimulateRendersGiveTheCameraOfTheScene) {
-  const TemporaryFolder folder;
-  const estimation::Camera truth = io::loadScene(scenePath("demo")).camera->model;
-  const auto calibrated = [&](const std::string& name, const std::vector<std::string>& options) {
-    const auto result = [&options](const std::vector<std::string>& call) {
-      const Outcome outcome = runCommand(call, options);
-      EXPECT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-      return outcome.json();
-    };
-    const json pictures =
-        result({"simulate", "demo", "--count", "12", "--out", folder / name, "--format", "json"});
-    EXPECT_EQ(pictures["pictures"], 12);
-    EXPECT_TRUE(pictures["truth"].is_null());
-    const json camera =
-        result({"camera", "calibrate", "--source", folder / name, "--format", "json"});
-    EXPECT_NEAR(camera["parameters"]["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
-    return pictures["tags"].get<int>();
-  };
-  EXPECT_EQ(calibrated("tags", {"--board", "tags"}), 30);
-  EXPECT_EQ(calibrated("charuco", {"--board", "charuco", "--squares", "5,7", "--square-size-m",
-                                   "0.035", "--dictionary", "DICT_6X6_250"}),
-            17);
-}
-
 TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
-  const json result = resultOf(
-      {"camera", "calibrate", "--board", "charuco", "--source", board().path() + "/101.jpg"}, 1);
+  const json result = resultOf({"camera", "calibrate", "--board", "charuco", "--source",
+                                board().path() + "/picture_0001.jpg"},
+                               1);
   EXPECT_EQ(result["reason"],
             "0 of 1 pictures show 8 inner chessboard corners of the board or more; expected 5: "
             "they show the board of tags: leave out --board charuco");
@@ -182,40 +154,14 @@ TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
   const TemporaryFolder folder;
   const std::string out = folder / "camera.yaml";
   const Outcome outcome =
-      runCommand({"camera", "calibrate", "--source", board().path() + "/101.jpg",
-                  board().path() + "/102.jpg", "--out", out, "--format", "json"});
+      runCommand({"camera", "calibrate", "--source", board().path() + "/picture_0001.jpg",
+                  board().path() + "/picture_0002.jpg", "--out", out, "--format", "json"});
   EXPECT_EQ(outcome.exit_code, 1);
   const json result = outcome.json();
   EXPECT_FALSE(result["success"]);
   EXPECT_NE(result["reason"].get<std::string>().find("2 of 2 pictures show"), std::string::npos);
   EXPECT_TRUE(result["out"].is_null());
   EXPECT_FALSE(fs::exists(out));
-}
-
-TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
-  const TemporaryFolder folder;
-  const std::string pictures = board().path();
-  save(folder / "small.jpg", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128)));
-  expectCallerErrors(
-      {"camera", "calibrate"},
-      {{{}, "--source is required"},
-       {{"--source", "webcam", pictures}, "--source has webcam beside files; give either"},
-       {{"--source", folder / "none"}, "none"},
-       {{"--source", "webcam", "--size", "640,0"},
-        "--size is 640,0; expected whole numbers from 1 to 32767"}});
-  expectCallerErrors(
-      {"camera", "calibrate", "--source", pictures},
-      {{{"--board", "chessboard"}, "--board: chessboard not in {tags,charuco}"},
-       {{"--dictionary", "DICT_4X4_50"},
-        "--dictionary is of a ChArUco board, and --board is tags; add --board charuco"},
-       {{"--board", "charuco", "--squares", "7,1"},
-        "ChArUco board: the number of squares down is 1; expected 3 to 100"},
-       {{"--set", "name=x"}, "none is given; leave out --set"},
-       {{"--size", "640,480"}, "go with --source webcam"},
-       {{"--scene", scenePath("planar_50")},
-        "scene planar_50 has no camera; add the section camera"},
-       {{"--coefficients", "3"}, "--coefficients"},
-       {{folder / "small.jpg"}, "small.jpg is not of the first picture's size, 1280 x 720 px"}});
 }
 
 // The demo rig at rest, seen by a camera that is not where the scene has it.
@@ -307,18 +253,6 @@ TEST(CameraPlace, ADamagedPictureIsNamedOnce) {
   EXPECT_EQ(outcome.err.find(broken.path(), first + 1), std::string::npos) << outcome.err;
 }
 
-TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
-  const TemporaryFolder folder;
-  expectCallerErrors(
-      {"camera", "place"},
-      {{{scenePath("planar_50"), "--source", folder.path()},
-        "scene planar_50 has no camera; expected a scene with the sections camera and tags"},
-       {{scenePath("demo"), "--source", "webcam"},
-        "scene demo has no camera.webcam; add it, or give pictures as --source"},
-       {{scenePath("demo")}, "--source is required"},
-       {{"--source", "webcam"}, "SCENE is required"}});
-}
-
 TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
   const TemporaryFolder folder;
   const std::string scene = folder / "arm.yaml";
@@ -338,12 +272,6 @@ TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
   EXPECT_EQ(reason({"camera", "calibrate", "--source", "webcam", "--seconds", "0.2", "--device",
                     "/dev/no_such_camera", "--format", "json"}),
             expected);
-}
-
-TEST(Camera, WithoutASubcommandIsRefused) {
-  expectCallerError(runCommand({"camera"}),
-                    "A subcommand is required\nRun with --help for more information.\n"
-                    "subcommands of camera: calibrate, place\n");
 }
 
 }  // namespace

@@ -127,10 +127,5 @@ TEST(Check, ASupplyThatIsMeasuredIsCompared) {
             std::string::npos);
 }
 
-TEST(Check, WithoutARegulatorThereIsNothingToProbe) {
-  expectCallerError(runCommand({"check", scenePath("annotated"), "--samples", "-1"}), "--samples");
-  expectCallerError(runCommand({"check"}), "SCENE is required");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -92,20 +92,5 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
   EXPECT_EQ(std::stod(rows[1][5]), capture["rms_m"].get<double>());
 }
 
-TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
-  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n"), tendons(kPulledScene);
-  const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
-  const TemporaryFile tags(kTagPoseHeader + "1,0,6,0,0,0,0,0,0,1\n");
-  expectCallerErrors(
-      {"evaluate"},
-      {{{scenePath("planar_76"), lengths.path()},
-        "expected the columns pressure_1_kpa .. and curvature_rad"},
-       {{scenePath("spatial_50"), tags.path()},
-        "holds tag poses, but scene spatial_50 has no tags"},
-       {{scenePath("annotated"), curvature.path()}, "curvature_rad applies to arms of one section"},
-       {{scenePath("planar_76"), "/nowhere.csv"}, "/nowhere.csv cannot be read"},
-       {{tendons.path(), curvature.path()}, "has tendons"}});
-}
-
 }  // namespace
 }  // namespace helix_arm::test

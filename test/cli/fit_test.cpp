@@ -157,14 +157,6 @@ TEST(Fit, CsvHasARowACapture) {
   EXPECT_EQ(cell(2, "covariance_6_6"), "");
 }
 
-TEST(Fit, CallerErrorsAreReported) {
-  const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25)), scene(kRodScene);
-  expectCallerError(runCommand({"fit", scenePath("spatial_50"), data.path()}),
-                    "scene spatial_50 has no tags; expected a scene with a section tags");
-  expectCallerError(runCommand({"fit", scene.path(), "/nowhere.csv"}),
-                    "/nowhere.csv cannot be read");
-}
-
 // The rig's captures: 24, 39, 40 and 41 hold wrong detections, the others are sound.
 TEST(Fit, RealCapturesAreFittedAndWrongDetectionsFlagged) {
   const std::string path = measured("helical_50_tag_poses.csv");

@@ -198,36 +198,6 @@ TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
   EXPECT_NE(outcome.json()["reason"].get<std::string>().find("raise --seconds"), std::string::npos);
 }
 
-TEST(Follow, WrongCallsNameCulpritAndRemedy) {
-  const TemporaryFolder folder;
-  const std::vector<std::string> call{"follow", scenePath("demo"), "--seconds", "3"};
-  expectCallerErrors(
-      call, {{{}, "give either --tip or --path"},
-             {{"--tip", "0.3,0,0", "--path", "x.csv"}, "give either --tip or --path"},
-             {{"--tip", "0.3,0"}, "--tip has 2 values; expected 3"},
-             {{"--tip", "0.3,0,0;0.3,a,0"}, "--tip has \"a\" as value 2"},
-             {{"--tip", "2e6,0,0"}, "--tip 2e6,0,0 is farther than 1e6 m; expected metres"},
-             {{"--tip", "0.3,0,0;0.3,0,0;0.3,0,0;0.3,0,0"},
-              "--seconds 3 is too short for 4 tips; expected at least 1 s for each: --seconds 4"},
-             {{"--path", folder / "none.csv"}, "none.csv"}});
-  std::vector<std::string> tip = call;
-  tip.insert(tip.end(), {"--tip", "0.3,0,0"});
-  expectCallerErrors(tip, {{{"--blind", "2,1"}, "--blind 2,1 ends before it begins"},
-                           {{"--force", "1,0,0"}, "--force has 3 values; expected 4"},
-                           {{"--force", "1,0,0,101"}, "--force 1,0,0,101 is more than 100 N"},
-                           {{"--latency-s", "2"}, "--latency-s: 2 is not a number from 0 to 1"},
-                           {{"--sight", "x"}, "--sight: x not in {corners,rendered}"},
-                           {{"--out", folder / "none/f.csv"}, "none/f.csv cannot be written: "},
-                           {{"--out", folder / "f", "--png", folder / "f"},
-                            "is the file of --out, too; give another path"}});
-  expectCallerError(follow({"--tip", "0.3,0,0", "--seconds", "0"}),
-                    "--seconds: 0 is not a number from 0.1 to 3600");
-  expectCallerError(
-      runCommand({"follow", scenePath("spatial_50"), "--tip", "0.3,0,0", "--seconds", "1"}),
-      "scene spatial_50 has no `camera` or no `tags`; the closed loop needs both");
-  EXPECT_TRUE(fs::is_empty(folder.path()));
-}
-
 TEST(Follow, ASlowLoopIsWarnedOf) {
   const Outcome outcome =
       follow({"--tip", "0.36,0.03,0.02", "--seconds", "1", "--set", "follow.mode_hz=0.5"});

@@ -383,11 +383,6 @@ TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
       << said;
 }
 
-TEST(RegulatorGuard, ABrokenSceneIsReportedAtOnce) {
-  expectCallerError(runCommand({"regulator", scenePath("no_such_scene"), "guard"}),
-                    "no_such_scene");
-}
-
 TEST(RegulatorEmulate, ReplacesTheDevice) {
   const int port = freePort();
   Process device(words(at(port, {"emulate"})));
@@ -432,12 +427,6 @@ TEST(RegulatorEmulate, EndsAfterItsTime) {
 }
 
 TEST(RegulatorEmulate, WhatItCannotBeIsRefused) {
-  expectCallerError(runCommand({"regulator", scenePath("demo"), "emulate"}),
-                    "scene demo has a simulated regulator");
-  expectCallerError(run(1502, {"emulate", "--set", "regulator.modbus_tcp.host=192.168.1.10"}),
-                    "emulate listens on 127.0.0.1, but the scene's regulator is at 192.168.1.10");
-  expectCallerError(run(1502, {"emulate", "--format", "json"}),
-                    "emulate prints only text; leave out --format");
   const EmulatedDevice device(deviceConfig());
   expectCallerError(run(device.port(), {"emulate"}), "cannot listen at 127.0.0.1");
 }
@@ -450,17 +439,6 @@ TEST(Regulator, OfASimulatedSceneNeedsNoLeave) {
   ASSERT_EQ(rows.size(), 4u);
   EXPECT_EQ(rows[0], (std::vector<std::string>{"name", "target_pa", "pressure_pa", "state"}));
   EXPECT_EQ(rows[1][3], "vented");
-}
-
-TEST(Regulator, TheCallIsChecked) {
-  expectCallerError(runCommand({"regulator", scenePath("demo")}), "subcommand is required");
-  expectCallerError(runCommand({"regulator", scenePath("demo"), "prove"}),
-                    "subcommands of regulator: probe, set, vent, guard, emulate\n");
-  expectCallerError(runCommand({"regulator", scenePath("demo"), "set"}), "--pressure-kpa");
-  expectCallerError(runCommand({"regulator", scenePath("demo"), "probe", "--seconds", "-1"}),
-                    "--seconds");
-  expectCallerError(runCommand({"regulator", scenePath("annotated"), "probe", "--set", "x=1"}),
-                    "x is not a known key");
 }
 
 }  // namespace

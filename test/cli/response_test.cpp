@@ -63,15 +63,6 @@ TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
   EXPECT_EQ(effective(3), 80e3);
 }
 
-TEST(Response, ATimeThatGoesBackIsAFault) {
-  const TemporaryFile back("time_s,pressure_1_kpa\n1,0\n0.5,100\n");
-  expectCallerError(
-      run("forward", {"--history", back.path()}),
-      back.path() + ":3 time_s goes back; expected times that do not fall, or another trial");
-  expectCallerError(run("forward", {"--history", back.path(), "--pressure-kpa", "1,2"}),
-                    "--history gives the pressures; leave out --pressure-kpa and --input");
-}
-
 TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysSo) {
   const std::vector<std::string> call{"--pressure-kpa", "200,50"};
   const nlohmann::json plain = run("forward", call, {}).json();

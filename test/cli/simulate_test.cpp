@@ -1,6 +1,5 @@
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
 
@@ -179,32 +178,6 @@ TEST(Simulate, WhatTheSceneLeavesOutIsNotWritten) {
   ASSERT_EQ(unseen.exit_code, 0) << unseen.err;
   EXPECT_NE(unseen.out.find("no pictures: the scene has no camera"), std::string::npos);
   EXPECT_EQ(namesIn(second), (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv"}));
-}
-
-TEST(Simulate, NothingIsOverwritten) {
-  const TemporaryFile scene(kBareRodScene);
-  const TemporaryFolder folder;
-  std::ofstream(folder / "notes.txt") << "mine";
-  expectCallerError(
-      simulate(scene.path(), folder.path()),
-      "--out " + folder.path() + " is not empty; expected a folder that is empty or absent");
-  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"notes.txt"});
-  expectCallerError(simulate(scene.path(), folder / "notes.txt"), "notes.txt is a file");
-  expectCallerError(simulate(scene.path(), folder / "notes.txt/below"),
-                    "cannot be created: Not a directory");
-  expectCallerError(simulate(scene.path(), folder / std::string(300, 'x')), ": File name too long");
-}
-
-TEST(Simulate, CallsThatCannotBeServedLeaveNothing) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "out";
-  const TemporaryFile pulled(kPulledScene);
-  expectCallerError(simulate(pulled.path(), out), "has tendons");
-  expectCallerError(simulate(scenePath("demo"), out, {"--count", "0"}), "--count");
-  expectCallerError(simulate(scenePath("demo"), out, {"--set", "simulation.camera.nothing=1"}),
-                    "nothing");
-  expectCallerError(runCommand({"simulate", scenePath("demo")}), "--out");
-  EXPECT_FALSE(fs::exists(out));
 }
 
 }  // namespace

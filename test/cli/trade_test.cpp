@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
 
@@ -127,15 +126,6 @@ TEST(Trade, WritesTableReportAndPicture) {
                                                     "tip_error_percent", "on_frontier"}));
   EXPECT_EQ(json::parse(contentOf((out / "trade.json").string()))["rows"].size() + 1, rows.size());
   EXPECT_EQ(contentOf((out / "trade.png").string()).substr(1, 3), "PNG");
-}
-
-TEST(Trade, NamesWhatItCannotWrite) {
-  const TemporaryFolder folder;
-  const std::string file = folder / "taken";
-  std::ofstream(file) << "not a folder";
-  const Outcome outcome =
-      runCommand({"trade", scenePath("helical_50"), "--pictures", "0", "--out", file});
-  expectCallerError(outcome, "--out " + file);
 }
 
 }  // namespace

@@ -51,7 +51,7 @@ ALWAYS = (
     (r'(helix_arm |package_version: "?|calibrated_by: )\d+\.\d+\.\d+', r"\1<version>"),
 )
 OF_CALLS = {
-    "^workspace": ((r'("(?:seconds|points_per_second)": )[^,\n]+', r"\1<time>"), (r"( inputs in )\S+ s, .*points/s", r"\1<time>"),
+    "^workspace": ((r'("(?:seconds|points_per_second)": )[^,\n]+', r"\1<time>"), (r"(?m)^(seconds|points per second) .*", r"\1 <time>"),
                   (r"(?m)(^ *\d+ %, .* left\n)+", "<progress>\n")),
     "^trade": ((r'("(?:time_ns|on_frontier)": )[^,\n]+', r"\1<time>"), (r" +[\d.e+-]+ (?:ns|us|ms) ", " <time> "),
               (r"(?m)^ \* ", "   ")),
