@@ -86,7 +86,8 @@ class Cockpit : public PanelWindow {
   QString painted(const char* label) {
     const auto* const widget = find<QLabel>(label);
     const int lines = widget->height() / widget->fontMetrics().lineSpacing();
-    return rviz_panel::paintedLines(widget->text(), widget->font(), widget->width(), lines)
+    return rviz_panel::FixedText::paintedLines(widget->text(), widget->font(), widget->width(),
+                                               lines)
         .join("")
         .simplified();
   }

@@ -29,7 +29,10 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using Clock = std::chrono::steady_clock;
+template <class Result>
+bool isReady(const std::future<Result>& result) {
+  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
 
 CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
@@ -46,101 +49,65 @@ std::string timeStamp() {
 
 }  // namespace
 
-// Shared with the threads of the calls, which may outlive the desk.
-struct CallDesk::State {
-  struct Waiting {
-    std::string what, remedy;
-    double limit;
-    Clock::time_point due;
-  };
-
-  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex) {
-    return std::count_if(waiting.begin(), waiting.end(),
-                         [&](const auto& one) { return one.second.what == what; });
-  }
-
-  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex) {
-    if (!answer.success) answer.remedy = remedy;
-    answers.push_back(std::move(answer));
-  }
-
-  /// Gives up on the calls that are late.
-  void look() HELIX_ARM_REQUIRES(mutex) {
-    for (auto it = waiting.begin(); it != waiting.end();) {
-      const auto& [what, remedy, limit, due] = it->second;
-      const bool late = due <= Clock::now();
-      if (late) {
-        tell(noAnswer(what, basics::format("no answer within %g s; is the node alive?", limit)),
-             remedy);
-      }
-      it = late ? waiting.erase(it) : std::next(it);
-    }
-  }
-
-  /// The call has ended; its answer counts unless it was given up on.
-  void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex) {
-    const basics::MutexLock lock(mutex);
-    look();
-    --running[answer.what];
-    const auto call = waiting.extract(ticket);
-    if (call) tell(answer, call.mapped().remedy);
-  }
-
-  basics::Mutex mutex;
-  std::uint64_t last_ticket HELIX_ARM_GUARDED_BY(mutex) = 0;
-  std::map<std::uint64_t, Waiting> waiting HELIX_ARM_GUARDED_BY(mutex);
-  std::map<std::string, int> running HELIX_ARM_GUARDED_BY(mutex);  ///< also those given up on
-  std::vector<CallAnswer> answers HELIX_ARM_GUARDED_BY(mutex);
-};
-
-CallDesk::CallDesk() : state_(std::make_shared<State>()) {}
-
 void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
-  std::uint64_t ticket = 0;
-  {
-    const basics::MutexLock lock(state_->mutex);
-    state_->look();
-    const bool many = state_->count(what) >= kMostWaiting;
-    if (many || state_->running[what] >= kMostRunning) {
-      const char* const why = many
-                                  ? "earlier calls still wait for their answers; is the node alive?"
-                                  : "too many calls hang; end the node that hangs";
-      return state_->tell(noAnswer(what, why), remedy);
-    }
-    ++state_->running[what];
-    ticket = ++state_->last_ticket;
-    const std::chrono::duration<double> time(limit);
-    const auto due = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
-    state_->waiting.emplace(ticket, State::Waiting{what, remedy, limit, due});
-  }
-  const auto run = [state = state_, what, ticket, call = std::move(call)] {
-    CallAnswer answer;
-    try {
-      answer = call();
-    } catch (const std::exception& fault) {
-      answer = noAnswer(what, fault.what());
-    }
-    answer.what = what;
-    state->end(ticket, answer);
+  look();
+  const auto count = [&](bool given_up_too) {
+    return std::count_if(calls_.begin(), calls_.end(), [&](const Running& one) {
+      return one.what == what && (given_up_too || !one.given_up);
+    });
   };
+  if (count(false) >= kMostWaiting) {
+    return tell(noAnswer(what, "earlier calls still wait for their answers; is the node alive?"),
+                remedy);
+  }
+  if (count(true) >= kMostRunning) {
+    return tell(noAnswer(what, "too many calls hang; end the node that hangs"), remedy);
+  }
+  std::packaged_task<CallAnswer()> task(std::move(call));
+  std::future<CallAnswer> answer = task.get_future();
   try {
     // Detached: nothing ends a call to a service that neither answers nor hangs up.
-    std::thread(run).detach();
+    std::thread(std::move(task)).detach();
   } catch (const std::system_error& fault) {
-    state_->end(ticket, noAnswer(what, std::string("no thread for it: ") + fault.what()));
+    return tell(noAnswer(what, std::string("no thread for it: ") + fault.what()), remedy);
+  }
+  const ros::SteadyTime due = ros::SteadyTime::now() + ros::WallDuration(limit);
+  calls_.push_back({what, remedy, limit, due, std::move(answer)});
+}
+
+void CallDesk::look() {
+  for (auto it = calls_.begin(); it != calls_.end();) {
+    const bool ended = isReady(it->answer);
+    const bool late = !ended && ros::SteadyTime::now() > it->due;
+    if ((ended || late) && !std::exchange(it->given_up, true)) {
+      CallAnswer answer = noAnswer(
+          it->what, basics::format("no answer within %g s; is the node alive?", it->limit));
+      try {
+        if (ended) answer = it->answer.get();
+      } catch (const std::exception& fault) {
+        answer.message = fault.what();
+      }
+      answer.what = it->what;
+      tell(std::move(answer), it->remedy);
+    }
+    it = ended ? calls_.erase(it) : std::next(it);
   }
 }
 
-bool CallDesk::waits(const std::string& what) const {
-  const basics::MutexLock lock(state_->mutex);
-  state_->look();
-  return state_->count(what) > 0;
+void CallDesk::tell(CallAnswer answer, const std::string& remedy) {
+  if (!answer.success) answer.remedy = remedy;
+  answers_.push_back(std::move(answer));
+}
+
+bool CallDesk::waits(const std::string& what) {
+  look();
+  return std::any_of(calls_.begin(), calls_.end(),
+                     [&](const Running& one) { return one.what == what && !one.given_up; });
 }
 
 std::vector<CallAnswer> CallDesk::take() {
-  const basics::MutexLock lock(state_->mutex);
-  state_->look();
-  return std::exchange(state_->answers, {});
+  look();
+  return std::exchange(answers_, {});
 }
 
 CallAnswer useLastCalibration(const std::string& ns) {
@@ -283,6 +250,16 @@ double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key
 }
 
 constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
+
+// Runs a body in a thread of its own, where what it holds ends, too.
+template <class Body>
+void elsewhere(Body body) {
+  try {
+    std::thread(std::move(body)).detach();
+  } catch (const std::system_error&) {
+    // There is no thread for it: what it holds ends here.
+  }
+}
 
 }  // namespace
 
@@ -589,64 +566,43 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
   return true;
 }
 
-// Shared with its thread, which may outlive the builder.
+// What the thread of an attempt, which may outlive the builder, shares with it.
 struct LinkBuilder::Attempt {
-  explicit Attempt(std::string of_arm) : ns(std::move(of_arm)) {}
-
-  void work() HELIX_ARM_EXCLUDES(mutex) {
-    while (!masterAnswers()) {
-      silent = true;
-      std::this_thread::sleep_for(kAskAgain);
-      if (cancelled) return;
-    }
-    silent = false;
-    std::unique_ptr<CockpitLink> link;
-    std::exception_ptr thrown;
-    try {
-      if (!cancelled) link = std::make_unique<CockpitLink>(ns);
-    } catch (const std::exception&) {
-      thrown = std::current_exception();
-    }
-    const basics::MutexLock lock(mutex);
-    if (cancelled) return;  // the link ends after the lock
-    made = std::move(link);
-    fault = thrown;
-    done = true;
-  }
-
-  const std::string ns;  ///< resolved
-  std::atomic<bool> cancelled{false}, silent{false}, done{false};
-  basics::Mutex mutex;
-  std::unique_ptr<CockpitLink> made HELIX_ARM_GUARDED_BY(mutex);
-  std::exception_ptr fault HELIX_ARM_GUARDED_BY(mutex);
+  std::string ns;  ///< resolved
+  std::atomic<bool> cancelled{false}, silent{false};
 };
 
 void LinkBuilder::begin(const std::string& ns) {
-  const auto next = std::make_shared<Attempt>(CockpitLink::resolved(ns));
+  const auto next = std::make_shared<Attempt>();
+  next->ns = CockpitLink::resolved(ns);
+  std::packaged_task<std::unique_ptr<CockpitLink>()> task([next]() -> std::unique_ptr<CockpitLink> {
+    while (!masterAnswers()) {
+      next->silent = true;
+      std::this_thread::sleep_for(kAskAgain);
+      if (next->cancelled) return nullptr;
+    }
+    next->silent = false;
+    return next->cancelled ? nullptr : std::make_unique<CockpitLink>(next->ns);
+  });
+  auto made = task.get_future();
   cancel();
-  std::thread([next] { next->work(); }).detach();
+  std::thread(std::move(task)).detach();
   attempt_ = next;
+  made_ = std::move(made);
 }
 
 void LinkBuilder::cancel() {
-  if (!attempt_) return;
-  {
-    const basics::MutexLock lock(attempt_->mutex);
-    attempt_->cancelled = true;
-    end(std::move(attempt_->made));
-  }
+  if (attempt_) attempt_->cancelled = true;
   attempt_.reset();
+  if (made_.valid()) elsewhere([made = std::move(made_)] { made.wait(); });
 }
 
 std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  if (!attempt_) return nullptr;
-  const basics::MutexLock lock(attempt_->mutex);
-  if (attempt_->fault) std::rethrow_exception(std::exchange(attempt_->fault, nullptr));
-  return std::move(attempt_->made);
+  return made_.valid() && isReady(made_) ? made_.get() : nullptr;
 }
 
 std::string LinkBuilder::connectingTo() const {
-  return attempt_ && !attempt_->done ? attempt_->ns : "";
+  return made_.valid() && !isReady(made_) ? attempt_->ns : "";
 }
 
 std::string LinkBuilder::silentMaster() const {
@@ -654,14 +610,7 @@ std::string LinkBuilder::silentMaster() const {
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {
-  if (!link) return;
-  CockpitLink* const last = link.get();
-  try {
-    std::thread([last] { delete last; }).detach();
-    static_cast<void>(link.release());
-  } catch (const std::system_error&) {
-    link.reset();  // here, since there is no thread for it
-  }
+  if (link) elsewhere([link = std::move(link)] {});
 }
 
 }  // namespace helix_arm::ros_bridge

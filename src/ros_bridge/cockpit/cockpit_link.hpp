@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <future>
+#include <list>
 #include <map>
 #include <memory>
 #include <optional>
@@ -37,7 +39,7 @@ namespace helix_arm::ros_bridge {
 /// those that do not answer in time.
 ///
 /// Calls do not wait for each other: a service that hangs delays no emergency stop. A call that was
-/// given up on may still end later; its answer is then dropped.
+/// given up on may still end later; its answer is then dropped. For one thread, except the calls.
 class CallDesk {
  public:
   /// Makes the call in a thread of its own; what it throws is the answer.
@@ -49,21 +51,31 @@ class CallDesk {
   /// At most so many calls of one name have a thread, with those that were given up on.
   static constexpr int kMostRunning = 64;
 
-  CallDesk();
-
   /// @param what     name of the call in its answer.
   /// @param limit    time in which it must answer, > 0 [s].
   /// @param call     Must not refer to anything that may end before it.
   /// @param remedy   of its answer, however the call fails.
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
   /// Whether a call of this name waits for its answer; one that was given up on does not.
-  bool waits(const std::string& what) const;
+  bool waits(const std::string& what);
   /// The answers since the last time: one per call that has ended or was given up on.
   std::vector<CallAnswer> take();
 
  private:
-  struct State;
-  const std::shared_ptr<State> state_;
+  struct Running {
+    std::string what, remedy;
+    double limit;
+    ros::SteadyTime due;
+    std::future<CallAnswer> answer;
+    bool given_up = false;
+  };
+
+  /// Takes the answers of calls that have ended, and gives up on those that are late.
+  void look();
+  void tell(CallAnswer answer, const std::string& remedy);
+
+  std::list<Running> calls_;  ///< also those given up on
+  std::vector<CallAnswer> answers_;
 };
 
 /// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
@@ -309,7 +321,8 @@ class LinkBuilder {
 
  private:
   struct Attempt;
-  std::shared_ptr<Attempt> attempt_;  ///< the last one; null if it was given up on
+  std::shared_ptr<Attempt> attempt_;                ///< the last one; null if it was given up on
+  std::future<std::unique_ptr<CockpitLink>> made_;  ///< by it; not valid once it was taken
 };
 
 }  // namespace helix_arm::ros_bridge
