@@ -37,9 +37,8 @@ struct Measurement {
   std::optional<ModelHistory::Entry> model;  ///< of the picture's time
   std::string calibration;                   ///< whose intrinsics were used
 
-  bool measured() const {
-    return observation.state == vision::ObservationState::kMeasured;
-  }  /// Null where there is no model of the picture's time.
+  bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
+  /// Null where there is no model of the picture's time.
   const model::Shape* modelShape() const { return model ? &model->shape : nullptr; }
 };
 
@@ -63,14 +62,14 @@ inline constexpr char kSceneCalibration[] = "the scene's camera";
 /// measured_markers: the markers are shown only in state `measured`. From any thread.
 class VisionStatusPublisher {
  public:
-  struct Options {
-    std::string node_name;     ///< as in the names of the diagnostics
-    std::string base_frame;    ///< of the arm; the markers' frame
-    std::string source;        ///< of the pictures, in words
-    double stale_after = 1.0;  ///< time without pictures [s]
-    double draw_period = 1.0;  ///< [s]
-  };
-  VisionStatusPublisher(ros::NodeHandle& node, const Options& options);
+  /// @param name         of the node, as in the names of the diagnostics.
+  /// @param base_frame   of the arm; the markers' frame.
+  /// @param source       of the pictures, in words.
+  /// @param stale_after  time without pictures [s].
+  /// @param draw_period  [s].
+  VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,
+                        const std::string& base_frame, const std::string& source,
+                        double stale_after = 1.0, double draw_period = 1.0);
 
   /// A picture has come.
   void arrived() HELIX_ARM_EXCLUDES(mutex_) {
@@ -113,20 +112,14 @@ class VisionStatusPublisher {
     const basics::MutexLock lock(mutex_);
     enterLocked(state, message);
   }
-  /// Enters the state camera_fault for good: none is entered afterwards.
-  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    enterLocked(VisionStatus::CAMERA_FAULT, message);
-    failed_ = true;
-  }
-
-  /// Enters the state stale if no picture has come for Options::stale_after, by a steady
-  /// clock; to be called often. Not before the first picture, after the end of a file, while the
-  /// source has a fault, or after stopWatching().
+  /// Enters the state stale if no picture has come for stale_after, by a steady clock; to be called
+  /// often. Not before the first picture, after the end of a file or while the source has a fault.
   void watch() HELIX_ARM_EXCLUDES(mutex_);
-  void stopWatching() HELIX_ARM_EXCLUDES(mutex_) {
+  /// From now on no other state is entered. @param fault  enters camera_fault before; empty: none.
+  void close(const std::string& fault = {}) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    watching_ = false;
+    if (!fault.empty()) enterLocked(VisionStatus::CAMERA_FAULT, fault);
+    closed_ = true;
   }
 
   /// Publishes status and diagnostics; to be called once a second.
@@ -139,7 +132,7 @@ class VisionStatusPublisher {
   }
   /// Warnings come once in a while however often their reason does.
   void countLocked(const PictureRefusal& refusal) HELIX_ARM_REQUIRES(mutex_);
-  /// Does nothing after fail().
+  /// Does nothing after close().
   void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
   /// Of the pictures, and of what is seen in them.
   diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
@@ -162,8 +155,7 @@ class VisionStatusPublisher {
   std::optional<double> model_lag_ HELIX_ARM_GUARDED_BY(mutex_);
   std::array<FaultCount, kPictureFaultCount> faults_ HELIX_ARM_GUARDED_BY(mutex_);
   std::array<FaultCount, VisionStatus::ENDED + 1> states_ HELIX_ARM_GUARDED_BY(mutex_);
-  bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
-  bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool closed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
   ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
   ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);

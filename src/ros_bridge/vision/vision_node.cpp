@@ -12,6 +12,7 @@
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/shipped_files.hpp"
@@ -127,12 +128,10 @@ class PictureSource {
         lease_(options.stale_after),
         frames_(openFrames(options, scene)) {
     const bool has_url = !options_.camera_info_url.empty();
-    if (frames_ == nullptr && has_url) {
-      throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
-                                  ", but the calibration of ~source " + options_.source +
-                                  " comes on camera_info; leave ~camera_info_url empty, or set "
-                                  "~source to webcam or a file");
-    }
+    basics::require(frames_ != nullptr || !has_url, "~camera_info_url is ",
+                    options_.camera_info_url, ", but the calibration of ~source ", options_.source,
+                    " comes on camera_info; leave ~camera_info_url empty, or set ~source to webcam "
+                    "or a file");
     using Self = PictureSource;
     if (options_.fromTopic(names::kImage)) {
       image_subscriber_ = listen(node, names::kImage, 1, &Self::onImage, this);
@@ -146,10 +145,8 @@ class PictureSource {
     if (frames_ != nullptr && has_url) {
       calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
           node, "camera", options_.camera_info_url);
-      if (!calibration_->isCalibrated()) {
-        throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
-                                    "; expected the URL of a calibration");
-      }
+      basics::require(calibration_->isCalibrated(), "~camera_info_url is ",
+                      options_.camera_info_url, "; expected the URL of a calibration");
     }
   }
   /// Stops, and waits for the thread to end.
@@ -281,78 +278,6 @@ class PictureSource {
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;
-};
-
-// Pictures are not exactly periodic; one slightly early must not be skipped.
-constexpr double kDrawingSlack = 0.9;
-
-/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
-/// itself and its camera_info, while someone subscribes to them. For one thread.
-class MeasurementPublisher {
- public:
-  /// @param frames  of the measured shape.
-  /// @param status  outlives this.
-  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options,
-                       const FrameNames& frames, VisionStatusPublisher& status)
-      : frames_(frames),
-        camera_frame_(options.cameraFrame()),
-        drawing_period_(kDrawingSlack / options.draw_rate),
-        status_(status),
-        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
-        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
-        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
-    if (!options.publish_image) return;
-    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
-    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
-  }
-
-  void publish(const Measurement& measurement) {
-    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
-    status_.saw(measurement, report);
-    if (report.shape) measured_publisher_.publish(*report.shape);
-    if (report.error) error_publisher_.publish(*report.error);
-    if (measurement.measured()) {
-      const estimation::TwistFit& fit = measurement.observation.fit;
-      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
-    }
-    detections_publisher_.publish(report.detections);
-    republish(measurement);
-    draw(measurement, report);
-  }
-
- private:
-  void republish(const Measurement& measurement) {
-    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
-    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
-      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
-    }
-    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
-      image_publisher_.publish(
-          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
-    }
-  }
-  void draw(const Measurement& measurement, const ObservationReport& report) {
-    const ros::SteadyTime now = ros::SteadyTime::now();
-    if (now - last_drawing_ < drawing_period_) return;
-    last_drawing_ = now;
-    if (overlay_publisher_.getNumSubscribers() > 0) {
-      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
-    }
-    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
-  }
-
-  const FrameNames frames_;
-  const std::string camera_frame_;
-  const ros::WallDuration drawing_period_;
-  VisionStatusPublisher& status_;
-
-  ros::SteadyTime last_drawing_;
-  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
-  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
-  CurveFrames curve_frames_{frames_, "pictures are", "them"};
 };
 
 // Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
@@ -638,58 +563,25 @@ io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
     if (options.optional) throw NothingToDo(message);
     throw std::invalid_argument(message + "; add what is missing to it");
   }
-  if (options.fromWebcam() && !scene.camera->webcam) {
-    throw std::invalid_argument("scene " + scene.name +
-                                " has no camera.webcam; add it, or set ~source to topic");
-  }
-  if (options.publish_image && !options.fromWebcam() && !options.fromFile()) {
-    throw std::invalid_argument("~publish_image is true, but the pictures of ~source " +
-                                options.source +
-                                " come from a topic already; leave it false, or set ~source to "
-                                "webcam or a file");
-  }
+  basics::require(!options.fromWebcam() || scene.camera->webcam, "scene ", scene.name,
+                  " has no camera.webcam; add it, or set ~source to topic");
+  basics::require(!options.publish_image || options.fromWebcam() || options.fromFile(),
+                  "~publish_image is true, but the pictures of ~source ", options.source,
+                  " come from a topic already; leave it false, or set ~source to webcam or a file");
   return scene;
 }
 
-/// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it.
-///
-/// Subscribes
-/// - image (sensor_msgs/Image; mono8, bgr8, rgb8, bgra8, rgba8, 8-bit Bayer) and image/compressed
-///   (sensor_msgs/CompressedImage; JPEG), according to ~source
-/// - camera_info (sensor_msgs/CameraInfo): intrinsics in place of the scene's; an uncalibrated one
-///   is refused, and nothing is measured until a sound one comes
-/// - model (ArmShape): where to expect the tags, and what to compare with
-///
-/// Publishes
-/// - measured (ArmShape, tier `measured`, with covariance): stamped like its picture
-/// - tag_detections (TagDetections): of each picture, measured in or not
-/// - model_error (ModelError): with each measurement that has a model of its time
-/// - vision_status (VisionStatus): at every change of state, and once a second
-/// - overlay (sensor_msgs/Image, bgr8): while someone subscribes to it
-/// - with ~publish_image: image (sensor_msgs/Image, mono8) and camera_info, the pictures of a
-///   webcam or file with the intrinsics that they are measured with: each while someone subscribes
-///   to it
-/// - measured_markers (visualization_msgs/MarkerArray): see VisionMarkers; deleted when the state
-///   is no longer `measured`
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: camera`, `<node>: measurement`, 1 Hz
-/// - tf: arm_base -> measured_0 .. measured_(n-1) and measured_tip, stamped like the picture;
-///   world -> camera_optical (static)
-///
-/// Service
-/// - ~reload (Reload): another file of the same rig, from the next picture on; ~source and the
-///   settings of a webcam stay
-///
-/// Parameters: VisionOptions.
+// Pictures are not exactly periodic; one slightly early must not be skipped.
+constexpr double kDrawingSlack = 0.9;
+
+/// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it:
+/// the node vision of docs/nodes.md. Parameters: VisionOptions.
 ///
 /// A picture that comes while one is measured waits; a newer one replaces it, and this is counted.
 /// Files are read at the pace of the measurements. A bad picture or camera_info is counted, warned
-/// of at a limited rate and reported on vision_status; it never makes a measurement. A picture
-/// stamped 0 is stamped on arrival, with a warning. One stamped before the last one is a jump back
-/// in time: nothing from before it is used. A steady clock decides whether pictures still come; all
-/// else goes by stamps.
-///
-/// Ends with 0 when asked to, or where ~optional is set and there is nothing to see; 1 when the ROS
-/// master is lost; 2 on a bad scene or parameter.
+/// of at a limited rate and reported on vision_status; it never makes a measurement. One stamped
+/// before the last one is a jump back in time: nothing from before it is used. A steady clock
+/// decides whether pictures still come; all else goes by stamps.
 class VisionNode : public Node {
  public:
   /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
@@ -707,12 +599,15 @@ class VisionNode : public Node {
                 options_.frames),
         scene_(requireVision(io::loadScene(options_.scene), options_)),
         node_(node),
-        status_(node_, {name_, frames_.base, options_.source, options_.stale_after,
-                        1.0 / options_.draw_rate}),
+        status_(node_, name_, frames_.base, options_.source, options_.stale_after,
+                1.0 / options_.draw_rate),
         source_(node_, options_, scene_, status_),
         models_(scene_, status_),
-        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-        publisher_(node_, options_, frames_, status_) {
+        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_) {
+    if (options_.publish_image) {
+      image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
+      info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+    }
     sendCameraFrame();
     status_.lookAt(scene_);
     using Self = VisionNode;
@@ -779,9 +674,9 @@ class VisionNode : public Node {
       EndRequest::make();
       return;
     }
-    stop();
     // Both threads stop for good; the other may still process a picture.
-    status_.fail("vision has failed and stopped: load its nodelet again");
+    status_.close("vision has failed and stopped: load its nodelet again");
+    stop();
     logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again",
              name_.c_str());
   }
@@ -804,13 +699,44 @@ class VisionNode : public Node {
     if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
       status_.refuse(*refusal);
     } else {
-      publisher_.publish(std::get<Measurement>(taken));
+      publish(std::get<Measurement>(taken));
     }
+  }
+
+  void publish(const Measurement& measurement) {
+    const std::string camera_frame = options_.cameraFrame();
+    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame);
+    status_.saw(measurement, report);
+    if (report.shape) measured_publisher_.publish(*report.shape);
+    if (report.error) error_publisher_.publish(*report.error);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
+    detections_publisher_.publish(report.detections);
+    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame);
+    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+    }
+    if (image_publisher_) send(image_publisher_, header, [&] { return measurement.gray; });
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
+    last_drawing_ = now;
+    send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
+    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+  }
+
+  /// Publishes a picture while someone subscribes to it.
+  template <class MakePicture>
+  static void send(const ros::Publisher& publisher, const std_msgs::Header& header,
+                   const MakePicture& picture) {
+    if (publisher.getNumSubscribers() == 0) return;
+    publisher.publish(boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture())));
   }
 
   /// From any thread: ends the threads, and all waits.
   void stop() {
-    status_.stopWatching();
+    status_.close();
     source_.stop();
     models_.stop();
   }
@@ -832,13 +758,21 @@ class VisionNode : public Node {
   ros::NodeHandle node_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
-  // A picture passes from source_ through measurer_, which asks models_, to publisher_.
+  // A picture passes from source_ through measurer_, which asks models_, to publish().
   VisionStatusPublisher status_;  ///< from any thread
   PictureSource source_;          ///< locks what its threads share
   ModelMatcher models_;           ///< locks what its threads share
   PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
-  /// Used by the thread of the measurements only.
-  MeasurementPublisher publisher_;
+
+  // Used by the thread of the measurements only.
+  const ros::Publisher measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10),
+                       detections_publisher_ =
+                           node_.advertise<TagDetections>(names::kTagDetections, 10),
+                       error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10),
+                       overlay_publisher_ = node_.advertise<sensor_msgs::Image>(names::kOverlay, 1);
+  ros::Publisher image_publisher_, info_publisher_;  ///< only with VisionOptions::publish_image
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
+  ros::SteadyTime last_drawing_;
   FaultGuard picture_guard_{"a picture"};
 
   ros::Subscriber model_subscriber_;
