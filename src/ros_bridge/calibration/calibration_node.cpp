@@ -258,25 +258,17 @@ class Recorder {
   /// Hands a message's pressures to the watch; warns where they are not of the scene.
   void take(const PressureArray& message, const char* topic, Input input)
       HELIX_ARM_EXCLUDES(mutex_) {
-    std::string scene, fault;
-    unsigned long times = 0;
-    {
-      const basics::MutexLock lock(mutex_);
-      const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
-      if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-        const double time = message.header.stamp.toSec();
-        (watch_.*input)(time, *pressure);
-        const bool reading = input == &procedures::SettleWatch::measured;
-        if (records_series_ && reading) series_->measured(time, *pressure);
-        return;
-      }
-      if (!foreign_pressures_.add()) return;
-      scene = scene_.name;
-      fault = std::get<control::Refusal>(checked).message;
-      times = foreign_pressures_.total();
+    const basics::MutexLock lock(mutex_);
+    const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
+    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      const double time = message.header.stamp.toSec();
+      (watch_.*input)(time, *pressure);
+      const bool reading = input == &procedures::SettleWatch::measured;
+      if (records_series_ && reading) series_->measured(time, *pressure);
+    } else if (foreign_pressures_.add()) {
+      logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene_.name.c_str(),
+                 std::get<control::Refusal>(checked).message.c_str(), foreign_pressures_.total());
     }
-    logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
-               fault.c_str(), times);
   }
   procedures::Settling settlingAt(double now) const HELIX_ARM_REQUIRES(mutex_) {
     procedures::Settling out = watch_.at(now);
@@ -322,6 +314,8 @@ bool answer(const char* service, Response& response, const Body& body) {
   return true;
 }
 
+constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+
 /// Fills the response of the service or the result of the action.
 /// @param path  Of the calibrated scene.
 template <class Answer>
@@ -329,8 +323,7 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   out.success = outcome.success;
   out.message = outcome.message;
   out.warnings = outcome.warnings;
-  out.held_out_error = std::numeric_limits<double>::quiet_NaN();
-  constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+  out.held_out_error = kUndetermined;
   out.tip_error_before = outcome.tip_error_before.value_or(kUndetermined);
   out.tip_error_after = outcome.tip_error_after.value_or(kUndetermined);
   if (outcome.success) out.out = path;
@@ -401,16 +394,6 @@ class JobSlot {
   const char* job_ HELIX_ARM_GUARDED_BY(mutex_) = nullptr;
 };
 
-void makeFolder(const std::string& folder) {
-  std::error_code fault;
-  std::filesystem::create_directories(folder, fault);
-  if (fault) {
-    logWarning(
-        "the folder %s does not exist and cannot be created (%s): services cannot use files in it",
-        folder.c_str(), fault.message().c_str());
-  }
-}
-
 /// Reads data sets, fits the file of the node's scene, writes the calibrated scene, and keeps the
 /// last one. From any thread; no file is read or written and nothing is fitted under its lock.
 class Calibrator {
@@ -429,8 +412,15 @@ class Calibrator {
         out_access_({{out_folder, "~out_folder"}}),
         rules_(rules),
         scene_file_(std::move(scene_file)) {
-    makeFolder(data_folder);
-    makeFolder(out_folder);
+    for (const std::string& folder : {data_folder, out_folder}) {
+      std::error_code fault;
+      std::filesystem::create_directories(folder, fault);
+      if (!fault) continue;
+      logWarning(
+          "the folder %s does not exist and cannot be created (%s): services cannot use files in "
+          "it",
+          folder.c_str(), fault.message().c_str());
+    }
   }
 
   // Paths without links, of what a request names.
@@ -439,12 +429,10 @@ class Calibrator {
   std::string tablePath(const std::string& data) const {
     return data_access_.toRead("data", data, {".csv"});
   }
-
   /// Where a calibrated scene goes; empty stays empty.
   std::string scenePath(const std::string& out) const {
     return out.empty() ? out : out_access_.toWrite("out", out, {".yaml"});
   }
-
   /// of a scene or of samples to write
   std::string savePath(const std::string& path) const {
     return out_access_.toWrite("path", path, {".yaml", ".csv"});
@@ -573,17 +561,13 @@ class RunAction {
   };
   /// In the spinning thread.
   void onStatus(const TargetStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      trace_.answered(*status);
-    }
-    if (status->commander != ros::this_node::getName() ||
+    const basics::MutexLock lock(mutex_);
+    trace_.answered(*status);
+    if (!motion_ || status->commander != ros::this_node::getName() ||
         status->outcome != TargetStatus::DROPPED) {
       return;
     }
     const std::string message = basics::quoted(status->message, kLongestMessage);
-    const basics::MutexLock lock(mutex_);
-    if (!motion_) return;
     if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
       motion_->run.yield(message);
     } else if (status->fault != control::nameOf(control::Fault::kStale)) {
@@ -599,7 +583,7 @@ class RunAction {
   void onGoal(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
     JobSlot::Claim claim;
     RunCalibrationResult refused;
-    refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
+    refused.held_out_error = kUndetermined;
     answer(names::kRunCalibration, refused, [&] {
       claim = jobs_.claim(kRun);
       begin(goal);
@@ -610,23 +594,18 @@ class RunAction {
       claim.reset();
       return end(refused, false);
     }
-    std::string why;
-    if (!goal_guard_.run(
-            "",
-            [&] {
-              client_.watchNext(goal);
-              client_.beginNext();
-              play();
-              client_.release();
-              recorder_.stopSeries();
-              if (!ros::ok()) return;
-              rest();
-              conclude(goal);
-            },
-            &why) &&
-        server_->isActive()) {
+    const auto live = [&] {
+      client_.watchNext(goal);
+      client_.beginNext();
+      play();
+      client_.release();
+      recorder_.stopSeries();
+      if (!ros::ok()) return;
+      rest();
+      conclude(goal);
+    };
+    if (!goal_guard_.run("", live, &refused.message) && server_->isActive()) {
       refused.success = false;
-      refused.message = why;
       end(refused, false);
     }
     const basics::MutexLock lock(mutex_);
@@ -733,18 +712,13 @@ class RunAction {
 
   /// Brings the arm to rest after a run, if it is still the run's and no other goal waits for it.
   void rest() HELIX_ARM_EXCLUDES(mutex_) {
-    for (;;) {
+    for (bool waits = true; waits; std::this_thread::sleep_for(kBetweenLooks)) {
       // Without a master, the call would block.
       if (EndRequest::isUrgent() || !ros::ok()) return;
-      {
-        const basics::MutexLock lock(mutex_);
-        if (server_->isNewGoalAvailable()) return;
-        if (!trace_.awaitsAnswer()) {
-          if (!trace_.commands() && !trace_.wasRested()) return;
-          break;
-        }
-      }
-      std::this_thread::sleep_for(kBetweenLooks);
+      const basics::MutexLock lock(mutex_);
+      if (server_->isNewGoalAvailable()) return;
+      waits = trace_.awaitsAnswer();
+      if (!waits && !trace_.commands() && !trace_.wasRested()) return;
     }
     requestRest();
   }
@@ -752,7 +726,7 @@ class RunAction {
   /// Calibrates where the run was completed, and sets the result.
   void conclude(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
     RunCalibrationResult result;
-    result.held_out_error = std::numeric_limits<double>::quiet_NaN();
+    result.held_out_error = kUndetermined;
     RunCalibrationFeedback feedback;
     feedback.state = "fitting";
     basics::MutexLock lock(mutex_);
@@ -932,7 +906,7 @@ class CalibrationNode : public Node {
 
   // Services. While run_calibration is under way, each is refused.
   bool onCalibrate(Calibrate::Request& request, Calibrate::Response& response) {
-    response.held_out_error = std::numeric_limits<double>::quiet_NaN();
+    response.held_out_error = kUndetermined;
     return answer(names::kCalibrate, response, [&] {
       const std::string out = calibrator_.scenePath(request.out);
       const JobSlot::Claim fit = jobs_.claim(kFit);
@@ -944,7 +918,7 @@ class CalibrationNode : public Node {
   }
 
   bool onFitContraction(FitContraction::Request& request, FitContraction::Response& response) {
-    response.hysteresis = std::numeric_limits<double>::quiet_NaN();
+    response.hysteresis = kUndetermined;
     return answer(names::kFitContraction, response, [&] {
       const procedures::CalibrationRequest job = requestOf(request);
       const std::string path = calibrator_.tablePath(request.data);

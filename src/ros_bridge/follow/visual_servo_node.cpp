@@ -1,6 +1,5 @@
 #include <cmath>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -23,6 +22,7 @@
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
@@ -233,14 +233,13 @@ class CommandLink {
 
 bool areEqual(const follow::Target& a, const follow::Target& b) {
   if (a.index() != b.index()) return false;
-  if (const auto* position = std::get_if<Eigen::Vector3d>(&a)) {
-    return *position == std::get<Eigen::Vector3d>(b);
-  }
   if (const auto* pose = std::get_if<lie::SE3>(&a)) {
     const auto& other = std::get<lie::SE3>(b);
     return pose->translation == other.translation && pose->rotation == other.rotation;
   }
-  return std::get<model::Twists>(a) == std::get<model::Twists>(b);
+  const auto* position = std::get_if<Eigen::Vector3d>(&a);
+  return position ? *position == std::get<Eigen::Vector3d>(b)
+                  : std::get<model::Twists>(a) == std::get<model::Twists>(b);
 }
 
 // All zero, as in a message whose orientation was not set.
@@ -281,11 +280,7 @@ class LoopTargets {
     return target_;
   }
   /// Whether the target is another than at the last call.
-  bool takeChange() {
-    const bool changed = changed_;
-    changed_ = false;
-    return changed;
-  }
+  bool takeChange() { return std::exchange(changed_, false); }
   /// Forgets the target.
   void forget() {
     target_.reset();
@@ -300,10 +295,7 @@ class LoopTargets {
     return admission_.claim(commander);
   }
 
-  /// Whether messages wait for an answer.
-  bool areUnanswered() const { return !unanswered_.empty(); }
-
-  /// Answers them: the loop commands the target.
+  /// Answers the messages that wait for it: the loop commands the target.
   void answer(const TargetSolution& solution) {
     for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
     unanswered_.clear();
@@ -362,11 +354,7 @@ class LoopTargets {
     const auto checked = seenFromBase(target);
     const TipGoal* goal = admission_.admit(sender, checked);
     if (goal == nullptr) return;
-    if (goal->with_rotation) {
-      set(sender, goal->X_BT);
-    } else {
-      set(sender, goal->X_BT.translation);
-    }
+    set(sender, goal->with_rotation ? follow::Target(goal->X_BT) : goal->X_BT.translation);
   }
 
   void set(const TargetSender& sender, const follow::Target& target) {
@@ -409,16 +397,9 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
 
 // Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
-  switch (on_contact) {
-    case FollowTipPathGoal::REPORT:
-      return follow::OnContact::kReport;
-    case FollowTipPathGoal::YIELD:
-      return follow::OnContact::kYield;
-    case FollowTipPathGoal::STOP:
-      return follow::OnContact::kStop;
-    default:
-      return usual;
-  }
+  if (on_contact == FollowTipPathGoal::REPORT) return follow::OnContact::kReport;
+  if (on_contact == FollowTipPathGoal::YIELD) return follow::OnContact::kYield;
+  return on_contact == FollowTipPathGoal::STOP ? follow::OnContact::kStop : usual;
 }
 
 /// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
@@ -463,11 +444,7 @@ class FollowAction {
   /// The arm is to be commanded: a goal runs, or its last place is held.
   bool wants() const { return run_.has_value() || isHeld(); }
   /// Whether a hold has run out since the last call.
-  bool takeEndOfHold() {
-    if (!hold_since_ || wants()) return false;
-    endHold();
-    return true;
-  }
+  bool takeEndOfHold() { return !wants() && std::exchange(hold_since_, std::nullopt); }
   /// No longer holds the last place of a goal: another command has come.
   void endHold() { hold_since_.reset(); }
 
@@ -614,10 +591,10 @@ class FollowAction {
     }
     auto& goal = std::get<PathGoal>(*decided);
     if (goal.hold > longestHold()) {
-      std::ostringstream text;
-      text << "hold_s is " << *goal.hold << "; expected at most " << longestHold()
-           << " on hardware: a tip_target that is repeated keeps the tip where it is for longer";
-      reject(next, {Result::INVALID_GOAL, text.str()});
+      reject(next, {Result::INVALID_GOAL,
+                    basics::format("hold_s is %g; expected at most %g on hardware: a tip_target "
+                                   "that is repeated keeps the tip where it is for longer",
+                                   *goal.hold, longestHold())});
       return;
     }
     if (const auto other = targets_.claim(names::kFollowTipPath)) {
@@ -655,8 +632,7 @@ class FollowAction {
   }
 
   void cancel(const std::string& reason) {
-    const GoalFigures figures = run_->watch.figures();
-    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, run_->watch.figures()), reason);
     leave();
   }
 
@@ -719,37 +695,8 @@ struct VisualServoOptions {
 };
 
 /// Brings the tip where it is wanted by what the camera sees: a follow::VisualServo as one
-/// commander of pressure_command.
-///
-/// Subscribes
-/// - tip_target (TipTarget), tip_pose (geometry_msgs/PoseStamped), shape_target (ShapeTarget):
-///   targets, in any frame that tf relates to the arm's base; tip_handle/feedback
-/// - measured (ArmShape), tag_detections (TagDetections): of vision; the second tells which tags a
-///   shape was fitted to
-/// - pressure_measured, pressure_command (PressureArray), safety_state (SafetyState),
-///   target_status (TargetStatus): of pressure_command
-/// - /tf, /tf_static
-///
-/// Publishes
-/// - pressure_target (PressureArray): with every pressure_measured while somebody commands the loop
-/// - target_status (TargetStatus): result of each target
-/// - loop_status (LoopStatus); estimate (ArmShape, tier `estimated`, with covariance): the shape of
-///   the corrected model at the measured pressures
-/// - error_budget (ErrorBudget), 5 Hz; external_load (ExternalLoad), latched
-/// - loop_markers (visualization_msgs/MarkerArray): LoopMarkers; tip_handle/update and
-///   tip_handle/update_full
-/// - /diagnostics: `<node>: loop`, `<node>: correction`, `<node>: targets`, 1 Hz
-///
-/// Services
-/// - ~close_loop (std_srvs/SetBool): false keeps what the pictures teach out of the command
-/// - ~reset (std_srvs/Trigger): forgets what they taught; the way out of the state `diverging`
-/// - ~reload (Reload): another file of the same rig, while nobody commands the loop; forgets, too,
-///   and ends the hold of a goal, after which the arm rests
-///
-/// Action
-/// - ~follow_tip_path (FollowTipPath): moves the tip along a path
-///
-/// Parameters: VisualServoOptions.
+/// commander of pressure_command, the node visual_servo of docs/nodes.md. Parameters:
+/// VisualServoOptions.
 ///
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
 /// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
@@ -759,8 +706,7 @@ struct VisualServoOptions {
 /// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
 /// enables the arm, except that a target may enable a simulated one.
 ///
-/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
-/// it runs in the main thread, except that goals are read and their paths checked in others.
+/// All of it runs in the main thread, except that goals are read and their paths checked in others.
 class VisualServoNode : public Node {
  public:
   VisualServoNode() {
@@ -930,9 +876,7 @@ class VisualServoNode : public Node {
   void command(const follow::Turn& turn) {
     if (turn.commands) {
       link_.send(turn.pressure);
-      if (targets_.areUnanswered()) {
-        targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
-      }
+      targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
       return;
     }
     if (!isWanted()) return;
