@@ -110,47 +110,6 @@ std::vector<CallAnswer> CallDesk::take() {
   return std::exchange(answers_, {});
 }
 
-CallAnswer useLastCalibration(const std::string& ns) {
-  CallAnswer out;
-  const std::string node = ros::names::append(ns, names::kCalibrationNode);
-  std::string folder;
-  ros::param::get(ros::names::append(node, "out_folder"), folder);
-  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
-  if (folder.empty()) folder = defaultFolder();
-  Save save;
-  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
-  const std::string save_name = ros::names::append(node, names::kSave);
-  if (!ros::service::call(save_name, save)) {
-    out.message = save_name + " is not there or does not answer";
-    out.answered = false;
-    return out;
-  }
-  if (!save.response.success) {
-    out.message = "not written: " + shownText(save.response.message);
-    return out;
-  }
-  std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
-                           names::kCalibrationNode}) {
-    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
-    if (!ros::service::exists(name, false)) continue;
-    Reload reload;
-    reload.request.scene = save.request.path;
-    const bool called = ros::service::call(name, reload);
-    if (!called || !reload.response.success) {
-      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
-                    " is not loaded by " + user + ": " +
-                    (called ? shownText(reload.response.message) : "no answer");
-      return out;
-    }
-    users += (users.empty() ? "" : ", ") + std::string(user);
-  }
-  out.success = !users.empty();
-  out.message = out.success ? save.request.path + " is used by " + users
-                            : save.request.path + " is written, but no node is up that loads it";
-  return out;
-}
-
 void HeldGoal::begin(double now, CockpitGoal goal) {
   if (goal_ == CockpitGoal::kNone) waits_since_.reset();
   if (goal_ != goal) answered_at_ = now;  // a slider that is dragged on is no answer
@@ -198,6 +157,52 @@ bool HeldGoal::turn(double now) {
 }
 
 namespace {
+
+/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
+///
+/// @param ns  resolved namespace of the arm's nodes.
+CallAnswer useLastCalibration(const std::string& ns) {
+  CallAnswer out;
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  const std::string save_name = ros::names::append(node, names::kSave);
+  if (!ros::service::call(save_name, save)) {
+    out.message = save_name + " is not there or does not answer";
+    out.answered = false;
+    return out;
+  }
+  if (!save.response.success) {
+    out.message = "not written: " + shownText(save.response.message);
+    return out;
+  }
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const bool called = ros::service::call(name, reload);
+    if (!called || !reload.response.success) {
+      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                    " is not loaded by " + user + ": " +
+                    (called ? shownText(reload.response.message) : "no answer");
+      return out;
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  out.success = !users.empty();
+  out.message = out.success ? save.request.path + " is used by " + users
+                            : save.request.path + " is written, but no node is up that loads it";
+  return out;
+}
 
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
@@ -264,11 +269,14 @@ void elsewhere(Body body) {
 }  // namespace
 
 template <class Message>
-void CockpitLink::hear(const char* topic, bool (CockpitLink::*take)(const Message&)) {
+void CockpitLink::hear(const char* topic, Heard<Message> CockpitLink::*heard,
+                       bool (CockpitLink::*counts)(const Message&)) {
   subscribers_.push_back(listen<Message>(
-      node_, topic, kQueue, [this, topic, take](const ros::MessageEvent<const Message>& event) {
+      node_, topic, kQueue, [this, heard, counts](const ros::MessageEvent<const Message>& event) {
+        const Message& message = *event.getConstMessage();
         const basics::MutexLock lock(mutex_);
-        if ((this->*take)(*event.getConstMessage())) came_[topic] = now();
+        const bool is_sound = counts == nullptr || (this->*counts)(message);
+        if (is_sound && heard != nullptr) this->*heard = {message, now()};
       }));
 }
 
@@ -277,16 +285,17 @@ CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
-  hear(names::kPressureCommand, &CockpitLink::onCommand);
-  hear(names::kPressureMeasured, &CockpitLink::onPressures);
-  hear(names::kSafetyState, &CockpitLink::onSafety);
-  hear(names::kTargetStatus, &CockpitLink::onStatus);
-  hear(names::kMeasured, &CockpitLink::onMeasured);
-  hear(names::kModel, &CockpitLink::onModel);
-  hear(names::kModelError, &CockpitLink::onError);
-  hear(names::kVisualServoStatus, &CockpitLink::onLoop);
-  hear(names::kErrorBudget, &CockpitLink::onBudget);
-  hear(names::kDiagnostics, &CockpitLink::onDiagnostics);
+  using Self = CockpitLink;
+  hear(names::kPressureCommand, &Self::command_, &Self::onCommand);
+  hear(names::kPressureMeasured, &Self::reading_, &Self::onReading);
+  hear(names::kSafetyState, &Self::safety_, &Self::onSafety);
+  hear<TargetStatus>(names::kTargetStatus, nullptr, &Self::onStatus);
+  hear(names::kMeasured, &Self::measured_);
+  hear(names::kModel, &Self::model_);
+  hear(names::kModelError, &Self::error_);
+  hear(names::kVisualServoStatus, &Self::loop_);
+  hear(names::kErrorBudget, &Self::budget_);
+  hear<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, nullptr, &Self::onDiagnostics);
   client_ = std::make_unique<Client>(
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
@@ -301,17 +310,26 @@ CockpitView CockpitLink::view() {
   held_.look(now());
   watchCalibration(there);
   CockpitView out = seen_;
-  out.connected = isFresh(names::kPressureCommand);
+  out.connected = command_.isFresh();
   out.tip_heard = tip_heard;
-  if (out.safety && out.safety->state.empty()) out.safety.reset();
+  if (!safety_.last.state.empty()) {
+    SafetyState& safety = out.safety.emplace(safety_.last);
+    for (std::string* const text : {&safety.state, &safety.cause, &safety.problem, &safety.action,
+                                    &safety.remedy, &safety.reason}) {
+      *text = shownText(*text);
+    }
+  }
   out.channels = channels();
-  if (!isFresh(names::kMeasured)) out.measured_tip.reset();
-  if (!isFresh(names::kModel)) out.model_tip.reset();
-  if (!isFresh(names::kModelError)) out.tip_error = kUnknown;
-  if (!isFresh(names::kVisualServoStatus, kLoopFresh)) {
-    out.loop.reset();
-  } else if (isFresh(names::kErrorBudget, kLoopFresh)) {
-    out.loop->budget_sd = budget_sd_;
+  out.base_frame = shownText(model_.last.header.frame_id);
+  out.arm_length = lengthOf(model_.last);
+  if (measured_.isFresh()) out.measured_tip = tipPositionOf(measured_.last);
+  if (model_.isFresh()) out.model_tip = tipPositionOf(model_.last);
+  if (error_.isFresh()) out.tip_error = error_.last.tip_error;
+  if (loop_.isFresh(kLoopFresh)) {
+    out.loop = CockpitLoop{shownText(loop_.last.state), shownText(loop_.last.message)};
+    if (loop_.last.has_wanted) out.loop->error = loop_.last.error;
+    if (loop_.last.has_predicted) out.loop->predicted_sd = loop_.last.predicted_sd;
+    if (budget_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_.last.predicted_sd;
   }
   out.goal = held_.goal();
   out.held = held_.pressures();
@@ -323,20 +341,13 @@ CockpitView CockpitLink::view() {
   return out;
 }
 
-bool CockpitLink::isFresh(const char* topic, double longest) const {
-  const auto came = came_.find(topic);
-  return came != came_.end() && now() - came->second < longest;
-}
-
 std::vector<CockpitChannel> CockpitLink::channels() const {
-  const bool commanded = isFresh(names::kPressureCommand);
-  const bool measured = isFresh(names::kPressureMeasured);
   std::vector<CockpitChannel> out;
-  for (const std::string& name : command_.name) {
+  for (const std::string& name : command_.last.name) {
     CockpitChannel& channel = out.emplace_back();
     channel.name = shownText(name);
-    if (commanded) channel.command = pressureOf(command_, name);
-    if (measured) channel.measured = pressureOf(pressures_, name);
+    if (command_.isFresh()) channel.command = pressureOf(command_.last, name);
+    if (reading_.isFresh()) channel.measured = pressureOf(reading_.last, name);
     const auto limits = limits_.find(name);
     if (limits == limits_.end()) continue;
     channel.lower = limits->second[0];
@@ -395,9 +406,9 @@ void CockpitLink::hold(bool on) {
   {
     const basics::MutexLock lock(mutex_);
     const bool holds = held_.goal() != CockpitGoal::kNone;
-    if (holds == on || (on && !isFresh(names::kPressureCommand))) return;
+    if (holds == on || (on && !command_.isFresh())) return;
     if (on) {
-      held_.holdPressures(now(), command_.pressure);
+      held_.holdPressures(now(), command_.last.pressure);
       return send();
     }
     held_.end("let go: the arm ramps down to rest");
@@ -408,7 +419,7 @@ void CockpitLink::hold(bool on) {
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
   const basics::MutexLock lock(mutex_);
   std::vector<double> goal =
-      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.pressure;
+      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.last.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
   held_.holdPressures(now(), std::move(goal));
@@ -419,7 +430,7 @@ void CockpitLink::send() {
   if (held_.goal() == CockpitGoal::kPressures) {
     PressureArray target;
     target.header.stamp = ros::Time::now();
-    target.name = command_.name;
+    target.name = command_.last.name;
     target.pressure = held_.pressures();
     pressure_publisher_.publish(target);
   } else if (held_.goal() == CockpitGoal::kTip) {
@@ -490,24 +501,14 @@ void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result
 
 bool CockpitLink::onCommand(const PressureArray& message) {
   if (!isSound(message)) return false;
-  if (message.name != command_.name) held_.end("the arm has other actuators now");
-  command_ = message;
+  if (message.name != command_.last.name) held_.end("the arm has other actuators now");
   return true;
 }
 
-bool CockpitLink::onPressures(const PressureArray& message) {
-  if (!isSound(message)) return false;
-  pressures_ = message;
-  return true;
-}
+bool CockpitLink::onReading(const PressureArray& message) { return isSound(message); }
 
 bool CockpitLink::onSafety(const SafetyState& message) {
-  SafetyState& safety = seen_.safety.emplace(message);
-  for (std::string* const text : {&safety.state, &safety.cause, &safety.problem, &safety.action,
-                                  &safety.remedy, &safety.reason}) {
-    *text = shownText(*text);
-  }
-  held_.noteState(message.state == SafetyState::ENABLED, safety.reason);
+  held_.noteState(message.state == SafetyState::ENABLED, shownText(message.reason));
   return true;
 }
 
@@ -519,35 +520,6 @@ bool CockpitLink::onStatus(const TargetStatus& message) {
   held_.noteAnswer(now(), message.outcome == TargetStatus::DROPPED, message.fault,
                    reached ? "reached" : shownText(message.message));
   if (message.outcome == TargetStatus::UNREACHABLE) held_.noteShort();
-  return true;
-}
-
-bool CockpitLink::onMeasured(const ArmShape& message) {
-  seen_.measured_tip = tipPositionOf(message);
-  return true;
-}
-
-bool CockpitLink::onModel(const ArmShape& message) {
-  seen_.model_tip = tipPositionOf(message);
-  seen_.base_frame = shownText(message.header.frame_id);
-  if (!std::isfinite(seen_.arm_length)) seen_.arm_length = lengthOf(message);
-  return true;
-}
-
-bool CockpitLink::onError(const ModelError& message) {
-  seen_.tip_error = message.tip_error;
-  return true;
-}
-
-bool CockpitLink::onLoop(const LoopStatus& message) {
-  seen_.loop = CockpitLoop{shownText(message.state), shownText(message.message)};
-  if (message.has_wanted) seen_.loop->error = message.error;
-  if (message.has_predicted) seen_.loop->predicted_sd = message.predicted_sd;
-  return true;
-}
-
-bool CockpitLink::onBudget(const ErrorBudget& message) {
-  budget_sd_ = message.predicted_sd;
   return true;
 }
 

@@ -78,13 +78,6 @@ class CallDesk {
   std::vector<CallAnswer> answers_;
 };
 
-/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
-/// that are up. Blocks.
-///
-/// @param ns  resolved namespace of the arm's nodes.
-CallAnswer useLastCalibration(const std::string& ns);
-
 /// What the cockpit repeats as its target: pressures or a tip. Decides when the repetition ends,
 /// so that the cockpit never moves an arm again that vented, or that somebody else has. No clock:
 /// times are arguments [s].
@@ -225,22 +218,25 @@ class CockpitLink {
 
   static double now() { return ros::SteadyTime::now().toSec(); }
 
-  /// Subscribes.
-  /// @param take  called with the lock; returns whether the message counts.
+  /// The last message of a topic that counts.
   template <class Message>
-  void hear(const char* topic, bool (CockpitLink::*take)(const Message&));
+  struct Heard {
+    Message last;
+    double came = -std::numeric_limits<double>::infinity();  ///< [s]
+
+    bool isFresh(double longest = kFresh) const { return now() - came < longest; }
+  };
+  /// Subscribes.
+  /// @param heard   Where the last message is kept; null: nowhere.
+  /// @param counts  called with the lock; returns whether a message counts. Null: all do.
+  template <class Message>
+  void hear(const char* topic, Heard<Message> CockpitLink::*heard,
+            bool (CockpitLink::*counts)(const Message&) = nullptr);
   bool onCommand(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onPressures(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onReading(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
   bool onSafety(const SafetyState& message) HELIX_ARM_REQUIRES(mutex_);
   bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onMeasured(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onModel(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onError(const ModelError& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onLoop(const LoopStatus& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onBudget(const ErrorBudget& message) HELIX_ARM_REQUIRES(mutex_);
   bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
-  /// Whether the last message of a topic that counts came so lately [s].
-  bool isFresh(const char* topic, double longest = kFresh) const HELIX_ARM_REQUIRES(mutex_);
 
   /// @param run  of a calibration, as runs_ was at its start.
   bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
@@ -275,10 +271,13 @@ class CockpitLink {
   ros::Publisher pressure_publisher_, tip_publisher_;
 
   basics::Mutex mutex_;
-  CockpitView seen_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of each topic, what came last
-  std::map<std::string, double> came_ HELIX_ARM_GUARDED_BY(mutex_);  ///< when, by topic [s]
-  PressureArray command_ HELIX_ARM_GUARDED_BY(mutex_), pressures_ HELIX_ARM_GUARDED_BY(mutex_);
-  double budget_sd_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                          ///< [m]
+  CockpitView seen_ HELIX_ARM_GUARDED_BY(mutex_);  ///< but what is heard
+  Heard<PressureArray> command_ HELIX_ARM_GUARDED_BY(mutex_), reading_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<SafetyState> safety_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ArmShape> measured_ HELIX_ARM_GUARDED_BY(mutex_), model_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ModelError> error_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<LoopStatus> loop_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ErrorBudget> budget_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started

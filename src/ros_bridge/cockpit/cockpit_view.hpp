@@ -29,8 +29,8 @@ struct CockpitChannel {
 struct CockpitLoop {
   std::string state, message;
   double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
-  double predicted_sd =
-      kUnknown;                 ///< of the loop's tip, with tags and base where the scene says [m]
+  /// Of the loop's tip, with tags and base where the scene says [m].
+  double predicted_sd = kUnknown;
   double budget_sd = kUnknown;  ///< the same with their uncertain placement [m]
 };
 
@@ -54,7 +54,7 @@ struct CockpitView {
   std::string connecting_to;     ///< that of the arm to which a connection is made; empty: none
   std::string silent_master;     ///< URI of the ROS master if it lets that connection wait
   std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
-  double arm_length = kUnknown;  ///< of the model when it was first seen [m]
+  double arm_length = kUnknown;  ///< of the model [m]
   bool connected = false;        ///< pressure_command comes
   bool tip_heard = true;         ///< a node takes tip targets
   std::optional<SafetyState> safety;
