@@ -70,8 +70,9 @@ namespace {
 struct Recording {
   io::Scene scene;
   std::vector<procedures::Sample> samples;
-  procedures::ResponseSeries series;  ///< of a run in a loop; empty without one
-  std::size_t left_out = 0;           ///< rows that the series has no room for
+  procedures::ResponseSeries series;      ///< of a run in a loop; empty without one
+  std::size_t left_out = 0;               ///< rows that the series has no room for
+  std::optional<std::string> calibrated;  ///< text of the last scene that was calibrated
 
   /// What a calibration takes.
   /// @throws std::invalid_argument without samples, io::DocumentError as
@@ -174,13 +175,19 @@ class Recorder {
     const basics::MutexLock lock(mutex_);
     return samples_.size();
   }
-  /// Forgets the samples and the series.
+  /// Text of the scene that was calibrated last.
+  void keep(const std::string& calibrated) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    calibrated_ = calibrated;
+  }
+  /// Forgets samples, series and calibrated scene.
   /// @return how many samples there were.
   std::size_t clear() HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     const std::size_t out = samples_.size();
     samples_.clear();
     series_.reset();
+    calibrated_.reset();
     records_series_ = false;
     return out;
   }
@@ -201,7 +208,7 @@ class Recorder {
   }
   Recording recording() const HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    Recording out{scene_, samples_, {}, 0};
+    Recording out{scene_, samples_, {}, 0, calibrated_};
     if (series_) {
       out.series = series_->series();
       out.left_out = series_->leftOut();
@@ -209,13 +216,14 @@ class Recorder {
     return out;
   }
 
-  /// Replaces the scene; the samples stay.
+  /// Replaces the scene; the samples stay, the calibrated one does not.
   /// @throws std::invalid_argument where it is not pneumatic or of another rig; nothing changes.
   void adopt(io::Scene next) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     next = requirePneumatic(std::move(next));
     requireSameRig(scene_, next);
     scene_ = std::move(next);
+    calibrated_.reset();
   }
 
  private:
@@ -287,6 +295,7 @@ class Recorder {
   std::optional<VisionStatus> vision_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
   FaultCount foreign_pressures_ HELIX_ARM_GUARDED_BY(mutex_);
   std::vector<procedures::Sample> samples_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::optional<std::string> calibrated_ HELIX_ARM_GUARDED_BY(mutex_);
 
   std::optional<procedures::SeriesRecord> series_ HELIX_ARM_GUARDED_BY(mutex_);
   bool records_series_ HELIX_ARM_GUARDED_BY(mutex_) = false;
@@ -357,7 +366,7 @@ constexpr char kFit[] = "a fit is running; wait for it";
 /// service. While a job holds the slot, no other starts, and neither samples nor scene are changed
 /// from outside. From any thread.
 ///
-/// Its mutex is locked after that of ReloadServer, and before those of Recorder and Calibrator.
+/// Its mutex is locked after that of ReloadServer, and before that of Recorder.
 class JobSlot {
  public:
   /// Holds the slot until its last copy ends.
@@ -394,8 +403,8 @@ class JobSlot {
   const char* job_ HELIX_ARM_GUARDED_BY(mutex_) = nullptr;
 };
 
-/// Reads data sets, fits the file of the node's scene, writes the calibrated scene, and keeps the
-/// last one. From any thread; no file is read or written and nothing is fitted under its lock.
+/// Reads data sets, fits the file of the node's scene, and writes the calibrated scene, which the
+/// recorder keeps. From any thread; no file is read or written and nothing is fitted under a lock.
 class Calibrator {
  public:
   using SceneFile = std::function<ReloadServer::File()>;
@@ -407,10 +416,11 @@ class Calibrator {
   /// @param rules       When the arm of a recording stands still.
   /// @param scene_file  The file of the node's scene.
   Calibrator(const std::string& data_folder, const std::string& out_folder,
-             const procedures::SettleRules& rules, SceneFile scene_file)
+             const procedures::SettleRules& rules, Recorder& recorder, SceneFile scene_file)
       : data_access_({{data_folder, "~data_folder"}, {out_folder, "~out_folder"}}),
         out_access_({{out_folder, "~out_folder"}}),
         rules_(rules),
+        recorder_(recorder),
         scene_file_(std::move(scene_file)) {
     for (const std::string& folder : {data_folder, out_folder}) {
       std::error_code fault;
@@ -441,13 +451,12 @@ class Calibrator {
   /// Reads data sets of all kinds, recordings included.
   /// @throws std::invalid_argument where one may not be read, io::DocumentError with every fault of
   /// a file.
-  procedures::CalibrationData load(const io::Scene& scene,
-                                   const std::vector<std::string>& paths) const {
+  procedures::CalibrationData load(const std::vector<std::string>& paths) const {
     std::vector<std::string> allowed;
     for (const std::string& path : paths) {
       allowed.push_back(data_access_.toRead("data", path, {".csv", ".bag"}));
     }
-    return loadMeasurements(scene, allowed, rules_);
+    return loadMeasurements(recorder_.scene(), allowed, rules_);
   }
 
   /// @throws std::invalid_argument where the words are none of CalibrationRequest::fit,
@@ -468,8 +477,7 @@ class Calibrator {
   procedures::CalibrationOutcome calibrate(const procedures::CalibrationRequest& request,
                                            const procedures::CalibrationData& data,
                                            const std::string& out,
-                                           const std::function<bool()>& cancelled)
-      HELIX_ARM_EXCLUDES(mutex_) {
+                                           const std::function<bool()>& cancelled) {
     const ReloadServer::File file = scene_file_();
     basics::require(io::sha256OfFile(file.path) == file.sha256, file.path,
                     " changed on disk since it was loaded; call reload first");
@@ -481,10 +489,7 @@ class Calibrator {
       outcome.message = "cancelled";
       return outcome;
     }
-    {
-      const basics::MutexLock lock(mutex_);
-      last_ = outcome.scene_text;
-    }
+    recorder_.keep(outcome.scene_text);
     if (out.empty()) return outcome;
     try {
       io::writeFileAtomically(scenePath(out), outcome.scene_text);
@@ -496,23 +501,11 @@ class Calibrator {
     return outcome;
   }
 
-  /// Text of the last scene that was calibrated; absent where there is none.
-  std::optional<std::string> last() const HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    return last_;
-  }
-
-  void forgetLast() HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    last_.reset();
-  }
-
  private:
   const FileAccess data_access_, out_access_;
   const procedures::SettleRules rules_;
+  Recorder& recorder_;
   const SceneFile scene_file_;
-  mutable basics::Mutex mutex_;
-  std::optional<std::string> last_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 constexpr double kFeedbackPeriod = 0.2;  // [s]
@@ -645,7 +638,6 @@ class RunAction {
     trace_ = {};
     recorder_.clear();
     if (goal.loop) recorder_.startSeries();
-    calibrator_.forgetLast();
   }
 
   /// Moves the arm until the run has ended, or ROS is shut down.
@@ -874,12 +866,12 @@ struct CalibrationNodeOptions {
 /// still the run ends, and ramps down by a steady clock.
 ///
 /// Messages, services and ~reload are handled in the spinning thread, run_calibration in a thread
-/// of its own. Locks in their order: ReloadServer, JobSlot or RunAction, Recorder or Calibrator.
+/// of its own. Locks in their order: ReloadServer, JobSlot or RunAction, Recorder.
 class CalibrationNode : public Node {
  public:
   CalibrationNode()
       : recorder_(node_, requirePneumatic(io::loadScene(options_.scene)), options_.settle),
-        calibrator_(options_.data_folder, options_.out_folder, options_.settle,
+        calibrator_(options_.data_folder, options_.out_folder, options_.settle, recorder_,
                     [this] { return reload_.file(); }),
         calibrate_(serve(private_node_, names::kCalibrate, &Self::onCalibrate, this)),
         fit_contraction_(
@@ -911,8 +903,7 @@ class CalibrationNode : public Node {
       const std::string out = calibrator_.scenePath(request.out);
       const JobSlot::Claim fit = jobs_.claim(kFit);
       const procedures::CalibrationData data =
-          request.data.empty() ? recorder_.recording().data()
-                               : calibrator_.load(recorder_.scene(), request.data);
+          request.data.empty() ? recorder_.recording().data() : calibrator_.load(request.data);
       fill(response, calibrator_.calibrate(requestOf(request), data, out, neverCancelled), out);
     });
   }
@@ -956,10 +947,8 @@ class CalibrationNode : public Node {
 
   bool onClear(ClearSamples::Request&, ClearSamples::Response& response) {
     return answer(names::kClearSamples, response, [&] {
-      jobs_.whileIdle([&] {
-        response.cleared = static_cast<std::uint32_t>(recorder_.clear());
-        calibrator_.forgetLast();
-      });
+      response.cleared =
+          static_cast<std::uint32_t>(jobs_.whileIdle([&] { return recorder_.clear(); }));
       response.success = true;
       response.message = std::to_string(response.cleared) + " samples cleared";
     });
@@ -968,8 +957,7 @@ class CalibrationNode : public Node {
   bool onSave(Save::Request& request, Save::Response& response) {
     return answer(names::kSave, response, [&] {
       const std::string path = calibrator_.savePath(request.path);
-      const auto [recording, last] =
-          jobs_.whileIdle([&] { return std::pair(recorder_.recording(), calibrator_.last()); });
+      const Recording recording = jobs_.whileIdle([&] { return recorder_.recording(); });
       std::string text;
       if (std::filesystem::path(path).extension() == ".csv") {
         basics::require(!recording.samples.empty(),
@@ -985,8 +973,9 @@ class CalibrationNode : public Node {
                               beside;
         }
       } else {
-        basics::require(last.has_value(), "nothing was calibrated; call calibrate first");
-        text = *last;
+        basics::require(recording.calibrated.has_value(),
+                        "nothing was calibrated; call calibrate first");
+        text = *recording.calibrated;
         response.message = "the last calibration of " + recording.scene.name + " in " + path;
       }
       io::writeFileAtomically(path, text);
@@ -995,10 +984,7 @@ class CalibrationNode : public Node {
   }
 
   void adopt(io::Scene next) {
-    jobs_.whileIdle([&] {
-      recorder_.adopt(std::move(next));
-      calibrator_.forgetLast();
-    });
+    jobs_.whileIdle([&] { recorder_.adopt(std::move(next)); });
   }
 
   const CalibrationNodeOptions options_{};

@@ -27,12 +27,9 @@ class PictureMailbox {
  public:
   /// @return true when a picture waited, which this one has replaced.
   bool put(Picture picture) HELIX_ARM_EXCLUDES(mutex_) {
-    bool replaces = false;
-    {
-      const basics::MutexLock lock(mutex_);
-      replaces = next_.has_value();
-      next_ = std::move(picture);
-    }
+    const basics::MutexLock lock(mutex_);
+    const bool replaces = next_.has_value();
+    next_ = std::move(picture);
     changed_.notifyAll();
     return replaces;
   }
@@ -47,10 +44,8 @@ class PictureMailbox {
     return std::exchange(next_, std::nullopt);
   }
   void done() HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      busy_ = false;
-    }
+    const basics::MutexLock lock(mutex_);
+    busy_ = false;
     changed_.notifyAll();
   }
 
@@ -70,10 +65,8 @@ class PictureMailbox {
 
   /// Ends all waits, and those to come.
   void stop() HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      stop_ = true;
-    }
+    const basics::MutexLock lock(mutex_);
+    stop_ = true;
     changed_.notifyAll();
   }
   bool stopped() const HELIX_ARM_EXCLUDES(mutex_) {

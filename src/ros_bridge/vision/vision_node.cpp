@@ -195,12 +195,10 @@ class PictureSource {
 
   void onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) HELIX_ARM_EXCLUDES(mutex_) {
     const CheckedPicture<estimation::Camera> camera = fromMsg(*info);
-    {
-      const basics::MutexLock lock(mutex_);
-      camera_info_ = camera;
-    }
     // Only counted here; the state is derived from the pictures.
     if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) status_.count(*refusal);
+    const basics::MutexLock lock(mutex_);
+    camera_info_ = camera;
   }
 
   template <class Message>
@@ -232,7 +230,8 @@ class PictureSource {
       }
       if (status == vision::FrameStatus::kFault) {
         status_.refuse({PictureFault::kSource, frame.fault});
-        go_on = pauseAfterFault(frame.retry_after);
+        const double pause = std::max(kFaultPause, std::min(frame.retry_after, kLongestPause));
+        go_on = mailbox_.sleepUntil(steady_clock::now() + toDuration(pause));
         continue;
       }
       if (calibration_ != nullptr) {
@@ -245,11 +244,6 @@ class PictureSource {
       go_on = options_.fromFile() ? mailbox_.sleepUntil(due) && mailbox_.waitUntilIdle()
                                   : !mailbox_.stopped();
     }
-  }
-
-  bool pauseAfterFault(double retry_after) {
-    const double pause = std::max(kFaultPause, std::min(retry_after, kLongestPause));
-    return mailbox_.sleepUntil(steady_clock::now() + toDuration(pause));
   }
 
   // From callbacks, or from the thread of the webcam or file.
@@ -311,19 +305,15 @@ class ModelMatcher {
 
   /// From any thread.
   void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      models_.add(stamp, shape);
-    }
+    const basics::MutexLock lock(mutex_);
+    models_.add(stamp, shape);
     changed_.notifyAll();
   }
 
   /// From any thread: match() waits no more.
   void stop() HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      stop_ = true;
-    }
+    const basics::MutexLock lock(mutex_);
+    stop_ = true;
     changed_.notifyAll();
   }
 
