@@ -115,8 +115,6 @@ struct Recording {
 /// Listens to what is measured of an arm, tells whether it stands still and whether measurements
 /// are fresh, and holds the samples. From any thread.
 ///
-/// Subscribes to tag_detections, vision_status, measured, pressure_measured and pressure_command.
-///
 /// Ages and windows go by the stamps of messages and ROS time; where ROS time stands still, by a
 /// steady clock (MovingClock).
 class Recorder {
@@ -517,8 +515,7 @@ constexpr std::chrono::milliseconds kBetweenLooks(5);
 /// rest, if the arm follows it and no other goal waits, and calibrates. Where the node that sent
 /// the goal is gone, it ramps down at once.
 ///
-/// Subscribes to target_status. Publishes pressure_target, all actuators, gauge [Pa], during a run
-/// alone. Its mutex is locked before that of Recorder.
+/// Publishes pressure_target during a run alone. Its mutex is locked before that of Recorder.
 class RunAction {
  public:
   RunAction(ros::NodeHandle& node, ros::NodeHandle& private_node, const procedures::RunRules& rules,
@@ -833,25 +830,24 @@ struct CalibrationNodeOptions {
   std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
   procedures::SettleRules settle;  ///< when the arm stands still, and when measurements are stale
   procedures::RunRules run;        ///< of run_calibration, except the captures
-  double rate = 50.0;              ///< of the targets during run_calibration [Hz]
-  std::string scene_folder;        ///< as pressure_command's
+  double rate = reader.number("rate", 50.0, {5, 1000});  ///< of targets in run_calibration [Hz]
+  std::string scene_folder = reader.folder("scene_folder", defaultFolder());
   /// Below which data sets are read (of either), and scenes and samples are written (of the
   /// second); made where they are missing.
-  std::string data_folder, out_folder;
+  std::string data_folder = reader.folder("data_folder", defaultFolder());
+  std::string out_folder = reader.folder("out_folder", defaultFolder());
 
   CalibrationNodeOptions() {
-    settle.pressure_tolerance = 1e3 * reader.number("pressure_tolerance_kpa",
-                                                    1e-3 * settle.pressure_tolerance, {0.01, 100});
-    settle.corner_tolerance =
-        reader.number("corner_tolerance_px", settle.corner_tolerance, {0.01, 100});
-    settle.window = reader.number("window_s", settle.window, {0.05, 60});
-    settle.max_age = reader.number("max_age_s", settle.max_age, {0.05, 60});
-    run.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * run.ramp, {0.1, 10000});
-    run.patience = reader.number("patience_s", run.patience, {0.1, 3600});
-    rate = reader.number("rate", rate, {5, 1000});
-    scene_folder = reader.folder("scene_folder", defaultFolder());
-    data_folder = reader.folder("data_folder", defaultFolder());
-    out_folder = reader.folder("out_folder", defaultFolder());
+    const auto read = [this](const char* name, double unit, double& value, double least,
+                             double most) {
+      value = unit * reader.number(name, value / unit, {least, most});
+    };
+    read("pressure_tolerance_kpa", 1e3, settle.pressure_tolerance, 0.01, 100);
+    read("corner_tolerance_px", 1, settle.corner_tolerance, 0.01, 100);
+    read("window_s", 1, settle.window, 0.05, 60);
+    read("max_age_s", 1, settle.max_age, 0.05, 60);
+    read("ramp_kpa_s", 1e3, run.ramp, 0.1, 10000);
+    read("patience_s", 1, run.patience, 0.1, 3600);
     reader.finish();
   }
 };

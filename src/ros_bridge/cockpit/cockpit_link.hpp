@@ -154,10 +154,6 @@ class HeldGoal {
 /// Calls may overtake each other, and one that hangs may arrive late. None of them undoes a stop or
 /// a vent that was asked for after it: what has not been sent yet is not sent, and what has is
 /// followed by another stop or vent.
-///
-/// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
-/// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
-/// tells the limits. Publishes pressure_target and tip_target.
 class CockpitLink {
  public:
   /// Waits for the ROS master, without end where that is gone or hangs; see LinkBuilder.

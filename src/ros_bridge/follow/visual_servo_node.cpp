@@ -79,10 +79,7 @@ constexpr double kLongestLease = 5.0;   // that is waited for [s]
 ///
 /// Before the arm follows, targets that keep it where it is are sent: they enable a simulated arm,
 /// wait for the lease of a commander that yields, and are refused without a motion. Nothing here
-/// enables an arm that its targets do not.
-///
-/// Publishes pressure_target; subscribes to pressure_command, safety_state and target_status. For
-/// the thread of the node's callback queue.
+/// enables an arm that its targets do not. For the thread of the node's callback queue.
 class CommandLink {
  public:
   /// @param scene  Its arm and safety rules are used. Kept by reference.
@@ -247,10 +244,8 @@ bool isEmpty(const geometry_msgs::Quaternion& q) {
   return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
 }
 
-/// The target that messages ask the loop for, until their sender falls silent.
-///
-/// Subscribes to tip_target, tip_pose and shape_target; answers each on target_status, when the
-/// loop has tried it. For the thread of the node's callback queue.
+/// The target that messages ask the loop for, until their sender falls silent. Each is answered on
+/// target_status, when the loop has tried it. For the thread of the node's callback queue.
 class LoopTargets {
  public:
   /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
@@ -417,16 +412,14 @@ class FollowAction {
   /// Longest time for which hardware stands at the last place of a goal [s].
   static constexpr double kLongestHold = 60.0;
 
-  /// Makes a check for another thread, of the arm as it is now.
-  using MakePathCheck = std::function<PathCheck()>;
-
-  /// @param scene, frames, targets  Outlive this.
+  /// @param scene, frames, targets, loop, link  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
-               LoopTargets& targets, MakePathCheck make_check)
+               LoopTargets& targets, follow::VisualServo& loop, const CommandLink& link)
       : scene_(scene),
         frames_(frames),
         targets_(targets),
-        make_check_(std::move(make_check)),
+        loop_(loop),
+        link_(link),
         client_(private_node, names::kFollowTipPath),
         server_(std::make_unique<Server>(
             private_node, names::kFollowTipPath,
@@ -449,15 +442,15 @@ class FollowAction {
   void endHold() { hold_since_.reset(); }
 
   /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
-  void prepare(double time, follow::VisualServo& loop, const CommandLink& link) {
-    const auto asked = link.refusal();
+  void prepare(double time) {
+    const auto asked = link_.refusal();
     if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
     takeCandidate();
     if (!run_) {
-      if (!link.follows()) endHold();
+      if (!link_.follows()) endHold();
       // The goal's reaction holds as long as its last place: a stopped arm does not push on.
-      if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
-      loop.hold();
+      if (!isHeld()) loop_.setOnContact(scene_.follow.on_contact);
+      loop_.hold();
       return;
     }
     if (client_.isGone()) {
@@ -465,12 +458,12 @@ class FollowAction {
       endHold();
     } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
       end({Result::NOT_ENABLED, other->message});
-    } else if (const auto refusal = link.refusal()) {
+    } else if (const auto refusal = link_.refusal()) {
       end({Result::NOT_ENABLED, refusal->message});
-    } else if (link.follows() && !run_->follows) {
-      begin(time, loop);
-    } else if (run_->follows && !link.follows()) {
-      end({Result::NOT_ENABLED, link.whyNot()});
+    } else if (link_.follows() && !run_->follows) {
+      begin(time);
+    } else if (run_->follows && !link_.follows()) {
+      end({Result::NOT_ENABLED, link_.whyNot()});
     }
   }
 
@@ -550,8 +543,9 @@ class FollowAction {
            "goal before the next one"}));
       discardCandidate();
     }
-    checker_.begin([goal, X_BF = place->X_BF, check = make_check_()](
-                       const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+    checker_.begin([goal, X_BF = place->X_BF, check = pathCheck()](const std::atomic<bool>& stop) {
+      return decide(goal, X_BF, check, stop);
+    });
     client_.watchNext(*handle.getGoal());
     candidate_ = std::move(handle);
   }
@@ -608,15 +602,34 @@ class FollowAction {
     run_.emplace(Run{std::move(next), std::move(goal), watch});
   }
 
-  void begin(double time, follow::VisualServo& loop) {
+  void begin(double time) {
     const ros::Time& start = run_->goal.start;
     if (start.isZero() || time >= start.toSec()) {
       run_->follows = true;
-      loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
-      loop.follow(std::move(run_->goal.path));
-    } else if (!loop.hasTarget() && loop.turn().predicted) {
-      loop.aimAt(loop.turn().predicted->translation);
+      loop_.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
+      loop_.follow(std::move(run_->goal.path));
+    } else if (!loop_.hasTarget() && loop_.turn().predicted) {
+      loop_.aimAt(loop_.turn().predicted->translation);
     }
+  }
+
+  // With copies of the present state, since the check runs in another thread.
+  PathCheck pathCheck() const {
+    Eigen::VectorXd slew(scene_.arm.actuatorCount());
+    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+      slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
+    }
+    const Eigen::VectorXd start =
+        scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
+    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+               const control::TipPath& path, double tolerance,
+               const std::atomic<bool>& stop) -> std::string {
+      statics::InverseSolver solver(model);
+      solver.correct(correction);
+      const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
+                                             [&stop] { return stop.load(); });
+      return refusal ? refusal->reason : std::string();
+    };
   }
 
   void end(const GoalEnding& ending) {
@@ -659,7 +672,8 @@ class FollowAction {
   const io::Scene& scene_;
   const FrameLookup& frames_;
   LoopTargets& targets_;
-  const MakePathCheck make_check_;
+  follow::VisualServo& loop_;
+  const CommandLink& link_;
   std::optional<Handle> candidate_;  ///< its goal is being checked
   PathChecker checker_;
   std::optional<Run> run_;
@@ -849,7 +863,7 @@ class VisualServoNode : public Node {
     const double time = stamp.toSec();
     loop_.enable(link_.follows());
     if (link_.takeEnabling()) targets_.enabled();
-    action_.prepare(time, loop_, link_);
+    action_.prepare(time);
     aim();
     const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
     command(turn);
@@ -898,25 +912,6 @@ class VisualServoNode : public Node {
   void giveUp(const std::string& reason) {
     targets_.refuse({control::Fault::kNotEnabled, reason});
     action_.abandon(reason);
-  }
-
-  // With copies of the present state, since the check runs in another thread.
-  PathCheck pathCheck() const {
-    Eigen::VectorXd slew(scene_.arm.actuatorCount());
-    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-      slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
-    }
-    const Eigen::VectorXd start =
-        scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
-               const control::TipPath& path, double tolerance,
-               const std::atomic<bool>& stop) -> std::string {
-      statics::InverseSolver solver(model);
-      solver.correct(correction);
-      const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
-                                             [&stop] { return stop.load(); });
-      return refusal ? refusal->reason : std::string();
-    };
   }
 
   LoopPublisher::View view() {
@@ -1002,7 +997,7 @@ class VisualServoNode : public Node {
       options_.draw_rate,
       options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
                       : TipHandle::OnTarget()};
-  FollowAction action_{private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }};
+  FollowAction action_{private_node_, scene_, frames_, targets_, loop_, link_};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
