@@ -13,7 +13,6 @@
 #include <QTimer>
 #include <QVBoxLayout>
 #include <algorithm>
-#include <cmath>
 #include <exception>
 
 #include <OgreQuaternion.h>
@@ -30,7 +29,6 @@
 
 #include "panel_parts.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"
-#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {

@@ -10,7 +10,6 @@
 #include <QTextLayout>
 #include <array>
 #include <cmath>
-#include <string>
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 

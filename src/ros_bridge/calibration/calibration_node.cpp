@@ -1,39 +1,25 @@
 #include <Eigen/Core>
-#include <cstddef>
 #include <exception>
-#include <limits>
-#include <optional>
-#include <string>
 #include <system_error>
 #include <variant>
-#include <vector>
 
 #include <actionlib/server/simple_action_server.h>
 #include <ros/init.h>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
-#include <ros/this_node.h>
 
 #include "bag/bag_captures.hpp"
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/Calibrate.h"
 #include "helix_arm/ClearSamples.h"
 #include "helix_arm/FitContraction.h"
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/RecordSample.h"
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/RunCalibrationActionGoal.h"
 #include "helix_arm/Save.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/arm.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
@@ -43,16 +29,12 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
-#include "ros_bridge/common/ros_time.hpp"
-#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace ros::serialization {

@@ -21,10 +21,8 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

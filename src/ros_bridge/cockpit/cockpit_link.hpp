@@ -3,16 +3,12 @@
 #include <array>
 #include <atomic>
 #include <cstddef>
-#include <cstdint>
 #include <functional>
 #include <future>
 #include <list>
 #include <map>
 #include <memory>
-#include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <actionlib/client/simple_action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
@@ -28,7 +24,6 @@
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/RunCalibrationAction.h"
-#include "helix_arm/SafetyState.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/names.hpp"

@@ -4,9 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <set>
 #include <tuple>
-#include <utility>
 
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/basics/quote.hpp"

@@ -1,36 +1,17 @@
-#include <cmath>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/PoseStamped.h>
-#include <ros/message_event.h>
-#include <ros/node_handle.h>
-#include <ros/this_node.h>
-#include <ros/time.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "helix_arm/ArmShape.h"
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/ShapeTarget.h"
-#include "helix_arm/TagDetections.h"
-#include "helix_arm/TargetStatus.h"
-#include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/control/commander_lease.hpp"
-#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/follow/visual_servo.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
@@ -40,15 +21,12 @@
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/common/ros_time.hpp"
-#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 

@@ -1,8 +1,6 @@
 #include "observations.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
-#include <cmath>
 
 #include <opencv2/imgproc.hpp>
 

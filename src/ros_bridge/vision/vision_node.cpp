@@ -1,34 +1,15 @@
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <functional>
-#include <memory>
 #include <system_error>
 
-#include <boost/make_shared.hpp>
 #include <camera_info_manager/camera_info_manager.h>
-#include <opencv2/core.hpp>
-#include <sensor_msgs/CameraInfo.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
-#include "helix_arm/basics/mutex.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/commander_lease.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
-#include "helix_arm/vision/jpeg.hpp"
-#include "model_history.hpp"
 #include "observations.hpp"
-#include "picture_mailbox.hpp"
-#include "pictures.hpp"
-#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
