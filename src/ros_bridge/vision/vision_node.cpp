@@ -276,95 +276,6 @@ model::Shape restingShape(const io::Scene& scene) {
   return statics::startingShape(scene.model, solution, rest);
 }
 
-/// Finds the model of a picture's time, and the shape from which the search for tags starts.
-class ModelMatcher {
- public:
-  /// @param scene   the search starts from its resting arm until a model comes.
-  /// @param status  is told how far models are behind the pictures; outlives this.
-  ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status)
-      : status_(status), start_(restingShape(scene)), patience_(kModelPatience) {}
-
-  /// From any thread.
-  void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    models_.add(stamp, shape);
-    changed_.notifyAll();
-  }
-
-  /// From any thread: match() waits no more.
-  void stop() HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    stop_ = true;
-    changed_.notifyAll();
-  }
-
-  // For the thread of the measurements only.
-
-  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
-  /// limited time while one that is yet to come may be nearer.
-  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
-    LookUp found = lookUp(stamp);
-    status_.modelLag(found.lag);
-    if (found.lag && (!found.in_time || std::abs(*found.lag) > ModelHistory::kReach)) {
-      warnOfLag(*found.lag);
-    }
-    if (found.model) start_ = found.model->shape;
-    return std::move(found.model);
-  }
-
-  /// Shape from which the search starts: the last model matched.
-  const model::Shape& start() const { return start_; }
-  /// The search starts from the scene's resting arm again.
-  void restart(const io::Scene& scene) { start_ = restingShape(scene); }
-
- private:
-  /// What the history knows of a stamp.
-  struct LookUp {
-    std::optional<ModelHistory::Entry> model;
-    std::optional<double> lag;  ///< of the latest model [s]
-    bool in_time;               ///< no nearer one was to come when the wait ended
-  };
-
-  LookUp lookUp(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
-    basics::MutexLock lock(mutex_);
-    const std::optional<double> ahead = models_.lag(stamp);
-    models_.forgetFuture(stamp);
-    const bool waits = models_.mayGetNearer(stamp);
-    const auto due = std::chrono::steady_clock::now() + patience_;
-    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
-      return stop_ || !models_.mayGetNearer(stamp);
-    });
-    if (!in_time) {
-      patience_ = std::max(kLeastPatience, patience_ / 2);
-    } else if (waits) {
-      patience_ = std::min(kModelPatience, 2 * patience_);
-    }
-    const std::optional<double> lag = models_.lag(stamp);
-    return {models_.nearest(stamp), lag ? lag : ahead, in_time};
-  }
-
-  void warnOfLag(double lag) {
-    if (!late_models_.add()) return;
-    logWarning(
-        "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
-        "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
-        "a shape that balances the load there is no model: see `%s` in its diagnostics",
-        std::abs(lag), lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
-  }
-
-  VisionStatusPublisher& status_;
-
-  // Used by the thread of the measurements only.
-  model::Shape start_;
-  std::chrono::milliseconds patience_;
-  FaultCount late_models_;
-
-  basics::Mutex mutex_;
-  basics::Condition changed_;  ///< something guarded by mutex_ has changed
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
-  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
-};
-
 /// A scene with camera and tags, and the localizer that looks for them.
 struct SceneLocalizer {
   io::Scene scene;
@@ -386,10 +297,14 @@ class PictureMeasurer {
  public:
   /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
   /// @param source       gives the camera's calibration; outlives this.
-  /// @param models       outlives this.
+  /// @param status       is told how far models are behind the pictures; outlives this.
   PictureMeasurer(SceneLocalizer first, double stale_after, const PictureSource& source,
-                  ModelMatcher& models)
-      : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
+                  VisionStatusPublisher& status)
+      : stale_after_(stale_after),
+        source_(source),
+        status_(status),
+        current_(std::move(first)),
+        start_(restingShape(current_.scene)) {}
 
   /// Measures the shape. For one thread.
   /// @return why the picture is not taken, or what was seen in it.
@@ -399,13 +314,13 @@ class PictureMeasurer {
     if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
     const cv::Mat& gray = std::get<cv::Mat>(taken);
     follow(picture.stamp);
-    auto model = models_.match(picture.stamp);
+    auto model = match(picture.stamp);
     if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
       return PictureRefusal{PictureFault::kSource,
                             "the camera sends the same picture again and again, although the model "
                             "has moved: it hangs; restart its node, or plug it in anew"};
     }
-    const vision::Observation& observation = current_.localizer->locate(gray, models_.start());
+    const vision::Observation& observation = current_.localizer->locate(gray, start_);
     return Measurement{picture.stamp,         gray,
                        observation,           current_.localizer->view(),
                        current_.scene.vision, std::move(model),
@@ -416,6 +331,18 @@ class PictureMeasurer {
   void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     next_ = std::move(next);
+  }
+  /// From any thread.
+  void addModel(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    models_.add(stamp, shape);
+    changed_.notifyAll();
+  }
+  /// From any thread: measure() waits for no model any more.
+  void stop() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    stop_ = true;
+    changed_.notifyAll();
   }
 
  private:
@@ -485,6 +412,38 @@ class PictureMeasurer {
     return std::nullopt;
   }
 
+  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
+  /// limited time while one that is yet to come may be nearer.
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    basics::MutexLock lock(mutex_);
+    const std::optional<double> ahead = models_.lag(stamp);
+    models_.forgetFuture(stamp);
+    const bool waits = models_.mayGetNearer(stamp);
+    const auto due = steady_clock::now() + patience_;
+    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
+      return stop_ || !models_.mayGetNearer(stamp);
+    });
+    const std::optional<double> behind = models_.lag(stamp), lag = behind ? behind : ahead;
+    std::optional<ModelHistory::Entry> found = models_.nearest(stamp);
+    lock.unlock();
+    if (!in_time) {
+      patience_ = std::max(kLeastPatience, patience_ / 2);
+    } else if (waits) {
+      patience_ = std::min(kModelPatience, 2 * patience_);
+    }
+    status_.modelLag(lag);
+    const bool is_late = lag && (!in_time || std::abs(*lag) > ModelHistory::kReach);
+    if (is_late && late_models_.add()) {
+      logWarning(
+          "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+          "running, and are the clocks of the camera's and the arm's computers synchronised? "
+          "Without a shape that balances the load there is no model: see `%s` in its diagnostics",
+          std::abs(*lag), *lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
+    }
+    if (found) start_ = found->shape;
+    return found;
+  }
+
   /// Forgets what a gap or a jump back in time makes useless.
   void follow(const ros::Time& stamp) {
     const double elapsed = secondsBetween(last_stamp_, stamp);
@@ -500,25 +459,30 @@ class PictureMeasurer {
             source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
                                      : "");
       }
-      models_.restart(current_.scene);
+      start_ = restingShape(current_.scene);
     }
     last_stamp_ = stamp;
   }
 
   const double stale_after_;
   const PictureSource& source_;
-  ModelMatcher& models_;
+  VisionStatusPublisher& status_;
 
   // Used by the thread of the measurements only.
   SceneLocalizer current_;
+  model::Shape start_;  ///< from which the search starts: the last model matched
+  std::chrono::milliseconds patience_ = kModelPatience;
   vision::FrozenWatch frozen_watch_;
   vision::JpegDecoder decoder_;
   cv::Mat buffer_;
   std::string calibration_;  ///< whose intrinsics are used
   ros::Time last_stamp_;
-  FaultCount jumps_, adoptions_;
+  FaultCount jumps_, adoptions_, late_models_;
 
   basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
   std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
@@ -573,8 +537,7 @@ class VisionNode : public Node {
         status_(node_, name_, frames_.base, options_.source, options_.stale_after,
                 1.0 / options_.draw_rate),
         source_(node_, options_, scene_, status_),
-        models_(scene_, status_),
-        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_) {
+        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, status_) {
     if (options_.publish_image) {
       image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
       info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
@@ -611,7 +574,7 @@ class VisionNode : public Node {
   void onModel(const ArmShapeConstPtr& model) {
     const auto checked = fromMsg(*model, scene_.arm, frames_.base);
     if (const auto* shape = std::get_if<model::Shape>(&checked)) {
-      models_.add(model->header.stamp, *shape);
+      measurer_.addModel(model->header.stamp, *shape);
     } else {
       // The picture is measured without the model.
       status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
@@ -709,7 +672,7 @@ class VisionNode : public Node {
   void stop() {
     status_.close();
     source_.stop();
-    models_.stop();
+    measurer_.stop();
   }
 
   /// Stops, and waits for the threads to end.
@@ -729,11 +692,10 @@ class VisionNode : public Node {
   ros::NodeHandle node_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
-  // A picture passes from source_ through measurer_, which asks models_, to publish().
+  // A picture passes from source_ through measurer_ to publish().
   VisionStatusPublisher status_;  ///< from any thread
   PictureSource source_;          ///< locks what its threads share
-  ModelMatcher models_;           ///< locks what its threads share
-  PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
+  PictureMeasurer measurer_;      ///< locks what its threads share
 
   // Used by the thread of the measurements only.
   const ros::Publisher measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10),
