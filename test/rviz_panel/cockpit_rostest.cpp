@@ -7,10 +7,8 @@
 #include <QScrollBar>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <cmath>
 #include <cstdio>
 
-#include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
 #include "panel_window.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"

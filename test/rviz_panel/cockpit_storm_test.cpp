@@ -19,7 +19,6 @@
 #include <boost/function.hpp>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
-#include <ros/ros.h>
 #include <ros/spinner.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
