@@ -820,16 +820,14 @@ struct CalibrationNodeOptions {
   std::string out_folder = reader.folder("out_folder", defaultFolder());
 
   CalibrationNodeOptions() {
-    const auto read = [this](const char* name, double unit, double& value, double least,
-                             double most) {
-      value = unit * reader.number(name, value / unit, {least, most});
-    };
-    read("pressure_tolerance_kpa", 1e3, settle.pressure_tolerance, 0.01, 100);
-    read("corner_tolerance_px", 1, settle.corner_tolerance, 0.01, 100);
-    read("window_s", 1, settle.window, 0.05, 60);
-    read("max_age_s", 1, settle.max_age, 0.05, 60);
-    read("ramp_kpa_s", 1e3, run.ramp, 0.1, 10000);
-    read("patience_s", 1, run.patience, 0.1, 3600);
+    settle.pressure_tolerance = 1e3 * reader.number("pressure_tolerance_kpa",
+                                                    1e-3 * settle.pressure_tolerance, {0.01, 100});
+    settle.corner_tolerance =
+        reader.number("corner_tolerance_px", settle.corner_tolerance, {0.01, 100});
+    settle.window = reader.number("window_s", settle.window, {0.05, 60});
+    settle.max_age = reader.number("max_age_s", settle.max_age, {0.05, 60});
+    run.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * run.ramp, {0.1, 10000});
+    run.patience = reader.number("patience_s", run.patience, {0.1, 3600});
     reader.finish();
   }
 };
