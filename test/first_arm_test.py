@@ -10,12 +10,14 @@ import math
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "support"))
+from processes import Process, free_port, wait_for  # noqa: E402
 
 PATIENCE_S = 240  # of a command, and of what it waits for
 NODES_UP = r"\b(rosservice|rostopic echo)\b"  # such commands wait until what they name is there
@@ -40,66 +42,46 @@ def steps_of(text):
     return steps
 
 
-def free_port():
-    with socket.socket() as one:
-        one.bind(("localhost", 0))
-        return one.getsockname()[1]
-
-
 class Reader:
     """A person in front of terminals."""
 
     def __init__(self, folder, setup):
         self.folder, self.setup = folder, setup
-        self.environment = dict(os.environ, ROS_HOSTNAME="localhost", ROS_HOME=str(folder / "ros"),
-                                ROS_MASTER_URI="http://localhost:%d" % free_port())
-        self.environment.pop("ROS_IP", None)
+        self.variables = {"ROS_HOSTNAME": "localhost", "ROS_HOME": str(folder / "ros"),
+                          "ROS_MASTER_URI": "http://localhost:%d" % free_port()}
         self.terminals = []
         self.said = {}
 
-    def start(self, line, log):
+    def start(self, line):
         if line.startswith("roslaunch"):
             line += " rviz:=false"
-        return subprocess.Popen(["bash", "-c", "source '%s' && %s" % (self.setup, line)], cwd=str(self.folder), env=self.environment, stdout=log,
-                                stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
+        return Process(["bash", "-c", "unset ROS_IP; source '%s' && %s" % (self.setup, line)], self.variables, str(self.folder))
 
     def run(self, line):
         deadline = time.monotonic() + PATIENCE_S
         while True:
-            for text, process, log in self.terminals:
-                if process.poll() is not None:
-                    raise Fault("%s ended by itself:\n%s" % (text, Path(log).read_text(errors="replace")[-3000:]))
-            with tempfile.TemporaryFile("w+") as out:
-                process = self.start(line, out)
-                try:
-                    code = process.wait(max(1, deadline - time.monotonic()))
-                except subprocess.TimeoutExpired:
-                    kill(process)
-                    code = None
-                out.seek(0)
-                text = out.read()
+            for text, process in self.terminals:
+                expect(process.child.poll() is None, "%s ended by itself:\n%s" % (text, process.output()[-3000:]))
+            with self.start(line) as process:
+                code = process.code(max(1, deadline - time.monotonic()))
+                text = process.output()
             if code == 0:
                 self.said[line] = text
                 return
-            late = time.monotonic() > deadline or code is None
-            if late or not re.search(NODES_UP, line):
-                raise Fault("%s\nended with %s:\n%s" % (line, "no answer" if code is None else code, text[-3000:]))
+            waits = code is not None and time.monotonic() < deadline and re.search(NODES_UP, line)
+            expect(waits, "%s\nended with %s:\n%s" % (line, "no answer" if code is None else code, text[-3000:]))
             time.sleep(0.2)  # the node is not up yet
 
     def open_terminal(self, line):
-        log = self.folder / ("terminal_%d.log" % len(self.said))
-        with open(str(log), "w") as out:
-            self.terminals.append((line, self.start(line, out), log))
-        emulated = re.search(r"regulator \S+ emulate", line)
-        deadline = time.monotonic() + PATIENCE_S
-        while emulated and not (self.folder / "board").exists():
-            if time.monotonic() > deadline:
-                raise Fault("%s does not emulate" % line)
-            time.sleep(0.05)
+        self.terminals.append((line, self.start(line)))
+        if re.search(r"regulator \S+ emulate", line):
+            expect(wait_for((self.folder / "board").exists, PATIENCE_S), "%s does not emulate" % line)
 
     def end(self, word=""):
         for terminal in [one for one in reversed(self.terminals) if word in one[0]]:
-            kill(terminal[1])
+            terminal[1].signal(signal.SIGINT)
+            terminal[1].code(20)
+            terminal[1].__exit__()
             self.terminals.remove(terminal)
 
     def follow(self, steps):
@@ -115,30 +97,19 @@ class Reader:
         return "\n".join(text for line, text in self.said.items() if part in line)
 
 
-def kill(process):
-    for one in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        try:
-            os.killpg(process.pid, one)
-            process.wait(20)
-            return
-        except subprocess.TimeoutExpired:
-            continue
-        except ProcessLookupError:
-            return
-
-
 def expect(holds, what):
     if not holds:
         raise Fault(what)
 
 
+def answer(reader, command, *words):
+    run = subprocess.run([command, *words, "--format", "json"], cwd=str(reader.folder), stdout=subprocess.PIPE, check=True,
+                         timeout=PATIENCE_S)
+    return json.loads(run.stdout.decode())
+
+
 def expect_cli(reader, command):
     """What the commands without ROS have to leave behind."""
-    def asked(*words):
-        run = subprocess.run([command, *words, "--format", "json"], cwd=str(reader.folder), stdout=subprocess.PIPE, check=True,
-                             timeout=PATIENCE_S)
-        return json.loads(run.stdout.decode())
-
     expect((reader.folder / "tags.pdf").stat().st_size > 10000, "tags.pdf is small")
     scene = (reader.folder / "my_arm.yaml").read_text(encoding="utf-8")
     camera = scene[scene.index("\ncamera:"):]
@@ -148,12 +119,12 @@ def expect_cli(reader, command):
 
     for focal in written("focal_px"):
         expect(focal != 930 and abs(focal / 930 - 1) < 0.005, "focal length is %s px" % focal)
-    placed = asked("camera", "place", "my_arm.yaml", "--source", "rest_pictures")
+    placed = answer(reader, command, "camera", "place", "my_arm.yaml", "--source", "rest_pictures")
     azimuth = math.radians(35)
     truth = (0.6 * math.cos(azimuth), 0.6 * math.sin(azimuth), 0.45)
     for value, true, sd in zip(written("position_m"), truth, placed["standard_error"]["position_m"]):
         expect(abs(value - true) < 3 * sd + 1e-3, "the camera is placed at %s, not at %s" % (written("position_m"), truth))
-    check = asked("check", "my_arm.yaml")
+    check = answer(reader, command, "check", "my_arm.yaml")
     expect(check["passed"], "check finds %s" % check["findings"])
     expect(not any(one["check"] == "camera_uncalibrated" for one in check["findings"]), "the camera is not calibrated")
     reached = re.search(r"^ *muscle_1 +(-?[\d.]+) ", reader.told("regulator my_arm.yaml set"), re.M)
@@ -170,10 +141,8 @@ def expect_ros(reader, command):
     expect("closed" in reader.told("/loop_status/state"), "the loop is " + reader.told("/loop_status/state"))
     steady = []
     for scene, more in (("my_arm.yaml", ["--open"]), ("calibrated.yaml", ["--open"]), ("calibrated.yaml", [])):
-        run = subprocess.run([command, "follow", scene, "--rig", "my_rig.yaml", "--tip", "0.27,0.03,0.02", "--seconds", "4",
-                              "--format", "json", *more], cwd=str(reader.folder), stdout=subprocess.PIPE, check=True,
-                             timeout=PATIENCE_S)
-        steady.append(json.loads(run.stdout.decode())["steady_rms_m"][0])
+        run = answer(reader, command, "follow", scene, "--rig", "my_rig.yaml", "--tip", "0.27,0.03,0.02", "--seconds", "4", *more)
+        steady.append(run["steady_rms_m"][0])
     # With the loop closed, what remains is the error of the camera's place, so that it is not below that of the calibrated model.
     expect(steady[1] < 0.5 * steady[0] and steady[2] < 2e-3, "steady errors of follow: %s m" % steady)
 

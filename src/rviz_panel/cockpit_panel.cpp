@@ -13,7 +13,6 @@
 #include <QTimer>
 #include <QVBoxLayout>
 #include <algorithm>
-#include <cmath>
 #include <exception>
 
 #include <OgreQuaternion.h>
@@ -30,7 +29,6 @@
 
 #include "panel_parts.hpp"
 #include "ros_bridge/cockpit/cockpit_link.hpp"
-#include "ros_bridge/cockpit/cockpit_view.hpp"
 
 namespace helix_arm::rviz_panel {
 namespace {
@@ -115,15 +113,6 @@ class CalibrationBox : public QGroupBox {
 constexpr double kStep = 100;  // of a slider [Pa]
 constexpr double kKilo = 1e3;  // Pa per kPa
 
-// The widest scale inside the limits: the end of a slider is never refused.
-int lowestStep(const CockpitChannel& channel) {
-  return static_cast<int>(std::ceil(channel.lower / kStep - 1e-6));
-}
-
-int highestStep(const CockpitChannel& channel) {
-  return static_cast<int>(std::floor(channel.upper / kStep + 1e-6));
-}
-
 /// One row per actuator: name, slider, its limits, number [kPa], reading.
 class PressureBox : public QGroupBox {
  public:
@@ -151,20 +140,20 @@ class PressureBox : public QGroupBox {
       showWords(row.reading, {kilopascals(channel.measured)});
       if (!(channel.lower < channel.upper)) continue;
       const QSignalBlocker quiet_slider(row.slider), quiet_value(row.value);
-      row.slider->setRange(lowestStep(channel), highestStep(channel));
-      row.value->setRange(kStep * lowestStep(channel) / kKilo,
-                          kStep * highestStep(channel) / kKilo);
+      // The widest scale inside the limits: the end of a slider is never refused.
+      const double lowest = std::ceil(channel.lower / kStep - 1e-6);
+      const double highest = std::floor(channel.upper / kStep + 1e-6);
+      row.slider->setRange(static_cast<int>(lowest), static_cast<int>(highest));
+      row.value->setRange(kStep * lowest / kKilo, kStep * highest / kKilo);
       // They follow the arm where the cockpit does not command it, and nobody is at them.
-      const bool follows = view.goal != CockpitGoal::kPressures && !row.value->hasFocus();
-      if (std::isfinite(channel.command) && follows && !row.slider->isSliderDown()) {
-        row.slider->setValue(static_cast<int>(std::lround(channel.command / kStep)));
-        row.value->setValue(channel.command / kKilo);
-      } else if (view.goal == CockpitGoal::kPressures && i < view.held.size()) {
-        if (!row.slider->isSliderDown()) {
-          row.slider->setValue(static_cast<int>(std::lround(view.held[i] / kStep)));
-        }
-        if (!row.value->hasFocus()) row.value->setValue(view.held[i] / kKilo);
-      }
+      const bool holds = view.goal == CockpitGoal::kPressures;
+      const double shown = !holds                 ? channel.command
+                           : i < view.held.size() ? view.held[i]
+                                                  : kUnknown;
+      const bool slides = row.slider->isSliderDown(), types = row.value->hasFocus();
+      if (!std::isfinite(shown) || (!holds && (slides || types))) continue;
+      if (!slides) row.slider->setValue(static_cast<int>(std::lround(shown / kStep)));
+      if (!types) row.value->setValue(shown / kKilo);
     }
     if (rows_.empty()) why_not = "no pressure_command has come yet";
     showWords(why_not_, {why_not, Tone::kCaution});
@@ -185,11 +174,10 @@ class PressureBox : public QGroupBox {
   };
 
   void makeRows(const CockpitView& view) {
-    bool same = rows_.size() == view.channels.size();
-    for (std::size_t i = 0; same && i < rows_.size(); ++i) {
-      same = rows_[i].name == view.channels[i].name;
+    if (std::equal(rows_.begin(), rows_.end(), view.channels.begin(), view.channels.end(),
+                   [](const Row& row, const auto& channel) { return row.name == channel.name; })) {
+      return;
     }
-    if (same) return;
     for (const Row& row : rows_) {
       for (QWidget* part : row.parts()) part->deleteLater();
     }
@@ -238,13 +226,11 @@ class PressureBox : public QGroupBox {
   std::vector<Row> rows_;
 };
 
-constexpr int kStopHeight = 64;  // [px]
-constexpr int kStopWidth = 190;  // at least: its first line [px]
-
+constexpr int kStopHeight = 64;         // [px]
+constexpr int kStopWidth = 190;         // at least: its first line [px]
 constexpr int kFrame = 24;              // beside a text in a button or title [px]
 constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
-
-constexpr qint64 kAnswerRead = 3000;  // of a failure, at least [ms]
+constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
 
 // A name as far as it fits; both of its ends tell arms apart.
 QString fitted(const std::string& name, const QWidget* widget, int used) {
@@ -253,8 +239,8 @@ QString fitted(const std::string& name, const QWidget* widget, int used) {
 }
 
 /// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Title and stop name
-/// the arm that they command. Texts have a fixed
-/// height: a button stays where it is, whatever they say.
+/// the arm that they command. Texts have a fixed height: a button stays where it is, whatever they
+/// say.
 class SafetyBox : public QGroupBox {
  public:
   SafetyBox(QWidget* parent, const Run& run) : QGroupBox("Arm", parent) {
@@ -377,9 +363,8 @@ class SafetyBox : public QGroupBox {
   std::string answered_in_;  ///< state of the arm at the answer
 };
 
-constexpr double kMilli = 1e-3;  // m per mm
-constexpr double kShown = 1e-4;  // last digit of a number [m]
-
+constexpr double kMilli = 1e-3;    // m per mm
+constexpr double kShown = 1e-4;    // last digit of a number [m]
 constexpr double kFarthest = 1e4;  // that can be entered [mm]
 
 /// The tip target as numbers, the tip itself, and the loop over vision.
@@ -479,10 +464,10 @@ class CockpitPanel : public rviz::Panel {
     column->addLayout(row);
 
     const Run run = [this](const std::function<void(CockpitLink&)>& action) {
-      const bool can = link_ != nullptr;
-      if (can) action(*link_);
-      if (can) refresh();
-      return can;
+      if (link_ == nullptr) return false;
+      action(*link_);
+      refresh();
+      return true;
     };
     safety_ = new SafetyBox(this, run);
     column->addWidget(safety_);  // outside the scrolled part: the stop is always in sight
@@ -511,8 +496,6 @@ class CockpitPanel : public rviz::Panel {
     connect(namespace_, &QLineEdit::returnPressed, this, [this] { commit(); });
     connect(namespace_, &QLineEdit::textChanged, this, [this] { markNamespace(view()); });
   }
-
-  ~CockpitPanel() override = default;
 
   void onInitialize() override { connectTo(namespace_->text()); }
 

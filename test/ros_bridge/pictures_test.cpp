@@ -7,8 +7,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include "ros_bridge/vision/model_history.hpp"
-#include "ros_bridge/vision/picture_mailbox.hpp"
+#include "ros_bridge/vision/observations.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -14,7 +14,7 @@
 
 #include <gtest/gtest.h>
 #include <pluginlib/class_loader.hpp>
-#include <ros/time.h>
+#include <ros/ros.h>
 #include <rviz/config.h>
 #include <rviz/panel.h>
 
@@ -58,23 +58,46 @@ class PanelWindow : public ::testing::Test {
     return arm.toStdString();
   }
 
-  /// Runs an action, then the window until the condition holds. @return the longest time for which
-  /// the window stood still, 1000 if the condition did not come to hold [s].
+  /// Runs an action, then window and callbacks until the condition holds. @return the longest time
+  /// for which the window stood still, 1000 if the condition did not come to hold [s].
   static double stillness(const std::function<void()>& action,
-                          const std::function<bool()>& condition) {
+                          const std::function<bool()>& condition, double deadline = 40) {
     const double begin = ros::SteadyTime::now().toSec();
     double longest = 0, last = begin;
     action();
     for (bool holds = false; !holds;) {
       QApplication::processEvents(QEventLoop::AllEvents, 10);
+      ros::spinOnce();
       std::this_thread::sleep_for(std::chrono::milliseconds(1));  // not all of a core
       holds = condition();
       const double now = ros::SteadyTime::now().toSec();
       longest = std::max(longest, now - last);
       last = now;
-      if (now - begin > 40) return 1000;
+      if (!holds && now - begin > deadline) return 1000;
     }
     return longest;
+  }
+  static bool until(const std::function<bool()>& condition, double deadline = 40) {
+    return stillness([] {}, condition, deadline) < 1000;
+  }
+
+  /// The same. @throws std::runtime_error with all words of the panel if it does not come to hold.
+  void await(const std::function<bool()>& condition, double deadline = 40) {
+    if (until(condition, deadline)) return;
+    std::string words = "what was waited for did not come";
+    for (const auto* const label : panel_->findChildren<QLabel*>()) {
+      words += "\n" + (label->objectName() + ": " + label->text()).toStdString();
+    }
+    throw std::runtime_error(words);
+  }
+  void awaitSaid(const char* label, const char* words) {
+    await([=] { return says(label, words); });
+  }
+  void awaitText(const char* label, const char* words) {
+    await([=] { return text(label) == words; });
+  }
+  void awaitOffer(const char* name) {
+    await([=] { return isOffered(name); });
   }
 
   pluginlib::ClassLoader<rviz::Panel> loader_{"rviz", "rviz::Panel"};

@@ -3,6 +3,7 @@
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
 // Prints a row per node; exits with 1 if a promise was broken.
 #include <csignal>
+#include <future>
 #include <set>
 
 #include <CLI/CLI.hpp>
@@ -27,12 +28,12 @@ Eigen::Vector3d pressures(Random& random) {  // [Pa]
   return {random.uniform(2e4, 2e5), random.uniform(2e4, 2e5), random.uniform(2e4, 2e5)};
 }
 
-/// One kill: how long after it the promise came true [s], or what was broken.
-struct Kill {
-  double after = 0;
-  std::string broken;
+/// What a kill has broken. A kill that breaks nothing returns how long after it the promise came
+/// true [s].
+struct Broken {
+  std::string what;
 };
-Kill broken(const std::string& what) { return {0, what}; }
+[[noreturn]] void broken(const std::string& what) { throw Broken{what}; }
 
 /// Handles callbacks up to a moment [s].
 void spin(double duration) {
@@ -43,22 +44,21 @@ bool isIn(const Inbox<SafetyState>& safety, const std::string& state) {
   return !safety.all().empty() && safety.last().state == state;
 }
 
-/// Whether the device is told to vent and runs empty.
-Kill vents(HardwareRig& rig, double begin, double rule) {
-  if (!rig.ventsBy(begin, rule + kSlack)) return broken("the device got no vent order");
+/// The device is told to vent and runs empty.
+double vents(HardwareRig& rig, double begin, double rule) {
+  if (!rig.ventsBy(begin, rule + kSlack)) broken("the device got no vent order");
   const double after = regulator::steadyNow() - begin;
   const auto isEmpty = [&] { return rig.regulator.pressure().maxCoeff() < kEmpty; };
-  if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
-  return {after, ""};
+  if (!waitFor(isEmpty, kVentTime + kSlack)) broken("pressure stands in the device");
+  return after;
 }
 
-/// Whether it vents and the safety core names the cause.
-Kill ventsBecauseOf(HardwareRig& rig, const std::string& cause, double begin, double rule) {
-  Kill kill = vents(rig, begin, rule);
-  if (!kill.broken.empty()) return kill;
-  if (!rig.comesTo("vented")) return broken("state is " + rig.safety.last().state);
-  if (rig.safety.last().cause != cause) return broken("cause is " + rig.safety.last().cause);
-  return kill;
+/// It vents and the safety core names the cause.
+double ventsBecauseOf(HardwareRig& rig, const std::string& cause, double begin, double rule) {
+  const double after = vents(rig, begin, rule);
+  if (!rig.comesTo("vented")) broken("state is " + rig.safety.last().state);
+  if (rig.safety.last().cause != cause) broken("cause is " + rig.safety.last().cause);
+  return after;
 }
 
 // One emulated device on a line, which outlives whatever drives it.
@@ -66,13 +66,14 @@ class OnALine {
  public:
   OnALine(Line line, const std::string& name) : device_(line), name_(name) {}
 
-  Kill commandNode(Random& random) {
+  double commandNode(Random& random) {
     HardwareRig rig(device_, name_);
     if (random.uniform(0, 1) < 0.3) {  // while it starts
       rig.command(pressures(random));
       spin(random.uniform(0, 1.5));
-    } else if (!rig.bringTo(pressures(random))) {
-      return broken("not enabled after the kill before: " + rig.node.outputNow());
+    } else {
+      if (!rig.bringTo(pressures(random)))
+        broken("not enabled after the kill before: " + rig.node.outputNow());
     }
     rig.command(pressures(random));
     spin(random.uniform(0, 0.5));
@@ -82,15 +83,14 @@ class OnALine {
   }
 
   // During a reload of a scene with another response, of many that follow each other.
-  Kill commandNodeInReload(Random& random) {
+  double commandNodeInReload(Random& random) {
     HardwareRig rig(device_, name_,
                     {"_scene_folder:=" + std::filesystem::temp_directory_path().string()});
-    if (!rig.bringTo(pressures(random))) return broken("not enabled: " + rig.node.outputNow());
-    std::atomic<bool> ends{false};
+    if (!rig.bringTo(pressures(random))) broken("not enabled: " + rig.node.outputNow());
     std::atomic<int> taken{0};
-    std::thread caller([&] {
+    const auto caller = std::async(std::launch::async, [&] {  // ends with the node
       const std::string own = contentOf(device_.scene());
-      for (int k = 1; !ends; ++k) {
+      for (int k = 1;; ++k) {
         std::string text = own;
         text.insert(
             text.find("    table:"),
@@ -106,27 +106,25 @@ class OnALine {
     spin(random.uniform(0, 0.3));
     const double begin = regulator::steadyNow();
     rig.node.signal(SIGKILL);
-    Kill kill = vents(rig, begin, 0);
-    ends = true;
-    caller.join();
-    return took ? kill : broken("no reload was taken: " + rig.node.outputNow());
+    const double after = vents(rig, begin, 0);
+    if (!took) broken("no reload was taken: " + rig.node.outputNow());
+    return after;
   }
 
-  Kill guard(Random& random) {
+  double guard(Random& random) {
     if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
-    if (!rig_->bringTo(pressures(random))) {
-      return broken("not enabled after the kill before: " + rig_->safety.last().reason);
-    }
+    if (!rig_->bringTo(pressures(random)))
+      broken("not enabled after the kill before: " + rig_->safety.last().reason);
     rig_->command(pressures(random));
     spin(random.uniform(0, 1));
     const std::vector<pid_t> guards = guardsOf(device_.scene());
-    if (guards.size() != 1) return broken(std::to_string(guards.size()) + " guards");
+    if (guards.size() != 1) broken(std::to_string(guards.size()) + " guards");
     const double begin = regulator::steadyNow();
     ::kill(guards.front(), SIGKILL);
     return ventsBecauseOf(*rig_, "guard_lost", begin, 1);
   }
 
-  Kill series(Random& random) {
+  double series(Random& random) {
     if (!rig_) rig_ = std::make_unique<HardwareRig>(device_, name_);
     rig_->fallSilent();  // the series commands alone
     Process series({HELIX_ARM_SERIES, "__ns:=/" + name_, "_scene:=" + device_.scene(),
@@ -135,18 +133,18 @@ class OnALine {
       if (!isIn(rig_->safety, "enabled")) rig_->trigger(names::kEnable);
       return device_.pressure().maxCoeff() > 3e4;
     });
-    if (!moves) return broken("it does not move the arm: " + series.outputNow());
+    if (!moves) broken("it does not move the arm: " + series.outputNow());
     spin(random.uniform(0, 2));
     const double begin = regulator::steadyNow();
     series.signal(SIGKILL);
     return ventsBecauseOf(*rig_, "stale_target", begin, kTargetTimeout);
   }
 
-  Kill loopOfAGoal(Random& random) {
+  double loopOfAGoal(Random& random) {
     HardwareLoop arm(device_, name_);
-    if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
+    if (!arm.enable()) broken("not enabled: " + arm.rig.node.outputNow());
     arm.follow(30);
-    if (!arm.isUnderWay()) return broken("it does not move the arm: " + arm.loop.outputNow());
+    if (!arm.isUnderWay()) broken("it does not move the arm: " + arm.loop.outputNow());
     spin(random.uniform(0, 1));
     const double begin = regulator::steadyNow();
     arm.loop.signal(SIGKILL);
@@ -154,9 +152,9 @@ class OnALine {
   }
 
   // At any moment: before its goal is taken, on the way to the first point, along the path.
-  Kill clientOfAGoal(Random& random) {
+  double clientOfAGoal(Random& random) {
     HardwareLoop arm(device_, name_);
-    if (!arm.enable()) return broken("not enabled: " + arm.rig.node.outputNow());
+    if (!arm.enable()) broken("not enabled: " + arm.rig.node.outputNow());
     arm.follow(30);
     spin(random.uniform(0, 4));
     const double begin = regulator::steadyNow();
@@ -167,8 +165,8 @@ class OnALine {
     const auto isEmpty = [&] {
       return device_.isVented() && device_.pressure().maxCoeff() < kEmpty;
     };
-    if (!waitFor(isEmpty, kVentTime + kSlack)) return broken("pressure stands in the device");
-    return {regulator::steadyNow() - begin, ""};
+    if (!waitFor(isEmpty, kVentTime + kSlack)) broken("pressure stands in the device");
+    return regulator::steadyNow() - begin;
   }
 
  private:
@@ -193,57 +191,53 @@ class InTheDemo {
 
   /// @param killed    node.
   /// @param promised  what is to hold after its end.
-  Kill node(const std::string& killed, Random& random, const std::function<bool()>& promised) {
-    if (!isClosed()) return broken("the loop is not closed after the kill before: " + words());
+  double node(const std::string& killed, Random& random, const std::function<bool()>& promised) {
+    if (!isClosed()) broken("the loop is not closed after the kill before: " + words());
     const double moment = regulator::steadyNow() + random.uniform(0, 1);
     until([&] { return regulator::steadyNow() >= moment; });
     const double begin = regulator::steadyNow();
     processes_.at(killed)->signal(SIGKILL);
-    Kill out = until(promised) ? Kill{regulator::steadyNow() - begin, ""} : broken(words());
+    const bool kept = until(promised);
+    const double after = regulator::steadyNow() - begin;
+    const std::string state = words();
     const std::size_t told = safety_.all().size();
     start(killed);
     // A node that is killed leaves its latched state.
     const bool tells =
         killed != "pressure_command" || waitFor([&] { return safety_.all().size() > told; });
-    return tells ? out : broken("no state after the restart");
+    if (!kept) broken(state);
+    if (!tells) broken("no state after the restart");
+    return after;
   }
 
-  Kill vision(Random& random) {
-    return node("vision", random,
-                [this] { return isLoop(LoopStatus::COASTING) || isLoop(LoopStatus::OPEN); });
-  }
-  Kill simulatedRig(Random& random) {
-    return node("simulated_rig", random, [this] {
-      return isIn(safety_, "fault") && safety_.last().cause == "stale_reading";
-    });
-  }
-  Kill commandNode(Random& random) {
-    return node("pressure_command", random, [this] { return highest() < 3e4; });
-  }
-  Kill visualServo(Random& random) {
-    return node("visual_servo", random, [this] {
-      return isIn(safety_, "vented") && safety_.last().cause == "stale_target";
-    });
+  /// Each node that moves or measures the arm, and what is to hold after its end.
+  std::map<std::string, std::function<bool()>> promises() {
+    return {{"vision", [this] { return isLoop(LoopStatus::COASTING) || isLoop(LoopStatus::OPEN); }},
+            {"simulated_rig",
+             [this] { return isIn(safety_, "fault") && safety_.last().cause == "stale_reading"; }},
+            {"pressure_command", [this] { return highest() < 3e4; }},
+            {"visual_servo",
+             [this] { return isIn(safety_, "vented") && safety_.last().cause == "stale_target"; }}};
   }
   /// Of a node that only watches: the arm stays enabled and its loop closed.
-  Kill watcher(const std::string& name, Random& random) {
+  double watcher(const std::string& name, Random& random) {
     std::size_t first = 0;
     const auto goesOn = [&] {
       if (first == 0) first = loop_.all().size();
       return loop_.all().size() > first + 30;
     };
-    Kill kill = node(name, random, goesOn);
+    const double after = node(name, random, goesOn);
     for (std::size_t k = first; k < loop_.all().size(); ++k) {
-      if (loop_.all()[k]->state != LoopStatus::CLOSED) return broken(loop_.all()[k]->message);
+      if (loop_.all()[k]->state != LoopStatus::CLOSED) broken(loop_.all()[k]->message);
     }
-    return kill;
+    return after;
   }
 
   /// During a run there and back, or without the way back.
-  Kill calibrationRun(Random& random) {
+  double calibrationRun(Random& random) {
     Runs runs("/demo/calibration/run_calibration", false);
-    if (!waitFor([&] { return runs.isServerConnected(); })) return broken("no action server");
-    if (!waitFor([this] { return !isIn(safety_, "enabled"); })) return broken(words());
+    if (!waitFor([&] { return runs.isServerConnected(); })) broken("no action server");
+    if (!waitFor([this] { return !isIn(safety_, "enabled"); })) broken(words());
     RunCalibrationGoal goal;
     goal.loop = random.uniform(0, 1) < 0.5;
     goal.fit = {goal.loop ? "response" : "K_kappa"};
@@ -255,49 +249,48 @@ class InTheDemo {
       waitFor([&] { return moves() || runs.getState().isDone(); });
       return moves();
     };
-    if (!waitFor(begins)) {
-      return broken("no run: " + (runs.getResult() ? runs.getResult()->message : words()));
-    }
+    const bool began = waitFor(begins);
+    if (!began) broken("no run: " + (runs.getResult() ? runs.getResult()->message : words()));
     spin(random.uniform(0, 6));
     const double begin = regulator::steadyNow();
     processes_.at("calibration")->signal(SIGKILL);
     const auto isDown = [this] { return !isIn(safety_, "enabled") && highest() < 3e4; };
-    if (!waitFor(isDown)) return broken(words());
-    Kill out{regulator::steadyNow() - begin, ""};
+    if (!waitFor(isDown)) broken(words());
+    const double after = regulator::steadyNow() - begin;
     start("calibration");
-    return out;
+    return after;
   }
 
   /// During a save, of many that follow each other: the file is the old one or the new one.
-  Kill save(Random& random) {
+  double save(Random& random) {
     const std::string service = "/demo/calibration/";
     RecordSample record;
     const auto recorded = [&] {
       spin(0.1);
       return ros::service::call(service + names::kRecordSample, record) && record.response.success;
     };
-    if (!waitFor([this] { return !isIn(safety_, "enabled"); }) || !waitFor(recorded, 40)) {
-      return broken("no sample: " + record.response.message);
-    }
+    const bool sampled =
+        waitFor([this] { return !isIn(safety_, "enabled"); }) && waitFor(recorded, 40);
+    if (!sampled) broken("no sample: " + record.response.message);
     Save first;
     first.request.path = folder_ / ("samples_" + std::to_string(++saves_) + ".csv");
-    if (!ros::service::call(service + names::kSave, first) || !first.response.success) {
-      return broken("not saved: " + first.response.message);
-    }
+    const bool saved = ros::service::call(service + names::kSave, first) && first.response.success;
+    if (!saved) broken("not saved: " + first.response.message);
     const std::string whole = contentOf(first.request.path);
-    std::thread caller([&] {
+    const auto caller = std::async(std::launch::async, [&] {  // ends with the node
       Save again = first;
       while (ros::service::call(service + names::kSave, again)) continue;
     });
     spin(random.uniform(0, 0.3));
     processes_.at("calibration")->signal(SIGKILL);
-    caller.join();
+    caller.wait();
     const std::string left = contentOf(first.request.path);
     start("calibration");
     // The first line has the time of the save.
-    if (left.substr(left.find('\n')) == whole.substr(whole.find('\n'))) return {};
-    return broken(std::to_string(left.size()) + " bytes are left of " +
-                  std::to_string(whole.size()) + ": " + left.substr(0, 80));
+    if (left.substr(left.find('\n')) != whole.substr(whole.find('\n')))
+      broken(std::to_string(left.size()) + " bytes are left of " + std::to_string(whole.size()) +
+             ": " + left.substr(0, 80));
+    return 0;
   }
 
  private:
@@ -380,17 +373,16 @@ struct Options {
 
 /// Kills at so many moments and prints the row. Returns how many promises were broken.
 int row(const std::string& name, const Options& options,
-        const std::function<Kill(Random&)>& killOnce) {
+        const std::function<double(Random&)>& killOnce) {
   if (name.find(options.only) == std::string::npos) return 0;
   Random random(options.seed);
   std::vector<double> times;
   std::multiset<std::string> faults;
   for (int k = 0; k < options.moments && ros::ok(); ++k) {
-    const Kill kill = killOnce(random);
-    if (kill.broken.empty()) {
-      times.push_back(kill.after);
-    } else {
-      faults.insert(kill.broken);
+    try {
+      times.push_back(killOnce(random));
+    } catch (const Broken& fault) {
+      faults.insert(fault.what);
     }
   }
   std::sort(times.begin(), times.end());
@@ -404,7 +396,7 @@ int row(const std::string& name, const Options& options,
 
 int killsOnALine(Line line, const std::string& name, const Options& options) {
   OnALine arm(line, name);
-  using Method = Kill (OnALine::*)(Random&);
+  using Method = double (OnALine::*)(Random&);
   const std::pair<const char*, Method> rows[] = {
       {"pressure_command", &OnALine::commandNode},
       {"pressure_command in a reload", &OnALine::commandNodeInReload},
@@ -423,16 +415,16 @@ int killsOnALine(Line line, const std::string& name, const Options& options) {
 int killsInTheDemo(const Options& options) {
   std::unique_ptr<InTheDemo> demo;
   int out = 0;
-  const auto add = [&](const char* words, const std::function<Kill(Random&)>& killOnce) {
+  const auto add = [&](const char* words, const std::function<double(Random&)>& killOnce) {
     out += row(std::string("demo: ") + words, options, [&](Random& random) {
       if (!demo) demo = std::make_unique<InTheDemo>();
       return killOnce(random);
     });
   };
-  add("vision", [&](Random& random) { return demo->vision(random); });
-  add("simulated_rig", [&](Random& random) { return demo->simulatedRig(random); });
-  add("pressure_command", [&](Random& random) { return demo->commandNode(random); });
-  add("visual_servo", [&](Random& random) { return demo->visualServo(random); });
+  for (const char* name : {"vision", "simulated_rig", "pressure_command", "visual_servo"}) {
+    add(name,
+        [&, name](Random& random) { return demo->node(name, random, demo->promises().at(name)); });
+  }
   for (const char* watcher : {"monitor", "workspace_cloud"}) {
     add(watcher, [&, watcher](Random& random) { return demo->watcher(watcher, random); });
   }

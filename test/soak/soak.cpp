@@ -9,6 +9,8 @@
 #include <cstdio>
 #include <fstream>
 #include <functional>
+#include <map>
+#include <set>
 
 #include <CLI/CLI.hpp>
 
@@ -24,13 +26,11 @@ namespace {
 using control::SafetyState;
 using simulation::DeviceFault;
 
-// Counts of times between a microsecond and a hundred seconds, to 2 %: of fixed size, however many
-// they are.
+// Counts of times to 2 %: of limited size, however many they are.
 class LatencyHistogram {
  public:
   void add(double seconds) {
-    const double bin = std::log(std::max(seconds, kLeast) / kLeast) / std::log(kStep);
-    ++counts_[std::min(static_cast<std::size_t>(bin), counts_.size() - 1)];
+    ++counts_[static_cast<int>(std::floor(std::log(std::max(seconds, kLeast)) / kStep))];
     ++total_;
     most_ = std::max(most_, seconds);
   }
@@ -39,20 +39,18 @@ class LatencyHistogram {
   double most() const { return most_; }  //< [s]
   // The time that a share of them does not exceed; 0 where there are none [s].
   double quantile(double share) const {
-    std::uint64_t left = static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(total_)));
-    for (std::size_t i = 0; i < counts_.size(); ++i) {
-      if (counts_[i] >= left && total_ > 0) {
-        return std::min(most_, kLeast * std::pow(kStep, static_cast<double>(i + 1)));
-      }
-      left -= counts_[i];
+    double left = share * static_cast<double>(total_);
+    for (const auto& [bin, count] : counts_) {
+      left -= static_cast<double>(count);
+      if (left <= 0) return std::min(most_, std::exp(kStep * (bin + 1)));
     }
     return most_;
   }
 
  private:
-  static constexpr double kLeast = 1e-6, kStep = 1.02;
+  static constexpr double kLeast = 1e-6, kStep = 0.02;
 
-  std::array<std::uint64_t, 931> counts_{};
+  std::map<int, std::uint64_t> counts_;
   std::uint64_t total_ = 0;
   double most_ = 0;
 };
@@ -112,32 +110,17 @@ std::unique_ptr<regulator::RegulatorIo> startIo(const io::Scene& scene) {
 
 bool isDevices(int trouble) { return trouble < simulation::kDeviceFaultCount; }
 
+using Faults = std::set<DeviceFault>;
+bool isOf(const Faults& faults, int trouble) {
+  return faults.count(static_cast<DeviceFault>(trouble)) > 0;
+}
 // Nothing can be told to a device, or nothing that it says be believed, while it lasts.
-bool silences(int trouble) {
-  switch (static_cast<DeviceFault>(trouble)) {
-    case DeviceFault::kSilence:
-    case DeviceFault::kGarbage:
-    case DeviceFault::kHalfLine:
-    case DeviceFault::kSlow:
-    case DeviceFault::kNanText:
-      return true;
-    default:
-      return false;
-  }
-}
-
+const Faults kSilences = {DeviceFault::kSilence, DeviceFault::kGarbage, DeviceFault::kHalfLine,
+                          DeviceFault::kSlow, DeviceFault::kNanText};
 // Whatever is wrong, orders come in and let the air out.
-bool canVent(int trouble) {
-  switch (static_cast<DeviceFault>(trouble)) {
-    case DeviceFault::kBurst:
-    case DeviceFault::kLowSupply:
-    case DeviceFault::kWrongUnit:
-    case DeviceFault::kStuckValue:
-      return true;
-    default:
-      return !isDevices(trouble);
-  }
-}
+const Faults kVentable = {DeviceFault::kBurst, DeviceFault::kLowSupply, DeviceFault::kWrongUnit,
+                          DeviceFault::kStuckValue};
+bool canVent(int trouble) { return !isDevices(trouble) || isOf(kVentable, trouble); }
 
 // Its inlet does not close, whatever the order.
 bool overfills(int trouble) { return trouble == static_cast<int>(DeviceFault::kStuckOpen); }
@@ -302,7 +285,7 @@ class SoakedArm {
   double mustDecide() const {
     if (trouble_ == kStopEngaged || trouble_ == kVentAsked) return trouble_began_;
     if (trouble_ == kSilentCommander) return trouble_began_ + rules_.target_timeout + kSlack;
-    if (silences(trouble_) || restarts(trouble_)) {
+    if (isOf(kSilences, trouble_) || restarts(trouble_)) {
       return trouble_began_ + rules_.reading_timeout + kSlack;
     }
     if (overfills(trouble_)) {

@@ -6,13 +6,12 @@ import subprocess
 import tempfile
 import time
 
-import roslib.packages
-
 SOURCE = os.path.realpath(os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", ".."))
 
 
 def node(name):
     """Path of a node of the package."""
+    import roslib.packages  # here, since not all that start processes have ROS on their path
     return roslib.packages.find_node("helix_arm", name)[0]
 
 

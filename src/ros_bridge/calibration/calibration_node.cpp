@@ -1,11 +1,10 @@
+#include <Eigen/Core>
 #include <exception>
-#include <limits>
 #include <system_error>
 #include <variant>
 
 #include <actionlib/server/simple_action_server.h>
 #include <ros/init.h>
-#include <ros/this_node.h>
 
 #include "bag/bag_captures.hpp"
 #include "helix_arm/Calibrate.h"
@@ -15,29 +14,26 @@
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/RunCalibrationActionGoal.h"
 #include "helix_arm/Save.h"
-#include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/TagDetections.h"
+#include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/arm.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "recorder.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
-#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace ros::serialization {
@@ -51,7 +47,242 @@ struct Serializer<helix_arm::RunCalibrationActionGoal>
 namespace helix_arm::ros_bridge {
 namespace {
 
-/// What the services of calibration and its action answer.
+/// The samples that were recorded of an arm, and its scene.
+struct Recording {
+  io::Scene scene;
+  std::vector<procedures::Sample> samples;
+  procedures::ResponseSeries series;      ///< of a run in a loop; empty without one
+  std::size_t left_out = 0;               ///< rows that the series has no room for
+  std::optional<std::string> calibrated;  ///< text of the last scene that was calibrated
+
+  /// What a calibration takes.
+  /// @throws std::invalid_argument without samples, io::DocumentError as
+  /// procedures::makeCaptures().
+  procedures::CalibrationData data() const {
+    const std::vector<io::TagCornerCapture> seen = numbered(samples, scene.arm);
+    basics::require(
+        !seen.empty(),
+        "no sample was recorded; call record_sample or run_calibration first, or name data "
+        "sets");
+    procedures::CalibrationData out;
+    out.captures = procedures::makeCaptures(scene, seen, "recorded samples").captures;
+    out.sources.push_back({"recorded samples",
+                           io::sha256Of(io::tagCornerCsv(seen, scene.arm.actuatorCount(), "")),
+                           static_cast<int>(seen.size())});
+    if (series.empty()) return out;
+    out.tips = series;
+    out.sources.push_back({"recorded series", io::sha256Of(procedures::tipSeriesCsv(series, "")),
+                           static_cast<int>(series.history.rows())});
+    if (left_out > 0) {
+      out.warnings.push_back("the series of the tip has no room for its last " +
+                             std::to_string(left_out) + " rows; expected a run of fewer steps");
+    }
+    return out;
+  }
+
+  /// A data set of tag corners, as CSV.
+  std::string table() const {
+    return io::tagCornerCsv(numbered(samples, scene.arm), scene.arm.actuatorCount(),
+                            kRecordedTitle + scene.name + ", " + procedures::utcNow());
+  }
+
+  /// A data set of the series, as CSV; its times are those of the table.
+  std::string seriesTable() const {
+    return procedures::tipSeriesCsv(series,
+                                    kRecordedTitle + scene.name + ", " + procedures::utcNow());
+  }
+};
+
+/// Listens to what is measured of an arm, tells whether it stands still and whether measurements
+/// are fresh, and holds the samples. From any thread.
+///
+/// Ages and windows go by the stamps of messages and ROS time; where ROS time stands still, by a
+/// steady clock (MovingClock).
+class Recorder {
+ public:
+  /// The arm at one moment.
+  struct Observation {
+    double time;       ///< ROS time, or the steady clock that goes on where it stands still [s]
+    bool time_stands;  ///< ROS time stands still
+    procedures::Settling settling;
+  };
+
+  /// @param scene  All actuators are driven by pressure.
+  /// @throws std::invalid_argument naming what breaks a rule.
+  Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::SettleRules& rules)
+      : scene_(std::move(scene)),
+        watch_(actuatorNames(scene_.arm), rules),
+        detections_subscriber_(
+            listen(node, names::kTagDetections, 100, &Recorder::onDetections, this)),
+        measured_subscriber_(
+            listen(node, names::kPressureMeasured, 100, &Recorder::onMeasured, this)),
+        command_subscriber_(listen(node, names::kPressureCommand, 100, &Recorder::onCommand, this)),
+        shape_subscriber_(listen(node, names::kMeasured, 100, &Recorder::onShape, this)),
+        vision_subscriber_(listen(node, names::kVisionStatus, 100, &Recorder::onVision, this)),
+        watch_timer_(repeat(node, "the watch", kWatchPeriod, &Recorder::onWatch, this)) {}
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  Observation observe() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const double now = clock_.now();
+    return {now, clock_.stands(), settlingAt(now)};
+  }
+
+  /// Adds the median of the pictures of the window.
+  /// @return what was added.
+  /// @throws std::invalid_argument where the arm does not stand still or is not measured, and where
+  /// the last sample is of these pictures.
+  procedures::Sample record() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const procedures::Settling state = settlingAt(clock_.now());
+    basics::require(state.settled(), "not recorded: ", state.reason);
+    const std::vector<procedures::Sample> pictures = watch_.samples();
+    const bool again = !samples_.empty() && pictures.front().time <= samples_.back().time &&
+                       samples_.back().time <= pictures.back().time;
+    basics::require(!again, "not recorded: the last sample is of these pictures; wait for ",
+                    watch_.rules().window, " s (~window_s)");
+    samples_.push_back(medianOf(pictures));
+    return samples_.back();
+  }
+  void add(procedures::Sample sample) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    samples_.push_back(std::move(sample));
+  }
+  /// of the samples
+  std::size_t count() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return samples_.size();
+  }
+  /// Text of the scene that was calibrated last.
+  void keep(const std::string& calibrated) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    calibrated_ = calibrated;
+  }
+  /// Forgets samples, series and calibrated scene.
+  /// @return how many samples there were.
+  std::size_t clear() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const std::size_t out = samples_.size();
+    samples_.clear();
+    series_.reset();
+    calibrated_.reset();
+    records_series_ = false;
+    return out;
+  }
+  /// Records a series of pressures and tips, until it is stopped; forgets the one before.
+  void startSeries() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    series_.emplace(scene_.arm.actuatorCount());
+    records_series_ = true;
+  }
+  void stopSeries() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    records_series_ = false;
+  }
+
+  io::Scene scene() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return scene_;
+  }
+  Recording recording() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    Recording out{scene_, samples_, {}, 0, calibrated_};
+    if (series_) {
+      out.series = series_->series();
+      out.left_out = series_->leftOut();
+    }
+    return out;
+  }
+
+  /// Replaces the scene; the samples stay, the calibrated one does not.
+  /// @throws std::invalid_argument where it is not pneumatic or of another rig; nothing changes.
+  void adopt(io::Scene next) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    next = requirePneumatic(std::move(next));
+    requireSameRig(scene_, next);
+    scene_ = std::move(next);
+    calibrated_.reset();
+  }
+
+ private:
+  // Callbacks of the spinning thread.
+  void onDetections(const TagDetectionsConstPtr& detections) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    watch_.seen(detections->header.stamp.toSec(), observationsOf(*detections, scene_));
+  }
+  void onMeasured(const PressureArrayConstPtr& measured) HELIX_ARM_EXCLUDES(mutex_) {
+    take(*measured, names::kPressureMeasured, &procedures::SettleWatch::measured);
+  }
+  void onCommand(const PressureArrayConstPtr& command) HELIX_ARM_EXCLUDES(mutex_) {
+    take(*command, names::kPressureCommand, &procedures::SettleWatch::command);
+  }
+  void onShape(const ArmShapeConstPtr& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    const geometry_msgs::Point& tip = shape->tip.position;
+    const auto checked = control::checkPosition({tip.x, tip.y, tip.z});
+    const auto* position = std::get_if<Eigen::Vector3d>(&checked);
+    const basics::MutexLock lock(mutex_);
+    if (records_series_ && position) series_->seen(shape->header.stamp.toSec(), *position);
+  }
+  void onVision(const VisionStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    vision_ = *status;
+  }
+  void onWatch(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    clock_.now();
+  }
+
+  static constexpr double kWatchPeriod = 0.1;  // [s]
+
+  static std::vector<std::string> actuatorNames(const model::Arm& arm) {
+    std::vector<std::string> out;
+    for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
+    return out;
+  }
+
+  using Input = void (procedures::SettleWatch::*)(double time, const Eigen::VectorXd& pressure);
+  /// Hands a message's pressures to the watch; warns where they are not of the scene.
+  void take(const PressureArray& message, const char* topic, Input input)
+      HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
+    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      const double time = message.header.stamp.toSec();
+      (watch_.*input)(time, *pressure);
+      const bool reading = input == &procedures::SettleWatch::measured;
+      if (records_series_ && reading) series_->measured(time, *pressure);
+    } else if (foreign_pressures_.add()) {
+      logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene_.name.c_str(),
+                 std::get<control::Refusal>(checked).message.c_str(), foreign_pressures_.total());
+    }
+  }
+  procedures::Settling settlingAt(double now) const HELIX_ARM_REQUIRES(mutex_) {
+    procedures::Settling out = watch_.at(now);
+    // If no tags are seen, vision_status knows the cause.
+    const bool blind = out.stale() || out.state == procedures::SettleState::kNoTags;
+    if (blind && vision_ && vision_->state != VisionStatus::MEASURED) {
+      out.reason += "; vision says: " + basics::quoted(vision_->message, kLongestMessage);
+    }
+    return out;
+  }
+
+  mutable basics::Mutex mutex_;
+  io::Scene scene_ HELIX_ARM_GUARDED_BY(mutex_);
+  MovingClock clock_ HELIX_ARM_GUARDED_BY(mutex_);
+  procedures::SettleWatch watch_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::optional<VisionStatus> vision_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
+  FaultCount foreign_pressures_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::vector<procedures::Sample> samples_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::optional<std::string> calibrated_ HELIX_ARM_GUARDED_BY(mutex_);
+
+  std::optional<procedures::SeriesRecord> series_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool records_series_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+
+  ros::Subscriber detections_subscriber_, measured_subscriber_, command_subscriber_;
+  ros::Subscriber shape_subscriber_, vision_subscriber_;
+  ros::SteadyTimer watch_timer_;
+};
 
 /// Runs what answers a service; what it throws is the answer.
 /// @return true: the answer is sent.
@@ -71,6 +302,8 @@ bool answer(const char* service, Response& response, const Body& body) {
   return true;
 }
 
+constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+
 /// Fills the response of the service or the result of the action.
 /// @param path  Of the calibrated scene.
 template <class Answer>
@@ -78,8 +311,7 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   out.success = outcome.success;
   out.message = outcome.message;
   out.warnings = outcome.warnings;
-  out.held_out_error = std::numeric_limits<double>::quiet_NaN();
-  constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+  out.held_out_error = kUndetermined;
   out.tip_error_before = outcome.tip_error_before.value_or(kUndetermined);
   out.tip_error_after = outcome.tip_error_after.value_or(kUndetermined);
   if (outcome.success) out.out = path;
@@ -105,37 +337,34 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   }
 }
 
+// The jobs of JobSlot, as another one is refused.
+constexpr char kRun[] = "run_calibration is running; wait for it, or cancel it first";
+constexpr char kFit[] = "a fit is running; wait for it";
+
 /// The one long job that the calibration node does at a time: a run of its action, or the fit of a
 /// service. While a job holds the slot, no other starts, and neither samples nor scene are changed
 /// from outside. From any thread.
 ///
-/// Its mutex is locked after that of ReloadServer, and before those of Recorder and Calibrator.
+/// Its mutex is locked after that of ReloadServer, and before that of Recorder.
 class JobSlot {
  public:
-  enum class Job {
-    kNone,
-    kRun,  ///< run_calibration
-    kFit,  ///< the fit of a service
-  };
-
   /// Holds the slot until its last copy ends.
   using Claim = std::shared_ptr<void>;
 
   /// @throws std::invalid_argument naming the job that is under way.
-  Claim claim(Job job) HELIX_ARM_EXCLUDES(mutex_) {
+  Claim claim(const char* job) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    requireIdle();
+    basics::require(job_ == nullptr, job_);
     job_ = job;
     return Claim(nullptr, [this](void*) {
       const basics::MutexLock end(mutex_);
-      job_ = Job::kNone;
+      job_ = nullptr;
     });
   }
 
-  /// run_calibration is under way
   bool runs() const HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    return job_ == Job::kRun;
+    return job_ == kRun;
   }
 
   /// Runs a short body; no job starts meanwhile.
@@ -144,33 +373,17 @@ class JobSlot {
   template <class Body>
   auto whileIdle(const Body& body) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    requireIdle();
+    basics::require(job_ == nullptr, job_);
     return body();
   }
 
  private:
-  void requireIdle() const HELIX_ARM_REQUIRES(mutex_) {
-    basics::require(job_ != Job::kRun,
-                    "run_calibration is running; wait for it, or cancel it first");
-    basics::require(job_ != Job::kFit, "a fit is running; wait for it");
-  }
-
   mutable basics::Mutex mutex_;
-  Job job_ HELIX_ARM_GUARDED_BY(mutex_) = Job::kNone;
+  const char* job_ HELIX_ARM_GUARDED_BY(mutex_) = nullptr;
 };
 
-void makeFolder(const std::string& folder) {
-  std::error_code fault;
-  std::filesystem::create_directories(folder, fault);
-  if (fault) {
-    logWarning(
-        "the folder %s does not exist and cannot be created (%s): services cannot use files in it",
-        folder.c_str(), fault.message().c_str());
-  }
-}
-
-/// Reads data sets, fits the file of the node's scene, writes the calibrated scene, and keeps the
-/// last one. From any thread; no file is read or written and nothing is fitted under its lock.
+/// Reads data sets, fits the file of the node's scene, and writes the calibrated scene, which the
+/// recorder keeps. From any thread; no file is read or written and nothing is fitted under a lock.
 class Calibrator {
  public:
   using SceneFile = std::function<ReloadServer::File()>;
@@ -182,13 +395,21 @@ class Calibrator {
   /// @param rules       When the arm of a recording stands still.
   /// @param scene_file  The file of the node's scene.
   Calibrator(const std::string& data_folder, const std::string& out_folder,
-             const procedures::SettleRules& rules, SceneFile scene_file)
+             const procedures::SettleRules& rules, Recorder& recorder, SceneFile scene_file)
       : data_access_({{data_folder, "~data_folder"}, {out_folder, "~out_folder"}}),
         out_access_({{out_folder, "~out_folder"}}),
         rules_(rules),
+        recorder_(recorder),
         scene_file_(std::move(scene_file)) {
-    makeFolder(data_folder);
-    makeFolder(out_folder);
+    for (const std::string& folder : {data_folder, out_folder}) {
+      std::error_code fault;
+      std::filesystem::create_directories(folder, fault);
+      if (!fault) continue;
+      logWarning(
+          "the folder %s does not exist and cannot be created (%s): services cannot use files in "
+          "it",
+          folder.c_str(), fault.message().c_str());
+    }
   }
 
   // Paths without links, of what a request names.
@@ -197,12 +418,10 @@ class Calibrator {
   std::string tablePath(const std::string& data) const {
     return data_access_.toRead("data", data, {".csv"});
   }
-
   /// Where a calibrated scene goes; empty stays empty.
   std::string scenePath(const std::string& out) const {
     return out.empty() ? out : out_access_.toWrite("out", out, {".yaml"});
   }
-
   /// of a scene or of samples to write
   std::string savePath(const std::string& path) const {
     return out_access_.toWrite("path", path, {".yaml", ".csv"});
@@ -211,13 +430,12 @@ class Calibrator {
   /// Reads data sets of all kinds, recordings included.
   /// @throws std::invalid_argument where one may not be read, io::DocumentError with every fault of
   /// a file.
-  procedures::CalibrationData load(const io::Scene& scene,
-                                   const std::vector<std::string>& paths) const {
+  procedures::CalibrationData load(const std::vector<std::string>& paths) const {
     std::vector<std::string> allowed;
     for (const std::string& path : paths) {
       allowed.push_back(data_access_.toRead("data", path, {".csv", ".bag"}));
     }
-    return loadMeasurements(scene, allowed, rules_);
+    return loadMeasurements(recorder_.scene(), allowed, rules_);
   }
 
   /// @throws std::invalid_argument where the words are none of CalibrationRequest::fit,
@@ -238,8 +456,7 @@ class Calibrator {
   procedures::CalibrationOutcome calibrate(const procedures::CalibrationRequest& request,
                                            const procedures::CalibrationData& data,
                                            const std::string& out,
-                                           const std::function<bool()>& cancelled)
-      HELIX_ARM_EXCLUDES(mutex_) {
+                                           const std::function<bool()>& cancelled) {
     const ReloadServer::File file = scene_file_();
     basics::require(io::sha256OfFile(file.path) == file.sha256, file.path,
                     " changed on disk since it was loaded; call reload first");
@@ -251,10 +468,7 @@ class Calibrator {
       outcome.message = "cancelled";
       return outcome;
     }
-    {
-      const basics::MutexLock lock(mutex_);
-      last_ = outcome.scene_text;
-    }
+    recorder_.keep(outcome.scene_text);
     if (out.empty()) return outcome;
     try {
       io::writeFileAtomically(scenePath(out), outcome.scene_text);
@@ -266,23 +480,11 @@ class Calibrator {
     return outcome;
   }
 
-  /// Text of the last scene that was calibrated; absent where there is none.
-  std::optional<std::string> last() const HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    return last_;
-  }
-
-  void forgetLast() HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    last_.reset();
-  }
-
  private:
   const FileAccess data_access_, out_access_;
   const procedures::SettleRules rules_;
+  Recorder& recorder_;
   const SceneFile scene_file_;
-  mutable basics::Mutex mutex_;
-  std::optional<std::string> last_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 constexpr double kFeedbackPeriod = 0.2;  // [s]
@@ -294,8 +496,7 @@ constexpr std::chrono::milliseconds kBetweenLooks(5);
 /// rest, if the arm follows it and no other goal waits, and calibrates. Where the node that sent
 /// the goal is gone, it ramps down at once.
 ///
-/// Subscribes to target_status. Publishes pressure_target, all actuators, gauge [Pa], during a run
-/// alone. Its mutex is locked before that of Recorder.
+/// Publishes pressure_target during a run alone. Its mutex is locked before that of Recorder.
 class RunAction {
  public:
   RunAction(ros::NodeHandle& node, ros::NodeHandle& private_node, const procedures::RunRules& rules,
@@ -329,31 +530,15 @@ class RunAction {
     procedures::CalibrationRun run;
     bool waited = false;  ///< for pictures, in its last turn
   };
-  /// How a run ended.
-  struct Ending {
-    procedures::RunEnd verdict;
-    std::string reason;
-    int steps;
-  };
-  /// One turn of a run.
-  struct Turn {
-    std::optional<Ending> ending;  ///< the run has ended; nothing was commanded
-    RunCalibrationFeedback feedback;
-  };
-
   /// In the spinning thread.
   void onStatus(const TargetStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      trace_.answered(*status);
-    }
-    if (status->commander != ros::this_node::getName() ||
+    const basics::MutexLock lock(mutex_);
+    trace_.answered(*status);
+    if (!motion_ || status->commander != ros::this_node::getName() ||
         status->outcome != TargetStatus::DROPPED) {
       return;
     }
     const std::string message = basics::quoted(status->message, kLongestMessage);
-    const basics::MutexLock lock(mutex_);
-    if (!motion_) return;
     if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
       motion_->run.yield(message);
     } else if (status->fault != control::nameOf(control::Fault::kStale)) {
@@ -369,9 +554,9 @@ class RunAction {
   void onGoal(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
     JobSlot::Claim claim;
     RunCalibrationResult refused;
-    refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
+    refused.held_out_error = kUndetermined;
     answer(names::kRunCalibration, refused, [&] {
-      claim = jobs_.claim(JobSlot::Job::kRun);
+      claim = jobs_.claim(kRun);
       begin(goal);
       refused.success = true;
       refused.message = "begins";
@@ -380,23 +565,18 @@ class RunAction {
       claim.reset();
       return end(refused, false);
     }
-    std::string why;
-    if (!goal_guard_.run(
-            "",
-            [&] {
-              client_.watchNext(goal);
-              client_.beginNext();
-              const auto ending = play();
-              client_.release();
-              recorder_.stopSeries();
-              if (!ending) return;
-              rest();
-              conclude(goal, *ending);
-            },
-            &why) &&
-        server_->isActive()) {
+    const auto live = [&] {
+      client_.watchNext(goal);
+      client_.beginNext();
+      play();
+      client_.release();
+      recorder_.stopSeries();
+      if (!ros::ok()) return;
+      rest();
+      conclude(goal);
+    };
+    if (!goal_guard_.run("", live, &refused.message) && server_->isActive()) {
       refused.success = false;
-      refused.message = why;
       end(refused, false);
     }
     const basics::MutexLock lock(mutex_);
@@ -436,32 +616,31 @@ class RunAction {
     trace_ = {};
     recorder_.clear();
     if (goal.loop) recorder_.startSeries();
-    calibrator_.forgetLast();
   }
 
-  /// Moves the arm until the run has ended; absent where ROS was shut down before.
-  std::optional<Ending> play() HELIX_ARM_EXCLUDES(mutex_) {
+  /// Moves the arm until the run has ended, or ROS is shut down.
+  void play() {
     const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
         std::chrono::duration<double>(1.0 / rate_));
     std::vector<procedures::Sample> captures;  // of this step
-    std::chrono::steady_clock::time_point due = std::chrono::steady_clock::now(),
-                                          told = due - std::chrono::hours(1);
+    auto due = std::chrono::steady_clock::now(), told = due - std::chrono::hours(1);
     while (ros::ok()) {
-      const Turn done = turn(captures);
-      if (done.ending) return done.ending;
+      const auto feedback = turn(captures);
+      if (!feedback) return;
       const auto now = std::chrono::steady_clock::now();
       if (std::chrono::duration<double>(now - told).count() > kFeedbackPeriod) {
         told = now;
-        server_->publishFeedback(done.feedback);
+        server_->publishFeedback(*feedback);
       }
       due = std::max(due + period, now);
       std::this_thread::sleep_until(due);
     }
-    return std::nullopt;
   }
 
   /// @param captures  Of this step so far; goes on.
-  Turn turn(std::vector<procedures::Sample>& captures) HELIX_ARM_EXCLUDES(mutex_) {
+  /// @return nothing if the run has ended, so that nothing was commanded.
+  std::optional<RunCalibrationFeedback> turn(std::vector<procedures::Sample>& captures)
+      HELIX_ARM_EXCLUDES(mutex_) {
     using procedures::RunEnd;
     const basics::MutexLock lock(mutex_);
     procedures::CalibrationRun& run = motion_->run;
@@ -473,11 +652,7 @@ class RunAction {
       run.end(RunEnd::kAborted,
               "ROS time does not advance; is the node that publishes /clock running?");
     }
-    Turn out;
-    if (run.ended()) {
-      out.ending = Ending{run.verdict(), run.reason(), run.steps()};
-      return out;
-    }
+    if (run.ended()) return std::nullopt;
     const procedures::CalibrationRun::Order order = run.advance(now, state);
     std_msgs::Header header = toHeaderMsg(ros::Time::now());
     target_publisher_.publish(toPressureMsg(header, motion_->arm, order.pressure));
@@ -487,57 +662,56 @@ class RunAction {
       recorder_.add(medianOf(captures));
       captures.clear();
     }
-    out.feedback.step = static_cast<std::uint32_t>(run.step() + 1);
-    out.feedback.steps = static_cast<std::uint32_t>(run.steps());
-    out.feedback.state = nameOf(run.phase());
+    RunCalibrationFeedback out;
+    out.step = static_cast<std::uint32_t>(run.step() + 1);
+    out.steps = static_cast<std::uint32_t>(run.steps());
+    out.state = nameOf(run.phase());
     const bool waits = run.waitsForPictures();
     if (waits || (run.phase() == procedures::RunPhase::kSettling && !state.settled())) {
-      out.feedback.state += ": " + state.reason;
+      out.state += ": " + state.reason;
     }
     if (waits && !motion_->waited) {
       logWarning("run_calibration waits for pictures, at most %g s (~patience_s): %s",
                  rules_.patience, state.reason.c_str());
     }
     motion_->waited = waits;
-    out.feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
-    out.feedback.samples = static_cast<std::uint32_t>(recorder_.count());
+    out.pressure.assign(order.pressure.begin(), order.pressure.end());
+    out.samples = static_cast<std::uint32_t>(recorder_.count());
     return out;
   }
 
   /// Brings the arm to rest after a run, if it is still the run's and no other goal waits for it.
   void rest() HELIX_ARM_EXCLUDES(mutex_) {
-    for (;;) {
+    for (bool waits = true; waits; std::this_thread::sleep_for(kBetweenLooks)) {
       // Without a master, the call would block.
       if (EndRequest::isUrgent() || !ros::ok()) return;
-      {
-        const basics::MutexLock lock(mutex_);
-        if (server_->isNewGoalAvailable()) return;
-        if (!trace_.awaitsAnswer()) {
-          if (!trace_.commands() && !trace_.wasRested()) return;
-          break;
-        }
-      }
-      std::this_thread::sleep_for(kBetweenLooks);
+      const basics::MutexLock lock(mutex_);
+      if (server_->isNewGoalAvailable()) return;
+      waits = trace_.awaitsAnswer();
+      if (!waits && !trace_.commands() && !trace_.wasRested()) return;
     }
     requestRest();
   }
 
   /// Calibrates where the run was completed, and sets the result.
-  void conclude(const RunCalibrationGoal& goal, const Ending& ending) {
+  void conclude(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_) {
     RunCalibrationResult result;
-    result.held_out_error = std::numeric_limits<double>::quiet_NaN();
-    if (ending.verdict != procedures::RunEnd::kCompleted) {
-      result.message = ending.reason;
+    result.held_out_error = kUndetermined;
+    RunCalibrationFeedback feedback;
+    feedback.state = "fitting";
+    basics::MutexLock lock(mutex_);
+    const procedures::RunEnd verdict = motion_->run.verdict();
+    result.message = motion_->run.reason();
+    feedback.step = feedback.steps = static_cast<std::uint32_t>(motion_->run.steps());
+    lock.unlock();
+    if (verdict != procedures::RunEnd::kCompleted) {
       logWarning("run_calibration: %s", result.message.c_str());
-      return end(result, ending.verdict == procedures::RunEnd::kPreempted);
+      return end(result, verdict == procedures::RunEnd::kPreempted);
     }
     answer(names::kRunCalibration, result, [&] {
       const Recording recording = recorder_.recording();
       const procedures::CalibrationData data = recording.data();
-      RunCalibrationFeedback feedback;
-      feedback.step = feedback.steps = static_cast<std::uint32_t>(ending.steps);
       feedback.samples = static_cast<std::uint32_t>(recording.samples.size());
-      feedback.state = "fitting";
       server_->publishFeedback(feedback);
       procedures::CalibrationRequest request;
       request.fit = goal.fit;
@@ -637,11 +811,12 @@ struct CalibrationNodeOptions {
   std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
   procedures::SettleRules settle;  ///< when the arm stands still, and when measurements are stale
   procedures::RunRules run;        ///< of run_calibration, except the captures
-  double rate = 50.0;              ///< of the targets during run_calibration [Hz]
-  std::string scene_folder;        ///< as pressure_command's
+  double rate = reader.number("rate", 50.0, {5, 1000});  ///< of targets in run_calibration [Hz]
+  std::string scene_folder = reader.folder("scene_folder", defaultFolder());
   /// Below which data sets are read (of either), and scenes and samples are written (of the
   /// second); made where they are missing.
-  std::string data_folder, out_folder;
+  std::string data_folder = reader.folder("data_folder", defaultFolder());
+  std::string out_folder = reader.folder("out_folder", defaultFolder());
 
   CalibrationNodeOptions() {
     settle.pressure_tolerance = 1e3 * reader.number("pressure_tolerance_kpa",
@@ -652,50 +827,26 @@ struct CalibrationNodeOptions {
     settle.max_age = reader.number("max_age_s", settle.max_age, {0.05, 60});
     run.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * run.ramp, {0.1, 10000});
     run.patience = reader.number("patience_s", run.patience, {0.1, 3600});
-    rate = reader.number("rate", rate, {5, 1000});
-    scene_folder = reader.folder("scene_folder", defaultFolder());
-    data_folder = reader.folder("data_folder", defaultFolder());
-    out_folder = reader.folder("out_folder", defaultFolder());
     reader.finish();
   }
 };
 
 /// Records the arm where it stands still, and calibrates the scene with what was recorded or with
-/// data sets.
+/// data sets: the node calibration of docs/nodes.md.
 ///
-/// Subscribes
-/// - tag_detections (TagDetections), vision_status (VisionStatus), measured (ArmShape): of vision
-/// - pressure_measured, pressure_command (PressureArray); target_status (TargetStatus)
-///
-/// Publishes
-/// - pressure_target (PressureArray): during run_calibration alone; all actuators, gauge [Pa]
-///
-/// Services
-/// - ~calibrate (Calibrate), ~fit_contraction (FitContraction): fit, and write a scene file
-/// - ~record_sample (RecordSample), ~clear_samples (ClearSamples), ~save (Save)
-/// - ~reload (Reload): another file of the same rig; samples stay
-///
-/// Action
-/// - ~run_calibration (RunCalibration): forgets what was recorded, ramps the pressures through a
-///   plan, waits at each until the arm stands still, records it, ramps down, calls
-///   pressure_command/rest and calibrates. Preempted, without fresh measurements, where the arm
-///   does not settle, and when the node is to end, it ramps down and ends without a calibration;
-///   what was recorded stays. When another commander has the arm, it ends and leaves the arm to it.
-///
-/// Parameters: CalibrationNodeOptions.
-///
-/// Ages and windows go by the stamps of messages and ROS time, so that simulated time may run fast.
-/// Where ROS time stands still the run ends, and ramps down by a steady clock.
+/// Preempted, without fresh measurements, where the arm does not settle, and when the node is to
+/// end, ~run_calibration ramps down and ends without a calibration; what was recorded stays. When
+/// another commander has the arm, it ends and leaves the arm to it. Ages and windows go by the
+/// stamps of messages and ROS time, so that simulated time may run fast. Where ROS time stands
+/// still the run ends, and ramps down by a steady clock.
 ///
 /// Messages, services and ~reload are handled in the spinning thread, run_calibration in a thread
-/// of its own. Locks in their order: ReloadServer, JobSlot or RunAction, Recorder or Calibrator.
-///
-/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
+/// of its own. Locks in their order: ReloadServer, JobSlot or RunAction, Recorder.
 class CalibrationNode : public Node {
  public:
   CalibrationNode()
       : recorder_(node_, requirePneumatic(io::loadScene(options_.scene)), options_.settle),
-        calibrator_(options_.data_folder, options_.out_folder, options_.settle,
+        calibrator_(options_.data_folder, options_.out_folder, options_.settle, recorder_,
                     [this] { return reload_.file(); }),
         calibrate_(serve(private_node_, names::kCalibrate, &Self::onCalibrate, this)),
         fit_contraction_(
@@ -722,24 +873,23 @@ class CalibrationNode : public Node {
 
   // Services. While run_calibration is under way, each is refused.
   bool onCalibrate(Calibrate::Request& request, Calibrate::Response& response) {
-    response.held_out_error = std::numeric_limits<double>::quiet_NaN();
+    response.held_out_error = kUndetermined;
     return answer(names::kCalibrate, response, [&] {
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(kFit);
       const procedures::CalibrationData data =
-          request.data.empty() ? recorder_.recording().data()
-                               : calibrator_.load(recorder_.scene(), request.data);
+          request.data.empty() ? recorder_.recording().data() : calibrator_.load(request.data);
       fill(response, calibrator_.calibrate(requestOf(request), data, out, neverCancelled), out);
     });
   }
 
   bool onFitContraction(FitContraction::Request& request, FitContraction::Response& response) {
-    response.hysteresis = std::numeric_limits<double>::quiet_NaN();
+    response.hysteresis = kUndetermined;
     return answer(names::kFitContraction, response, [&] {
       const procedures::CalibrationRequest job = requestOf(request);
       const std::string path = calibrator_.tablePath(request.data);
       const std::string out = calibrator_.scenePath(request.out);
-      const JobSlot::Claim fit = jobs_.claim(JobSlot::Job::kFit);
+      const JobSlot::Claim fit = jobs_.claim(kFit);
       const procedures::CalibrationData data =
           procedures::loadCalibrationData(recorder_.scene(), {path});
       basics::require(!data.lengths.empty(), path,
@@ -772,10 +922,8 @@ class CalibrationNode : public Node {
 
   bool onClear(ClearSamples::Request&, ClearSamples::Response& response) {
     return answer(names::kClearSamples, response, [&] {
-      jobs_.whileIdle([&] {
-        response.cleared = static_cast<std::uint32_t>(recorder_.clear());
-        calibrator_.forgetLast();
-      });
+      response.cleared =
+          static_cast<std::uint32_t>(jobs_.whileIdle([&] { return recorder_.clear(); }));
       response.success = true;
       response.message = std::to_string(response.cleared) + " samples cleared";
     });
@@ -784,8 +932,7 @@ class CalibrationNode : public Node {
   bool onSave(Save::Request& request, Save::Response& response) {
     return answer(names::kSave, response, [&] {
       const std::string path = calibrator_.savePath(request.path);
-      const auto [recording, last] =
-          jobs_.whileIdle([&] { return std::pair(recorder_.recording(), calibrator_.last()); });
+      const Recording recording = jobs_.whileIdle([&] { return recorder_.recording(); });
       std::string text;
       if (std::filesystem::path(path).extension() == ".csv") {
         basics::require(!recording.samples.empty(),
@@ -801,8 +948,9 @@ class CalibrationNode : public Node {
                               beside;
         }
       } else {
-        basics::require(last.has_value(), "nothing was calibrated; call calibrate first");
-        text = *last;
+        basics::require(recording.calibrated.has_value(),
+                        "nothing was calibrated; call calibrate first");
+        text = *recording.calibrated;
         response.message = "the last calibration of " + recording.scene.name + " in " + path;
       }
       io::writeFileAtomically(path, text);
@@ -811,10 +959,7 @@ class CalibrationNode : public Node {
   }
 
   void adopt(io::Scene next) {
-    jobs_.whileIdle([&] {
-      recorder_.adopt(std::move(next));
-      calibrator_.forgetLast();
-    });
+    jobs_.whileIdle([&] { recorder_.adopt(std::move(next)); });
   }
 
   const CalibrationNodeOptions options_{};

@@ -21,15 +21,16 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-using Clock = std::chrono::steady_clock;
+template <class Result>
+bool isReady(const std::future<Result>& result) {
+  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
 
 CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
@@ -46,142 +47,65 @@ std::string timeStamp() {
 
 }  // namespace
 
-// Shared with the threads of the calls, which may outlive the desk.
-struct CallDesk::State {
-  struct Waiting {
-    std::string what, remedy;
-    double limit;
-    Clock::time_point due;
-  };
-
-  std::ptrdiff_t count(const std::string& what) const HELIX_ARM_REQUIRES(mutex) {
-    return std::count_if(waiting.begin(), waiting.end(),
-                         [&](const auto& one) { return one.second.what == what; });
-  }
-
-  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex) {
-    if (!answer.success) answer.remedy = remedy;
-    answers.push_back(std::move(answer));
-  }
-
-  /// Gives up on the calls that are late.
-  void look() HELIX_ARM_REQUIRES(mutex) {
-    for (auto it = waiting.begin(); it != waiting.end();) {
-      const auto& [what, remedy, limit, due] = it->second;
-      const bool late = due <= Clock::now();
-      if (late) {
-        tell(noAnswer(what, basics::format("no answer within %g s; is the node alive?", limit)),
-             remedy);
-      }
-      it = late ? waiting.erase(it) : std::next(it);
-    }
-  }
-
-  /// The call has ended; its answer counts unless it was given up on.
-  void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex) {
-    const basics::MutexLock lock(mutex);
-    look();
-    --running[answer.what];
-    const auto call = waiting.extract(ticket);
-    if (call) tell(answer, call.mapped().remedy);
-  }
-
-  basics::Mutex mutex;
-  std::uint64_t last_ticket HELIX_ARM_GUARDED_BY(mutex) = 0;
-  std::map<std::uint64_t, Waiting> waiting HELIX_ARM_GUARDED_BY(mutex);
-  std::map<std::string, int> running HELIX_ARM_GUARDED_BY(mutex);  ///< also those given up on
-  std::vector<CallAnswer> answers HELIX_ARM_GUARDED_BY(mutex);
-};
-
-CallDesk::CallDesk() : state_(std::make_shared<State>()) {}
-
 void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
-  std::uint64_t ticket = 0;
-  {
-    const basics::MutexLock lock(state_->mutex);
-    state_->look();
-    const bool many = state_->count(what) >= kMostWaiting;
-    if (many || state_->running[what] >= kMostRunning) {
-      const char* const why = many
-                                  ? "earlier calls still wait for their answers; is the node alive?"
-                                  : "too many calls hang; end the node that hangs";
-      return state_->tell(noAnswer(what, why), remedy);
-    }
-    ++state_->running[what];
-    ticket = ++state_->last_ticket;
-    const std::chrono::duration<double> time(limit);
-    const auto due = Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
-    state_->waiting.emplace(ticket, State::Waiting{what, remedy, limit, due});
-  }
-  const auto run = [state = state_, what, ticket, call = std::move(call)] {
-    CallAnswer answer;
-    try {
-      answer = call();
-    } catch (const std::exception& fault) {
-      answer = noAnswer(what, fault.what());
-    }
-    answer.what = what;
-    state->end(ticket, answer);
+  look();
+  const auto count = [&](bool given_up_too) {
+    return std::count_if(calls_.begin(), calls_.end(), [&](const Running& one) {
+      return one.what == what && (given_up_too || !one.given_up);
+    });
   };
+  if (count(false) >= kMostWaiting) {
+    return tell(noAnswer(what, "earlier calls still wait for their answers; is the node alive?"),
+                remedy);
+  }
+  if (count(true) >= kMostRunning) {
+    return tell(noAnswer(what, "too many calls hang; end the node that hangs"), remedy);
+  }
+  std::packaged_task<CallAnswer()> task(std::move(call));
+  std::future<CallAnswer> answer = task.get_future();
   try {
     // Detached: nothing ends a call to a service that neither answers nor hangs up.
-    std::thread(run).detach();
+    std::thread(std::move(task)).detach();
   } catch (const std::system_error& fault) {
-    state_->end(ticket, noAnswer(what, std::string("no thread for it: ") + fault.what()));
+    return tell(noAnswer(what, std::string("no thread for it: ") + fault.what()), remedy);
+  }
+  const ros::SteadyTime due = ros::SteadyTime::now() + ros::WallDuration(limit);
+  calls_.push_back({what, remedy, limit, due, std::move(answer)});
+}
+
+void CallDesk::look() {
+  for (auto it = calls_.begin(); it != calls_.end();) {
+    const bool ended = isReady(it->answer);
+    const bool late = !ended && ros::SteadyTime::now() > it->due;
+    if ((ended || late) && !std::exchange(it->given_up, true)) {
+      CallAnswer answer = noAnswer(
+          it->what, basics::format("no answer within %g s; is the node alive?", it->limit));
+      try {
+        if (ended) answer = it->answer.get();
+      } catch (const std::exception& fault) {
+        answer.message = fault.what();
+      }
+      answer.what = it->what;
+      tell(std::move(answer), it->remedy);
+    }
+    it = ended ? calls_.erase(it) : std::next(it);
   }
 }
 
-bool CallDesk::waits(const std::string& what) const {
-  const basics::MutexLock lock(state_->mutex);
-  state_->look();
-  return state_->count(what) > 0;
+void CallDesk::tell(CallAnswer answer, const std::string& remedy) {
+  if (!answer.success) answer.remedy = remedy;
+  answers_.push_back(std::move(answer));
+}
+
+bool CallDesk::waits(const std::string& what) {
+  look();
+  return std::any_of(calls_.begin(), calls_.end(),
+                     [&](const Running& one) { return one.what == what && !one.given_up; });
 }
 
 std::vector<CallAnswer> CallDesk::take() {
-  const basics::MutexLock lock(state_->mutex);
-  state_->look();
-  return std::exchange(state_->answers, {});
-}
-
-CallAnswer useLastCalibration(const std::string& ns) {
-  CallAnswer out;
-  const std::string node = ros::names::append(ns, names::kCalibrationNode);
-  std::string folder;
-  ros::param::get(ros::names::append(node, "out_folder"), folder);
-  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
-  if (folder.empty()) folder = defaultFolder();
-  Save save;
-  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
-  const std::string save_name = ros::names::append(node, names::kSave);
-  if (!ros::service::call(save_name, save)) {
-    out.message = save_name + " is not there or does not answer";
-    out.answered = false;
-    return out;
-  }
-  if (!save.response.success) {
-    out.message = "not written: " + shownText(save.response.message);
-    return out;
-  }
-  std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
-                           names::kCalibrationNode}) {
-    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
-    if (!ros::service::exists(name, false)) continue;
-    Reload reload;
-    reload.request.scene = save.request.path;
-    const bool called = ros::service::call(name, reload);
-    if (!called || !reload.response.success) {
-      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
-                    " is not loaded by " + user + ": " +
-                    (called ? shownText(reload.response.message) : "no answer");
-      return out;
-    }
-    users += (users.empty() ? "" : ", ") + std::string(user);
-  }
-  out.success = !users.empty();
-  out.message = out.success ? save.request.path + " is used by " + users
-                            : save.request.path + " is written, but no node is up that loads it";
-  return out;
+  look();
+  return std::exchange(answers_, {});
 }
 
 void HeldGoal::begin(double now, CockpitGoal goal) {
@@ -231,6 +155,52 @@ bool HeldGoal::turn(double now) {
 }
 
 namespace {
+
+/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
+///
+/// @param ns  resolved namespace of the arm's nodes.
+CallAnswer useLastCalibration(const std::string& ns) {
+  CallAnswer out;
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  const std::string save_name = ros::names::append(node, names::kSave);
+  if (!ros::service::call(save_name, save)) {
+    out.message = save_name + " is not there or does not answer";
+    out.answered = false;
+    return out;
+  }
+  if (!save.response.success) {
+    out.message = "not written: " + shownText(save.response.message);
+    return out;
+  }
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const bool called = ros::service::call(name, reload);
+    if (!called || !reload.response.success) {
+      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                    " is not loaded by " + user + ": " +
+                    (called ? shownText(reload.response.message) : "no answer");
+      return out;
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  out.success = !users.empty();
+  out.message = out.success ? save.request.path + " is used by " + users
+                            : save.request.path + " is written, but no node is up that loads it";
+  return out;
+}
 
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
@@ -284,14 +254,27 @@ double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key
 
 constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
 
+// Runs a body in a thread of its own, where what it holds ends, too.
+template <class Body>
+void elsewhere(Body body) {
+  try {
+    std::thread(std::move(body)).detach();
+  } catch (const std::system_error&) {
+    // There is no thread for it: what it holds ends here.
+  }
+}
+
 }  // namespace
 
 template <class Message>
-void CockpitLink::hear(const char* topic, bool (CockpitLink::*take)(const Message&)) {
+void CockpitLink::hear(const char* topic, Heard<Message> CockpitLink::*heard,
+                       bool (CockpitLink::*counts)(const Message&)) {
   subscribers_.push_back(listen<Message>(
-      node_, topic, kQueue, [this, topic, take](const ros::MessageEvent<const Message>& event) {
+      node_, topic, kQueue, [this, heard, counts](const ros::MessageEvent<const Message>& event) {
+        const Message& message = *event.getConstMessage();
         const basics::MutexLock lock(mutex_);
-        if ((this->*take)(*event.getConstMessage())) came_[topic] = now();
+        const bool is_sound = counts == nullptr || (this->*counts)(message);
+        if (is_sound && heard != nullptr) this->*heard = {message, now()};
       }));
 }
 
@@ -300,16 +283,17 @@ CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
-  hear(names::kPressureCommand, &CockpitLink::onCommand);
-  hear(names::kPressureMeasured, &CockpitLink::onPressures);
-  hear(names::kSafetyState, &CockpitLink::onSafety);
-  hear(names::kTargetStatus, &CockpitLink::onStatus);
-  hear(names::kMeasured, &CockpitLink::onMeasured);
-  hear(names::kModel, &CockpitLink::onModel);
-  hear(names::kModelError, &CockpitLink::onError);
-  hear(names::kVisualServoStatus, &CockpitLink::onLoop);
-  hear(names::kErrorBudget, &CockpitLink::onBudget);
-  hear(names::kDiagnostics, &CockpitLink::onDiagnostics);
+  using Self = CockpitLink;
+  hear(names::kPressureCommand, &Self::command_, &Self::onCommand);
+  hear(names::kPressureMeasured, &Self::reading_, &Self::onReading);
+  hear(names::kSafetyState, &Self::safety_, &Self::onSafety);
+  hear<TargetStatus>(names::kTargetStatus, nullptr, &Self::onStatus);
+  hear(names::kMeasured, &Self::measured_);
+  hear(names::kModel, &Self::model_);
+  hear(names::kModelError, &Self::error_);
+  hear(names::kVisualServoStatus, &Self::loop_);
+  hear(names::kErrorBudget, &Self::budget_);
+  hear<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, nullptr, &Self::onDiagnostics);
   client_ = std::make_unique<Client>(
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
@@ -324,17 +308,26 @@ CockpitView CockpitLink::view() {
   held_.look(now());
   watchCalibration(there);
   CockpitView out = seen_;
-  out.connected = isFresh(names::kPressureCommand);
+  out.connected = command_.isFresh();
   out.tip_heard = tip_heard;
-  if (out.safety && out.safety->state.empty()) out.safety.reset();
+  if (!safety_.last.state.empty()) {
+    SafetyState& safety = out.safety.emplace(safety_.last);
+    for (std::string* const text : {&safety.state, &safety.cause, &safety.problem, &safety.action,
+                                    &safety.remedy, &safety.reason}) {
+      *text = shownText(*text);
+    }
+  }
   out.channels = channels();
-  if (!isFresh(names::kMeasured)) out.measured_tip.reset();
-  if (!isFresh(names::kModel)) out.model_tip.reset();
-  if (!isFresh(names::kModelError)) out.tip_error = kUnknown;
-  if (!isFresh(names::kVisualServoStatus, kLoopFresh)) {
-    out.loop.reset();
-  } else if (isFresh(names::kErrorBudget, kLoopFresh)) {
-    out.loop->budget_sd = budget_sd_;
+  out.base_frame = shownText(model_.last.header.frame_id);
+  out.arm_length = lengthOf(model_.last);
+  if (measured_.isFresh()) out.measured_tip = tipPositionOf(measured_.last);
+  if (model_.isFresh()) out.model_tip = tipPositionOf(model_.last);
+  if (error_.isFresh()) out.tip_error = error_.last.tip_error;
+  if (loop_.isFresh(kLoopFresh)) {
+    out.loop = CockpitLoop{shownText(loop_.last.state), shownText(loop_.last.message)};
+    if (loop_.last.has_wanted) out.loop->error = loop_.last.error;
+    if (loop_.last.has_predicted) out.loop->predicted_sd = loop_.last.predicted_sd;
+    if (budget_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_.last.predicted_sd;
   }
   out.goal = held_.goal();
   out.held = held_.pressures();
@@ -346,20 +339,13 @@ CockpitView CockpitLink::view() {
   return out;
 }
 
-bool CockpitLink::isFresh(const char* topic, double longest) const {
-  const auto came = came_.find(topic);
-  return came != came_.end() && now() - came->second < longest;
-}
-
 std::vector<CockpitChannel> CockpitLink::channels() const {
-  const bool commanded = isFresh(names::kPressureCommand);
-  const bool measured = isFresh(names::kPressureMeasured);
   std::vector<CockpitChannel> out;
-  for (const std::string& name : command_.name) {
+  for (const std::string& name : command_.last.name) {
     CockpitChannel& channel = out.emplace_back();
     channel.name = shownText(name);
-    if (commanded) channel.command = pressureOf(command_, name);
-    if (measured) channel.measured = pressureOf(pressures_, name);
+    if (command_.isFresh()) channel.command = pressureOf(command_.last, name);
+    if (reading_.isFresh()) channel.measured = pressureOf(reading_.last, name);
     const auto limits = limits_.find(name);
     if (limits == limits_.end()) continue;
     channel.lower = limits->second[0];
@@ -418,9 +404,9 @@ void CockpitLink::hold(bool on) {
   {
     const basics::MutexLock lock(mutex_);
     const bool holds = held_.goal() != CockpitGoal::kNone;
-    if (holds == on || (on && !isFresh(names::kPressureCommand))) return;
+    if (holds == on || (on && !command_.isFresh())) return;
     if (on) {
-      held_.holdPressures(now(), command_.pressure);
+      held_.holdPressures(now(), command_.last.pressure);
       return send();
     }
     held_.end("let go: the arm ramps down to rest");
@@ -431,7 +417,7 @@ void CockpitLink::hold(bool on) {
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
   const basics::MutexLock lock(mutex_);
   std::vector<double> goal =
-      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.pressure;
+      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.last.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
   held_.holdPressures(now(), std::move(goal));
@@ -442,7 +428,7 @@ void CockpitLink::send() {
   if (held_.goal() == CockpitGoal::kPressures) {
     PressureArray target;
     target.header.stamp = ros::Time::now();
-    target.name = command_.name;
+    target.name = command_.last.name;
     target.pressure = held_.pressures();
     pressure_publisher_.publish(target);
   } else if (held_.goal() == CockpitGoal::kTip) {
@@ -513,24 +499,14 @@ void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result
 
 bool CockpitLink::onCommand(const PressureArray& message) {
   if (!isSound(message)) return false;
-  if (message.name != command_.name) held_.end("the arm has other actuators now");
-  command_ = message;
+  if (message.name != command_.last.name) held_.end("the arm has other actuators now");
   return true;
 }
 
-bool CockpitLink::onPressures(const PressureArray& message) {
-  if (!isSound(message)) return false;
-  pressures_ = message;
-  return true;
-}
+bool CockpitLink::onReading(const PressureArray& message) { return isSound(message); }
 
 bool CockpitLink::onSafety(const SafetyState& message) {
-  SafetyState& safety = seen_.safety.emplace(message);
-  for (std::string* const text : {&safety.state, &safety.cause, &safety.problem, &safety.action,
-                                  &safety.remedy, &safety.reason}) {
-    *text = shownText(*text);
-  }
-  held_.noteState(message.state == SafetyState::ENABLED, safety.reason);
+  held_.noteState(message.state == SafetyState::ENABLED, shownText(message.reason));
   return true;
 }
 
@@ -542,35 +518,6 @@ bool CockpitLink::onStatus(const TargetStatus& message) {
   held_.noteAnswer(now(), message.outcome == TargetStatus::DROPPED, message.fault,
                    reached ? "reached" : shownText(message.message));
   if (message.outcome == TargetStatus::UNREACHABLE) held_.noteShort();
-  return true;
-}
-
-bool CockpitLink::onMeasured(const ArmShape& message) {
-  seen_.measured_tip = tipPositionOf(message);
-  return true;
-}
-
-bool CockpitLink::onModel(const ArmShape& message) {
-  seen_.model_tip = tipPositionOf(message);
-  seen_.base_frame = shownText(message.header.frame_id);
-  if (!std::isfinite(seen_.arm_length)) seen_.arm_length = lengthOf(message);
-  return true;
-}
-
-bool CockpitLink::onError(const ModelError& message) {
-  seen_.tip_error = message.tip_error;
-  return true;
-}
-
-bool CockpitLink::onLoop(const LoopStatus& message) {
-  seen_.loop = CockpitLoop{shownText(message.state), shownText(message.message)};
-  if (message.has_wanted) seen_.loop->error = message.error;
-  if (message.has_predicted) seen_.loop->predicted_sd = message.predicted_sd;
-  return true;
-}
-
-bool CockpitLink::onBudget(const ErrorBudget& message) {
-  budget_sd_ = message.predicted_sd;
   return true;
 }
 
@@ -589,64 +536,43 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
   return true;
 }
 
-// Shared with its thread, which may outlive the builder.
+// What the thread of an attempt, which may outlive the builder, shares with it.
 struct LinkBuilder::Attempt {
-  explicit Attempt(std::string of_arm) : ns(std::move(of_arm)) {}
-
-  void work() HELIX_ARM_EXCLUDES(mutex) {
-    while (!masterAnswers()) {
-      silent = true;
-      std::this_thread::sleep_for(kAskAgain);
-      if (cancelled) return;
-    }
-    silent = false;
-    std::unique_ptr<CockpitLink> link;
-    std::exception_ptr thrown;
-    try {
-      if (!cancelled) link = std::make_unique<CockpitLink>(ns);
-    } catch (const std::exception&) {
-      thrown = std::current_exception();
-    }
-    const basics::MutexLock lock(mutex);
-    if (cancelled) return;  // the link ends after the lock
-    made = std::move(link);
-    fault = thrown;
-    done = true;
-  }
-
-  const std::string ns;  ///< resolved
-  std::atomic<bool> cancelled{false}, silent{false}, done{false};
-  basics::Mutex mutex;
-  std::unique_ptr<CockpitLink> made HELIX_ARM_GUARDED_BY(mutex);
-  std::exception_ptr fault HELIX_ARM_GUARDED_BY(mutex);
+  std::string ns;  ///< resolved
+  std::atomic<bool> cancelled{false}, silent{false};
 };
 
 void LinkBuilder::begin(const std::string& ns) {
-  const auto next = std::make_shared<Attempt>(CockpitLink::resolved(ns));
+  const auto next = std::make_shared<Attempt>();
+  next->ns = CockpitLink::resolved(ns);
+  std::packaged_task<std::unique_ptr<CockpitLink>()> task([next]() -> std::unique_ptr<CockpitLink> {
+    while (!masterAnswers()) {
+      next->silent = true;
+      std::this_thread::sleep_for(kAskAgain);
+      if (next->cancelled) return nullptr;
+    }
+    next->silent = false;
+    return next->cancelled ? nullptr : std::make_unique<CockpitLink>(next->ns);
+  });
+  auto made = task.get_future();
   cancel();
-  std::thread([next] { next->work(); }).detach();
+  std::thread(std::move(task)).detach();
   attempt_ = next;
+  made_ = std::move(made);
 }
 
 void LinkBuilder::cancel() {
-  if (!attempt_) return;
-  {
-    const basics::MutexLock lock(attempt_->mutex);
-    attempt_->cancelled = true;
-    end(std::move(attempt_->made));
-  }
+  if (attempt_) attempt_->cancelled = true;
   attempt_.reset();
+  if (made_.valid()) elsewhere([made = std::move(made_)] { made.wait(); });
 }
 
 std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  if (!attempt_) return nullptr;
-  const basics::MutexLock lock(attempt_->mutex);
-  if (attempt_->fault) std::rethrow_exception(std::exchange(attempt_->fault, nullptr));
-  return std::move(attempt_->made);
+  return made_.valid() && isReady(made_) ? made_.get() : nullptr;
 }
 
 std::string LinkBuilder::connectingTo() const {
-  return attempt_ && !attempt_->done ? attempt_->ns : "";
+  return made_.valid() && !isReady(made_) ? attempt_->ns : "";
 }
 
 std::string LinkBuilder::silentMaster() const {
@@ -654,14 +580,7 @@ std::string LinkBuilder::silentMaster() const {
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {
-  if (!link) return;
-  CockpitLink* const last = link.get();
-  try {
-    std::thread([last] { delete last; }).detach();
-    static_cast<void>(link.release());
-  } catch (const std::system_error&) {
-    link.reset();  // here, since there is no thread for it
-  }
+  if (link) elsewhere([link = std::move(link)] {});
 }
 
 }  // namespace helix_arm::ros_bridge

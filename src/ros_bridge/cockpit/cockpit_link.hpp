@@ -3,14 +3,12 @@
 #include <array>
 #include <atomic>
 #include <cstddef>
-#include <cstdint>
 #include <functional>
+#include <future>
+#include <list>
 #include <map>
 #include <memory>
-#include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include <actionlib/client/simple_action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
@@ -26,7 +24,6 @@
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/RunCalibrationAction.h"
-#include "helix_arm/SafetyState.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/names.hpp"
@@ -37,7 +34,7 @@ namespace helix_arm::ros_bridge {
 /// those that do not answer in time.
 ///
 /// Calls do not wait for each other: a service that hangs delays no emergency stop. A call that was
-/// given up on may still end later; its answer is then dropped.
+/// given up on may still end later; its answer is then dropped. For one thread, except the calls.
 class CallDesk {
  public:
   /// Makes the call in a thread of its own; what it throws is the answer.
@@ -49,29 +46,32 @@ class CallDesk {
   /// At most so many calls of one name have a thread, with those that were given up on.
   static constexpr int kMostRunning = 64;
 
-  CallDesk();
-
   /// @param what     name of the call in its answer.
   /// @param limit    time in which it must answer, > 0 [s].
   /// @param call     Must not refer to anything that may end before it.
   /// @param remedy   of its answer, however the call fails.
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
   /// Whether a call of this name waits for its answer; one that was given up on does not.
-  bool waits(const std::string& what) const;
+  bool waits(const std::string& what);
   /// The answers since the last time: one per call that has ended or was given up on.
   std::vector<CallAnswer> take();
 
  private:
-  struct State;
-  const std::shared_ptr<State> state_;
-};
+  struct Running {
+    std::string what, remedy;
+    double limit;
+    ros::SteadyTime due;
+    std::future<CallAnswer> answer;
+    bool given_up = false;
+  };
 
-/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
-/// that are up. Blocks.
-///
-/// @param ns  resolved namespace of the arm's nodes.
-CallAnswer useLastCalibration(const std::string& ns);
+  /// Takes the answers of calls that have ended, and gives up on those that are late.
+  void look();
+  void tell(CallAnswer answer, const std::string& remedy);
+
+  std::list<Running> calls_;  ///< also those given up on
+  std::vector<CallAnswer> answers_;
+};
 
 /// What the cockpit repeats as its target: pressures or a tip. Decides when the repetition ends,
 /// so that the cockpit never moves an arm again that vented, or that somebody else has. No clock:
@@ -149,10 +149,6 @@ class HeldGoal {
 /// Calls may overtake each other, and one that hangs may arrive late. None of them undoes a stop or
 /// a vent that was asked for after it: what has not been sent yet is not sent, and what has is
 /// followed by another stop or vent.
-///
-/// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
-/// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
-/// tells the limits. Publishes pressure_target and tip_target.
 class CockpitLink {
  public:
   /// Waits for the ROS master, without end where that is gone or hangs; see LinkBuilder.
@@ -213,22 +209,25 @@ class CockpitLink {
 
   static double now() { return ros::SteadyTime::now().toSec(); }
 
-  /// Subscribes.
-  /// @param take  called with the lock; returns whether the message counts.
+  /// The last message of a topic that counts.
   template <class Message>
-  void hear(const char* topic, bool (CockpitLink::*take)(const Message&));
+  struct Heard {
+    Message last;
+    double came = -std::numeric_limits<double>::infinity();  ///< [s]
+
+    bool isFresh(double longest = kFresh) const { return now() - came < longest; }
+  };
+  /// Subscribes.
+  /// @param heard   Where the last message is kept; null: nowhere.
+  /// @param counts  called with the lock; returns whether a message counts. Null: all do.
+  template <class Message>
+  void hear(const char* topic, Heard<Message> CockpitLink::*heard,
+            bool (CockpitLink::*counts)(const Message&) = nullptr);
   bool onCommand(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onPressures(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
+  bool onReading(const PressureArray& message) HELIX_ARM_REQUIRES(mutex_);
   bool onSafety(const SafetyState& message) HELIX_ARM_REQUIRES(mutex_);
   bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onMeasured(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onModel(const ArmShape& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onError(const ModelError& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onLoop(const LoopStatus& message) HELIX_ARM_REQUIRES(mutex_);
-  bool onBudget(const ErrorBudget& message) HELIX_ARM_REQUIRES(mutex_);
   bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
-  /// Whether the last message of a topic that counts came so lately [s].
-  bool isFresh(const char* topic, double longest = kFresh) const HELIX_ARM_REQUIRES(mutex_);
 
   /// @param run  of a calibration, as runs_ was at its start.
   bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
@@ -263,10 +262,13 @@ class CockpitLink {
   ros::Publisher pressure_publisher_, tip_publisher_;
 
   basics::Mutex mutex_;
-  CockpitView seen_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of each topic, what came last
-  std::map<std::string, double> came_ HELIX_ARM_GUARDED_BY(mutex_);  ///< when, by topic [s]
-  PressureArray command_ HELIX_ARM_GUARDED_BY(mutex_), pressures_ HELIX_ARM_GUARDED_BY(mutex_);
-  double budget_sd_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                          ///< [m]
+  CockpitView seen_ HELIX_ARM_GUARDED_BY(mutex_);  ///< but what is heard
+  Heard<PressureArray> command_ HELIX_ARM_GUARDED_BY(mutex_), reading_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<SafetyState> safety_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ArmShape> measured_ HELIX_ARM_GUARDED_BY(mutex_), model_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ModelError> error_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<LoopStatus> loop_ HELIX_ARM_GUARDED_BY(mutex_);
+  Heard<ErrorBudget> budget_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started
@@ -309,7 +311,8 @@ class LinkBuilder {
 
  private:
   struct Attempt;
-  std::shared_ptr<Attempt> attempt_;  ///< the last one; null if it was given up on
+  std::shared_ptr<Attempt> attempt_;                ///< the last one; null if it was given up on
+  std::future<std::unique_ptr<CockpitLink>> made_;  ///< by it; not valid once it was taken
 };
 
 }  // namespace helix_arm::ros_bridge

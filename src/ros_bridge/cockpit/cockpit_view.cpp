@@ -4,13 +4,10 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <set>
 #include <tuple>
-#include <utility>
 
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
@@ -326,20 +323,13 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
   return out;
 }
 
-StripHistory::StripHistory(double span, double period) : span_(span), period_(period) {
-  basics::require(std::isfinite(span) && span > 0, "span is ", span, "; expected > 0 s");
-  basics::require(std::isfinite(period) && period >= 0, "period is ", period, "; expected >= 0 s");
-}
-
 void StripHistory::add(double time, const std::vector<double>& pressures, double tip_error) {
   if (!std::isfinite(time)) return;
   if (!rows_.empty()) {
     const Row& last = rows_.back();
-    if (time < last.time || last.pressures.size() != pressures.size()) {
-      rows_.clear();
-    } else if (time - last.time < period_) {
-      return;
-    }
+    const bool anew = time < last.time || last.pressures.size() != pressures.size();
+    if (!anew && time - last.time < period_) return;
+    if (anew) rows_.clear();
   }
   rows_.push_back({time, pressures, tip_error});
   while (rows_.front().time < time - span_) rows_.pop_front();

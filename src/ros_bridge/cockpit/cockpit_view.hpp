@@ -29,8 +29,8 @@ struct CockpitChannel {
 struct CockpitLoop {
   std::string state, message;
   double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
-  double predicted_sd =
-      kUnknown;                 ///< of the loop's tip, with tags and base where the scene says [m]
+  /// Of the loop's tip, with tags and base where the scene says [m].
+  double predicted_sd = kUnknown;
   double budget_sd = kUnknown;  ///< the same with their uncertain placement [m]
 };
 
@@ -54,7 +54,7 @@ struct CockpitView {
   std::string connecting_to;     ///< that of the arm to which a connection is made; empty: none
   std::string silent_master;     ///< URI of the ROS master if it lets that connection wait
   std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
-  double arm_length = kUnknown;  ///< of the model when it was first seen [m]
+  double arm_length = kUnknown;  ///< of the model [m]
   bool connected = false;        ///< pressure_command comes
   bool tip_heard = true;         ///< a node takes tip targets
   std::optional<SafetyState> safety;
@@ -83,15 +83,13 @@ class StripHistory {
 
   /// @param span    time that is kept, > 0 [s].
   /// @param period  rows that come sooner after the last one are left out, >= 0 [s].
-  /// @throws std::invalid_argument naming the value and its rule.
-  StripHistory(double span, double period);
+  StripHistory(double span, double period) : span_(span), period_(period) {}
 
   /// A time before the last one, or another number of pressures, begins anew.
   void add(double time, const std::vector<double>& pressures, double tip_error);
   void clear() { rows_.clear(); }
 
   const std::deque<Row>& rows() const { return rows_; }
-  double span() const { return span_; }
   double newest() const { return rows_.empty() ? 0.0 : rows_.back().time; }
   /// Upper end of the axes: the smallest of 1, 2, 5, 10, 20, .. times `least` that holds all
   /// values.
@@ -99,7 +97,7 @@ class StripHistory {
   double errorTop(double least) const;
 
  private:
-  double span_, period_;
+  const double span_, period_;
   std::deque<Row> rows_;
 };
 

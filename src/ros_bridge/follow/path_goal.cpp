@@ -1,8 +1,5 @@
 #include "path_goal.hpp"
 
-#include <cmath>
-#include <exception>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"

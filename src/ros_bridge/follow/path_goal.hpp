@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <deque>
 #include <exception>
 #include <functional>
@@ -13,7 +12,6 @@
 #include <limits>
 #include <memory>
 #include <optional>
-#include <string>
 #include <system_error>
 #include <utility>
 #include <variant>
@@ -153,36 +151,6 @@ std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age);
 DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
                    const std::atomic<bool>& stop);
 
-}  // namespace helix_arm::ros_bridge
-
-namespace ros {
-namespace message_traits {
-
-template <>
-struct MD5Sum<helix_arm::ros_bridge::UnreadActionGoal>
-    : MD5Sum<helix_arm::FollowTipPathActionGoal> {};
-template <>
-struct DataType<helix_arm::ros_bridge::UnreadActionGoal>
-    : DataType<helix_arm::FollowTipPathActionGoal> {};
-
-}  // namespace message_traits
-
-namespace serialization {
-
-template <>
-struct Serializer<helix_arm::ros_bridge::UnreadGoal> {
-  static void read(helix_arm::ros_bridge::CheckedStream& stream,
-                   helix_arm::ros_bridge::UnreadGoal& goal);
-};
-
-template <>
-struct Serializer<helix_arm::ros_bridge::UnreadActionGoal>
-    : helix_arm::ros_bridge::GoalSerializer<helix_arm::ros_bridge::UnreadActionGoal> {};
-
-}  // namespace serialization
-}  // namespace ros
-namespace helix_arm::ros_bridge {
-
 /// Reads and checks one goal after the other in threads of its own, at most kMostThreads at a time.
 ///
 /// A check that is replaced or discarded is told to stop, and nobody waits for it. While too many
@@ -264,3 +232,28 @@ class PathChecker {
 };
 
 }  // namespace helix_arm::ros_bridge
+
+namespace ros::message_traits {
+
+template <>
+struct MD5Sum<helix_arm::ros_bridge::UnreadActionGoal>
+    : MD5Sum<helix_arm::FollowTipPathActionGoal> {};
+template <>
+struct DataType<helix_arm::ros_bridge::UnreadActionGoal>
+    : DataType<helix_arm::FollowTipPathActionGoal> {};
+
+}  // namespace ros::message_traits
+
+namespace ros::serialization {
+
+template <>
+struct Serializer<helix_arm::ros_bridge::UnreadGoal> {
+  static void read(helix_arm::ros_bridge::CheckedStream& stream,
+                   helix_arm::ros_bridge::UnreadGoal& goal);
+};
+
+template <>
+struct Serializer<helix_arm::ros_bridge::UnreadActionGoal>
+    : helix_arm::ros_bridge::GoalSerializer<helix_arm::ros_bridge::UnreadActionGoal> {};
+
+}  // namespace ros::serialization

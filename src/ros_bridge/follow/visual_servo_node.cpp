@@ -1,36 +1,17 @@
-#include <cmath>
-#include <optional>
-#include <sstream>
-#include <string>
-#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/PoseStamped.h>
-#include <ros/message_event.h>
-#include <ros/node_handle.h>
-#include <ros/this_node.h>
-#include <ros/time.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "helix_arm/ArmShape.h"
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/ShapeTarget.h"
-#include "helix_arm/TagDetections.h"
-#include "helix_arm/TargetStatus.h"
-#include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/control/commander_lease.hpp"
-#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/follow/visual_servo.hpp"
-#include "helix_arm/io/scene.hpp"
-#include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
@@ -40,15 +21,12 @@
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/common/ros_time.hpp"
-#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 
@@ -79,10 +57,7 @@ constexpr double kLongestLease = 5.0;   // that is waited for [s]
 ///
 /// Before the arm follows, targets that keep it where it is are sent: they enable a simulated arm,
 /// wait for the lease of a commander that yields, and are refused without a motion. Nothing here
-/// enables an arm that its targets do not.
-///
-/// Publishes pressure_target; subscribes to pressure_command, safety_state and target_status. For
-/// the thread of the node's callback queue.
+/// enables an arm that its targets do not. For the thread of the node's callback queue.
 class CommandLink {
  public:
   /// @param scene  Its arm and safety rules are used. Kept by reference.
@@ -233,14 +208,13 @@ class CommandLink {
 
 bool areEqual(const follow::Target& a, const follow::Target& b) {
   if (a.index() != b.index()) return false;
-  if (const auto* position = std::get_if<Eigen::Vector3d>(&a)) {
-    return *position == std::get<Eigen::Vector3d>(b);
-  }
   if (const auto* pose = std::get_if<lie::SE3>(&a)) {
     const auto& other = std::get<lie::SE3>(b);
     return pose->translation == other.translation && pose->rotation == other.rotation;
   }
-  return std::get<model::Twists>(a) == std::get<model::Twists>(b);
+  const auto* position = std::get_if<Eigen::Vector3d>(&a);
+  return position ? *position == std::get<Eigen::Vector3d>(b)
+                  : std::get<model::Twists>(a) == std::get<model::Twists>(b);
 }
 
 // All zero, as in a message whose orientation was not set.
@@ -248,10 +222,8 @@ bool isEmpty(const geometry_msgs::Quaternion& q) {
   return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
 }
 
-/// The target that messages ask the loop for, until their sender falls silent.
-///
-/// Subscribes to tip_target, tip_pose and shape_target; answers each on target_status, when the
-/// loop has tried it. For the thread of the node's callback queue.
+/// The target that messages ask the loop for, until their sender falls silent. Each is answered on
+/// target_status, when the loop has tried it. For the thread of the node's callback queue.
 class LoopTargets {
  public:
   /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
@@ -281,11 +253,7 @@ class LoopTargets {
     return target_;
   }
   /// Whether the target is another than at the last call.
-  bool takeChange() {
-    const bool changed = changed_;
-    changed_ = false;
-    return changed;
-  }
+  bool takeChange() { return std::exchange(changed_, false); }
   /// Forgets the target.
   void forget() {
     target_.reset();
@@ -300,10 +268,7 @@ class LoopTargets {
     return admission_.claim(commander);
   }
 
-  /// Whether messages wait for an answer.
-  bool areUnanswered() const { return !unanswered_.empty(); }
-
-  /// Answers them: the loop commands the target.
+  /// Answers the messages that wait for it: the loop commands the target.
   void answer(const TargetSolution& solution) {
     for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
     unanswered_.clear();
@@ -362,11 +327,7 @@ class LoopTargets {
     const auto checked = seenFromBase(target);
     const TipGoal* goal = admission_.admit(sender, checked);
     if (goal == nullptr) return;
-    if (goal->with_rotation) {
-      set(sender, goal->X_BT);
-    } else {
-      set(sender, goal->X_BT.translation);
-    }
+    set(sender, goal->with_rotation ? follow::Target(goal->X_BT) : goal->X_BT.translation);
   }
 
   void set(const TargetSender& sender, const follow::Target& target) {
@@ -409,16 +370,9 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
 
 // Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
-  switch (on_contact) {
-    case FollowTipPathGoal::REPORT:
-      return follow::OnContact::kReport;
-    case FollowTipPathGoal::YIELD:
-      return follow::OnContact::kYield;
-    case FollowTipPathGoal::STOP:
-      return follow::OnContact::kStop;
-    default:
-      return usual;
-  }
+  if (on_contact == FollowTipPathGoal::REPORT) return follow::OnContact::kReport;
+  if (on_contact == FollowTipPathGoal::YIELD) return follow::OnContact::kYield;
+  return on_contact == FollowTipPathGoal::STOP ? follow::OnContact::kStop : usual;
 }
 
 /// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
@@ -436,16 +390,14 @@ class FollowAction {
   /// Longest time for which hardware stands at the last place of a goal [s].
   static constexpr double kLongestHold = 60.0;
 
-  /// Makes a check for another thread, of the arm as it is now.
-  using MakePathCheck = std::function<PathCheck()>;
-
-  /// @param scene, frames, targets  Outlive this.
+  /// @param scene, frames, targets, loop, link  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
-               LoopTargets& targets, MakePathCheck make_check)
+               LoopTargets& targets, follow::VisualServo& loop, const CommandLink& link)
       : scene_(scene),
         frames_(frames),
         targets_(targets),
-        make_check_(std::move(make_check)),
+        loop_(loop),
+        link_(link),
         client_(private_node, names::kFollowTipPath),
         server_(std::make_unique<Server>(
             private_node, names::kFollowTipPath,
@@ -463,24 +415,20 @@ class FollowAction {
   /// The arm is to be commanded: a goal runs, or its last place is held.
   bool wants() const { return run_.has_value() || isHeld(); }
   /// Whether a hold has run out since the last call.
-  bool takeEndOfHold() {
-    if (!hold_since_ || wants()) return false;
-    endHold();
-    return true;
-  }
+  bool takeEndOfHold() { return !wants() && std::exchange(hold_since_, std::nullopt); }
   /// No longer holds the last place of a goal: another command has come.
   void endHold() { hold_since_.reset(); }
 
   /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
-  void prepare(double time, follow::VisualServo& loop, const CommandLink& link) {
-    const auto asked = link.refusal();
+  void prepare(double time) {
+    const auto asked = link_.refusal();
     if (asked && asked->fault == control::Fault::kRested) abandon(asked->message);
     takeCandidate();
     if (!run_) {
-      if (!link.follows()) endHold();
+      if (!link_.follows()) endHold();
       // The goal's reaction holds as long as its last place: a stopped arm does not push on.
-      if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
-      loop.hold();
+      if (!isHeld()) loop_.setOnContact(scene_.follow.on_contact);
+      loop_.hold();
       return;
     }
     if (client_.isGone()) {
@@ -488,12 +436,12 @@ class FollowAction {
       endHold();
     } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
       end({Result::NOT_ENABLED, other->message});
-    } else if (const auto refusal = link.refusal()) {
+    } else if (const auto refusal = link_.refusal()) {
       end({Result::NOT_ENABLED, refusal->message});
-    } else if (link.follows() && !run_->follows) {
-      begin(time, loop);
-    } else if (run_->follows && !link.follows()) {
-      end({Result::NOT_ENABLED, link.whyNot()});
+    } else if (link_.follows() && !run_->follows) {
+      begin(time);
+    } else if (run_->follows && !link_.follows()) {
+      end({Result::NOT_ENABLED, link_.whyNot()});
     }
   }
 
@@ -573,8 +521,9 @@ class FollowAction {
            "goal before the next one"}));
       discardCandidate();
     }
-    checker_.begin([goal, X_BF = place->X_BF, check = make_check_()](
-                       const std::atomic<bool>& stop) { return decide(goal, X_BF, check, stop); });
+    checker_.begin([goal, X_BF = place->X_BF, check = pathCheck()](const std::atomic<bool>& stop) {
+      return decide(goal, X_BF, check, stop);
+    });
     client_.watchNext(*handle.getGoal());
     candidate_ = std::move(handle);
   }
@@ -614,10 +563,10 @@ class FollowAction {
     }
     auto& goal = std::get<PathGoal>(*decided);
     if (goal.hold > longestHold()) {
-      std::ostringstream text;
-      text << "hold_s is " << *goal.hold << "; expected at most " << longestHold()
-           << " on hardware: a tip_target that is repeated keeps the tip where it is for longer";
-      reject(next, {Result::INVALID_GOAL, text.str()});
+      reject(next, {Result::INVALID_GOAL,
+                    basics::format("hold_s is %g; expected at most %g on hardware: a tip_target "
+                                   "that is repeated keeps the tip where it is for longer",
+                                   *goal.hold, longestHold())});
       return;
     }
     if (const auto other = targets_.claim(names::kFollowTipPath)) {
@@ -631,15 +580,34 @@ class FollowAction {
     run_.emplace(Run{std::move(next), std::move(goal), watch});
   }
 
-  void begin(double time, follow::VisualServo& loop) {
+  void begin(double time) {
     const ros::Time& start = run_->goal.start;
     if (start.isZero() || time >= start.toSec()) {
       run_->follows = true;
-      loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
-      loop.follow(std::move(run_->goal.path));
-    } else if (!loop.hasTarget() && loop.turn().predicted) {
-      loop.aimAt(loop.turn().predicted->translation);
+      loop_.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
+      loop_.follow(std::move(run_->goal.path));
+    } else if (!loop_.hasTarget() && loop_.turn().predicted) {
+      loop_.aimAt(loop_.turn().predicted->translation);
     }
+  }
+
+  // With copies of the present state, since the check runs in another thread.
+  PathCheck pathCheck() const {
+    Eigen::VectorXd slew(scene_.arm.actuatorCount());
+    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+      slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
+    }
+    const Eigen::VectorXd start =
+        scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
+    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+               const control::TipPath& path, double tolerance,
+               const std::atomic<bool>& stop) -> std::string {
+      statics::InverseSolver solver(model);
+      solver.correct(correction);
+      const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
+                                             [&stop] { return stop.load(); });
+      return refusal ? refusal->reason : std::string();
+    };
   }
 
   void end(const GoalEnding& ending) {
@@ -655,8 +623,7 @@ class FollowAction {
   }
 
   void cancel(const std::string& reason) {
-    const GoalFigures figures = run_->watch.figures();
-    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, run_->watch.figures()), reason);
     leave();
   }
 
@@ -683,7 +650,8 @@ class FollowAction {
   const io::Scene& scene_;
   const FrameLookup& frames_;
   LoopTargets& targets_;
-  const MakePathCheck make_check_;
+  follow::VisualServo& loop_;
+  const CommandLink& link_;
   std::optional<Handle> candidate_;  ///< its goal is being checked
   PathChecker checker_;
   std::optional<Run> run_;
@@ -719,37 +687,8 @@ struct VisualServoOptions {
 };
 
 /// Brings the tip where it is wanted by what the camera sees: a follow::VisualServo as one
-/// commander of pressure_command.
-///
-/// Subscribes
-/// - tip_target (TipTarget), tip_pose (geometry_msgs/PoseStamped), shape_target (ShapeTarget):
-///   targets, in any frame that tf relates to the arm's base; tip_handle/feedback
-/// - measured (ArmShape), tag_detections (TagDetections): of vision; the second tells which tags a
-///   shape was fitted to
-/// - pressure_measured, pressure_command (PressureArray), safety_state (SafetyState),
-///   target_status (TargetStatus): of pressure_command
-/// - /tf, /tf_static
-///
-/// Publishes
-/// - pressure_target (PressureArray): with every pressure_measured while somebody commands the loop
-/// - target_status (TargetStatus): result of each target
-/// - loop_status (LoopStatus); estimate (ArmShape, tier `estimated`, with covariance): the shape of
-///   the corrected model at the measured pressures
-/// - error_budget (ErrorBudget), 5 Hz; external_load (ExternalLoad), latched
-/// - loop_markers (visualization_msgs/MarkerArray): LoopMarkers; tip_handle/update and
-///   tip_handle/update_full
-/// - /diagnostics: `<node>: loop`, `<node>: correction`, `<node>: targets`, 1 Hz
-///
-/// Services
-/// - ~close_loop (std_srvs/SetBool): false keeps what the pictures teach out of the command
-/// - ~reset (std_srvs/Trigger): forgets what they taught; the way out of the state `diverging`
-/// - ~reload (Reload): another file of the same rig, while nobody commands the loop; forgets, too,
-///   and ends the hold of a goal, after which the arm rests
-///
-/// Action
-/// - ~follow_tip_path (FollowTipPath): moves the tip along a path
-///
-/// Parameters: VisualServoOptions.
+/// commander of pressure_command, the node visual_servo of docs/nodes.md. Parameters:
+/// VisualServoOptions.
 ///
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
 /// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
@@ -759,8 +698,7 @@ struct VisualServoOptions {
 /// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
 /// enables the arm, except that a target may enable a simulated one.
 ///
-/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
-/// it runs in the main thread, except that goals are read and their paths checked in others.
+/// All of it runs in the main thread, except that goals are read and their paths checked in others.
 class VisualServoNode : public Node {
  public:
   VisualServoNode() {
@@ -903,7 +841,7 @@ class VisualServoNode : public Node {
     const double time = stamp.toSec();
     loop_.enable(link_.follows());
     if (link_.takeEnabling()) targets_.enabled();
-    action_.prepare(time, loop_, link_);
+    action_.prepare(time);
     aim();
     const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
     command(turn);
@@ -930,9 +868,7 @@ class VisualServoNode : public Node {
   void command(const follow::Turn& turn) {
     if (turn.commands) {
       link_.send(turn.pressure);
-      if (targets_.areUnanswered()) {
-        targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
-      }
+      targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
       return;
     }
     if (!isWanted()) return;
@@ -954,25 +890,6 @@ class VisualServoNode : public Node {
   void giveUp(const std::string& reason) {
     targets_.refuse({control::Fault::kNotEnabled, reason});
     action_.abandon(reason);
-  }
-
-  // With copies of the present state, since the check runs in another thread.
-  PathCheck pathCheck() const {
-    Eigen::VectorXd slew(scene_.arm.actuatorCount());
-    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-      slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
-    }
-    const Eigen::VectorXd start =
-        scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
-               const control::TipPath& path, double tolerance,
-               const std::atomic<bool>& stop) -> std::string {
-      statics::InverseSolver solver(model);
-      solver.correct(correction);
-      const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
-                                             [&stop] { return stop.load(); });
-      return refusal ? refusal->reason : std::string();
-    };
   }
 
   LoopPublisher::View view() {
@@ -1058,7 +975,7 @@ class VisualServoNode : public Node {
       options_.draw_rate,
       options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
                       : TipHandle::OnTarget()};
-  FollowAction action_{private_node_, scene_, frames_, targets_, [this] { return pathCheck(); }};
+  FollowAction action_{private_node_, scene_, frames_, targets_, loop_, link_};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);

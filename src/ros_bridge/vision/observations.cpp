@@ -1,8 +1,6 @@
 #include "observations.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
-#include <cmath>
 
 #include <opencv2/imgproc.hpp>
 
@@ -17,7 +15,8 @@ namespace {
 using diagnostic_msgs::DiagnosticStatus;
 
 // `3, 4, 7`; the first few of many.
-std::string listOf(const std::vector<int>& ids) {
+template <class Ids>
+std::string listOf(const Ids& ids) {
   constexpr std::size_t kMost = 8;
   std::string out;
   for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
@@ -128,23 +127,19 @@ std::string summarise(const vision::Observation& observation, int tags) {
 
 std::string describe(const vision::Observation& observation, int tags,
                      const vision::LocalizerConfig& config) {
-  switch (observation.state) {
-    case vision::ObservationState::kMeasured:
-      return summarise(observation, tags) + unknownTags(observation);
-    case vision::ObservationState::kNoTags:
-      return "no tag of the arm is in sight: check the view, the light, and the scene's "
-             "tags.family" +
-             unknownTags(observation);
-    case vision::ObservationState::kTooFewTags:
-      return countText(tags) + " in sight do not determine the shape; at least " +
-             std::to_string(config.min_tags) +
-             " are needed, on all sections: check occlusion and light" + unknownTags(observation);
-    case vision::ObservationState::kNoFit:
-      break;
+  std::string out = "no shape of the arm fits the " + countText(tags) +
+                    " in sight: check their size and poses in the scene, and the camera's "
+                    "calibration";
+  if (observation.state == vision::ObservationState::kMeasured) {
+    out = summarise(observation, tags);
+  } else if (observation.state == vision::ObservationState::kNoTags) {
+    out = "no tag of the arm is in sight: check the view, the light, and the scene's tags.family";
+  } else if (observation.state == vision::ObservationState::kTooFewTags) {
+    out = countText(tags) + " in sight do not determine the shape; at least " +
+          std::to_string(config.min_tags) +
+          " are needed, on all sections: check occlusion and light";
   }
-  return "no shape of the arm fits the " + countText(tags) +
-         " in sight: check their size and poses in the scene, and the camera's calibration" +
-         unknownTags(observation);
+  return out + unknownTags(observation);
 }
 
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
@@ -283,10 +278,13 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
   return picture;
 }
 
-VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const Options& options)
-    : node_name_(options.node_name),
-      stale_after_(options.stale_after),
-      markers_(options.base_frame, options.draw_period),
+VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,
+                                             const std::string& base_frame,
+                                             const std::string& source, double stale_after,
+                                             double draw_period)
+    : node_name_(name),
+      stale_after_(stale_after),
+      markers_(base_frame, draw_period),
       last_arrival_(ros::SteadyTime::now()),
       last_report_(last_arrival_),
       status_publisher_(node.advertise<VisionStatus>(names::kVisionStatus, 10)),
@@ -294,7 +292,7 @@ VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const Option
           node.advertise<visualization_msgs::MarkerArray>(names::kMeasuredMarkers, 2)),
       diagnostics_(node) {
   status_.state = VisionStatus::WAITING;
-  status_.message = "no picture was received yet from " + options.source;
+  status_.message = "no picture was received yet from " + source;
 }
 
 void VisionStatusPublisher::countLocked(const PictureRefusal& refusal) {
@@ -339,14 +337,14 @@ void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
 void VisionStatusPublisher::watch() {
   const basics::MutexLock lock(mutex_);
   const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
-  if (!watching_ || silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
+  if (silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
   if (status_.pictures == 0 || source_fault_) return;
   enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
                                        " s: is the camera plugged in, and its node running?");
 }
 
 void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
-  if (failed_) return;
+  if (closed_) return;
   const bool was_measured = measured();
   const bool changed = state != status_.state;
   status_.state = state;
@@ -395,14 +393,13 @@ DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
 }
 
 DiagnosticStatus VisionStatusPublisher::measurementStatus(double seconds) const {
-  const auto ids = [](const auto& of) { return listOf({of.begin(), of.end()}); };
   return makeStatus("measurement", measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
                     status_.message,
                     {{"state", nameOfState(status_.state)},
                      {"measured_hz", rateText(status_.measured - reported_.measured, seconds)},
                      {"tags", std::to_string(status_.tags)},
-                     {"unknown_ids", ids(status_.unknown_ids)},
-                     {"repeated_ids", ids(status_.repeated_ids)},
+                     {"unknown_ids", listOf(status_.unknown_ids)},
+                     {"repeated_ids", listOf(status_.repeated_ids)},
                      {"model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : ""}});
 }
 

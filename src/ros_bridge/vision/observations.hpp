@@ -1,29 +1,86 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
-#include <cstdint>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include <opencv2/core.hpp>
-#include <ros/node_handle.h>
-#include <ros/time.h>
+#include <cmath>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
-#include "model_history.hpp"
 #include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/ros_time.hpp"
 
 /// What is seen in pictures, as messages, words and drawings.
 namespace helix_arm::ros_bridge {
+
+/// The model's shapes of the last seconds, to find the one at the time of a picture.
+class ModelHistory {
+ public:
+  struct Entry {
+    ros::Time stamp;
+    model::Shape shape;
+  };
+
+  /// Maximum time between a picture and its model [s].
+  static constexpr double kReach = 0.25;
+  /// Time for which shapes are kept, by their stamps [s].
+  static constexpr double kMemory = 2.0;
+  /// Maximum number of shapes: kMemory of models at 1000 Hz.
+  static constexpr std::size_t kMost = 2000;
+
+  /// A stamp before the last one is a jump back in time: all earlier entries are forgotten. A stamp
+  /// equal to the last one (stopped clock) replaces its entry.
+  void add(const ros::Time& stamp, const model::Shape& shape) {
+    if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
+    if (!entries_.empty() && stamp == entries_.back().stamp) {
+      entries_.back().shape = shape;
+      return;
+    }
+    entries_.push_back({stamp, shape});
+    if (entries_.size() > kMost) entries_.pop_front();
+    while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
+  }
+
+  /// Forgets entries more than kReach ahead of `now`: they are from before a jump back in time.
+  void forgetFuture(const ros::Time& now) {
+    while (!entries_.empty() && secondsBetween(now, entries_.back().stamp) > kReach)
+      entries_.pop_back();
+  }
+
+  /// Time of the latest model behind the stamp, negative if ahead [s]; nothing without a model.
+  std::optional<double> lag(const ros::Time& stamp) const {
+    if (entries_.empty()) return std::nullopt;
+    return secondsBetween(entries_.back().stamp, stamp);
+  }
+
+  std::size_t size() const { return entries_.size(); }
+
+  /// The nearest entry within kReach; the earlier of two equally near ones.
+  std::optional<Entry> nearest(const ros::Time& stamp) const {
+    const auto distance = [&](const Entry& entry) {
+      return std::abs(secondsBetween(entry.stamp, stamp));
+    };
+    const auto found =
+        std::min_element(entries_.begin(), entries_.end(),
+                         [&](const Entry& a, const Entry& b) { return distance(a) < distance(b); });
+    if (found == entries_.end() || distance(*found) > kReach) return std::nullopt;
+    return *found;
+  }
+
+  /// True if a future model may be nearer than the present ones: models are arriving, and none is
+  /// as late as the stamp.
+  bool mayGetNearer(const ros::Time& stamp) const {
+    return !entries_.empty() && entries_.back().stamp < stamp &&
+           secondsBetween(entries_.back().stamp, stamp) <= kReach;
+  }
+
+ private:
+  std::deque<Entry> entries_;  ///< by ascending stamp
+};
 
 /// What was seen in one picture, and what it is compared with. It refers to memory of the picture
 /// and of the PictureMeasurer: it is valid until the next picture is measured, and no longer than
@@ -37,9 +94,8 @@ struct Measurement {
   std::optional<ModelHistory::Entry> model;  ///< of the picture's time
   std::string calibration;                   ///< whose intrinsics were used
 
-  bool measured() const {
-    return observation.state == vision::ObservationState::kMeasured;
-  }  /// Null where there is no model of the picture's time.
+  bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
+  /// Null where there is no model of the picture's time.
   const model::Shape* modelShape() const { return model ? &model->shape : nullptr; }
 };
 
@@ -63,14 +119,14 @@ inline constexpr char kSceneCalibration[] = "the scene's camera";
 /// measured_markers: the markers are shown only in state `measured`. From any thread.
 class VisionStatusPublisher {
  public:
-  struct Options {
-    std::string node_name;     ///< as in the names of the diagnostics
-    std::string base_frame;    ///< of the arm; the markers' frame
-    std::string source;        ///< of the pictures, in words
-    double stale_after = 1.0;  ///< time without pictures [s]
-    double draw_period = 1.0;  ///< [s]
-  };
-  VisionStatusPublisher(ros::NodeHandle& node, const Options& options);
+  /// @param name         of the node, as in the names of the diagnostics.
+  /// @param base_frame   of the arm; the markers' frame.
+  /// @param source       of the pictures, in words.
+  /// @param stale_after  time without pictures [s].
+  /// @param draw_period  [s].
+  VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,
+                        const std::string& base_frame, const std::string& source,
+                        double stale_after = 1.0, double draw_period = 1.0);
 
   /// A picture has come.
   void arrived() HELIX_ARM_EXCLUDES(mutex_) {
@@ -113,20 +169,14 @@ class VisionStatusPublisher {
     const basics::MutexLock lock(mutex_);
     enterLocked(state, message);
   }
-  /// Enters the state camera_fault for good: none is entered afterwards.
-  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    enterLocked(VisionStatus::CAMERA_FAULT, message);
-    failed_ = true;
-  }
-
-  /// Enters the state stale if no picture has come for Options::stale_after, by a steady
-  /// clock; to be called often. Not before the first picture, after the end of a file, while the
-  /// source has a fault, or after stopWatching().
+  /// Enters the state stale if no picture has come for stale_after, by a steady clock; to be called
+  /// often. Not before the first picture, after the end of a file or while the source has a fault.
   void watch() HELIX_ARM_EXCLUDES(mutex_);
-  void stopWatching() HELIX_ARM_EXCLUDES(mutex_) {
+  /// From now on no other state is entered. @param fault  enters camera_fault before; empty: none.
+  void close(const std::string& fault = {}) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    watching_ = false;
+    if (!fault.empty()) enterLocked(VisionStatus::CAMERA_FAULT, fault);
+    closed_ = true;
   }
 
   /// Publishes status and diagnostics; to be called once a second.
@@ -139,7 +189,7 @@ class VisionStatusPublisher {
   }
   /// Warnings come once in a while however often their reason does.
   void countLocked(const PictureRefusal& refusal) HELIX_ARM_REQUIRES(mutex_);
-  /// Does nothing after fail().
+  /// Does nothing after close().
   void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
   /// Of the pictures, and of what is seen in them.
   diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
@@ -162,8 +212,7 @@ class VisionStatusPublisher {
   std::optional<double> model_lag_ HELIX_ARM_GUARDED_BY(mutex_);
   std::array<FaultCount, kPictureFaultCount> faults_ HELIX_ARM_GUARDED_BY(mutex_);
   std::array<FaultCount, VisionStatus::ENDED + 1> states_ HELIX_ARM_GUARDED_BY(mutex_);
-  bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
-  bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool closed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
   ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
   ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);

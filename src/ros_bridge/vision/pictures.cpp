@@ -55,8 +55,10 @@ bool saysJpeg(std::string format) {
          format.find("jpg") != std::string::npos;
 }
 
+PictureRefusal refuse(PictureFault fault, const std::string& message) { return {fault, message}; }
+
 PictureRefusal refuseInfo(const std::string& message) {
-  return {PictureFault::kBadCameraInfo, "camera_info " + message};
+  return refuse(PictureFault::kBadCameraInfo, "camera_info " + message);
 }
 
 }  // namespace
@@ -72,22 +74,21 @@ const char* nameOfState(std::uint8_t state) {
 CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   const Encoding* encoding = find(image.encoding);
   if (encoding == nullptr) {
-    return PictureRefusal{PictureFault::kWrongEncoding,
-                          "the picture's encoding is '" + quoted(image.encoding) +
-                              "'; send mono8, bgr8, rgb8, bgra8, rgba8 or an 8-bit Bayer pattern"};
+    return refuse(PictureFault::kWrongEncoding,
+                  "the picture's encoding is '" + quoted(image.encoding) +
+                      "'; send mono8, bgr8, rgb8, bgra8, rgba8 or an 8-bit Bayer pattern");
   }
   if (image.width == 0 || image.height == 0) {
-    return PictureRefusal{PictureFault::kWrongSize,
-                          "the picture is of " + sizeText(image.width, image.height) +
-                              " pixels; send a picture that is not empty"};
+    return refuse(PictureFault::kWrongSize, "the picture is of " +
+                                                sizeText(image.width, image.height) +
+                                                " pixels; send a picture that is not empty");
   }
   const std::size_t row = static_cast<std::size_t>(image.width) * encoding->channels;
   if (image.step < row || image.data.size() / image.step < image.height) {
-    return PictureRefusal{PictureFault::kWrongSize,
-                          "the picture claims " + sizeText(image.width, image.height) +
-                              " pixels of " + encoding->name + " but holds " +
-                              std::to_string(image.data.size()) + " bytes in rows of " +
-                              std::to_string(image.step) + "; send whole pictures"};
+    return refuse(PictureFault::kWrongSize,
+                  "the picture claims " + sizeText(image.width, image.height) + " pixels of " +
+                      encoding->name + " but holds " + std::to_string(image.data.size()) +
+                      " bytes in rows of " + std::to_string(image.step) + "; send whole pictures");
   }
   // Not written to; cv::Mat has no constructor for constant data.
   const cv::Mat raw(static_cast<int>(image.height), static_cast<int>(image.width),
@@ -101,13 +102,12 @@ CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer
 CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image,
                                 vision::JpegDecoder& decoder, cv::Mat& buffer) {
   if (!saysJpeg(image.format)) {
-    return PictureRefusal{PictureFault::kWrongEncoding, "the compressed picture's format is '" +
-                                                            quoted(image.format) + "'; send JPEG"};
+    return refuse(PictureFault::kWrongEncoding,
+                  "the compressed picture's format is '" + quoted(image.format) + "'; send JPEG");
   }
   if (const auto fault = decoder.decode(image.data.data(), image.data.size(), buffer)) {
-    return PictureRefusal{
-        PictureFault::kBadJpeg,
-        "the JPEG of " + std::to_string(image.data.size()) + " bytes cannot be decoded: " + *fault};
+    return refuse(PictureFault::kBadJpeg, "the JPEG of " + std::to_string(image.data.size()) +
+                                              " bytes cannot be decoded: " + *fault);
   }
   return buffer;
 }

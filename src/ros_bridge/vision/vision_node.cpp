@@ -1,33 +1,15 @@
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <functional>
-#include <memory>
 #include <system_error>
 
-#include <boost/make_shared.hpp>
 #include <camera_info_manager/camera_info_manager.h>
-#include <opencv2/core.hpp>
-#include <sensor_msgs/CameraInfo.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/commander_lease.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/shape.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
-#include "helix_arm/vision/jpeg.hpp"
-#include "model_history.hpp"
 #include "observations.hpp"
-#include "picture_mailbox.hpp"
-#include "pictures.hpp"
-#include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/log.hpp"
@@ -127,12 +109,10 @@ class PictureSource {
         lease_(options.stale_after),
         frames_(openFrames(options, scene)) {
     const bool has_url = !options_.camera_info_url.empty();
-    if (frames_ == nullptr && has_url) {
-      throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
-                                  ", but the calibration of ~source " + options_.source +
-                                  " comes on camera_info; leave ~camera_info_url empty, or set "
-                                  "~source to webcam or a file");
-    }
+    basics::require(frames_ != nullptr || !has_url, "~camera_info_url is ",
+                    options_.camera_info_url, ", but the calibration of ~source ", options_.source,
+                    " comes on camera_info; leave ~camera_info_url empty, or set ~source to webcam "
+                    "or a file");
     using Self = PictureSource;
     if (options_.fromTopic(names::kImage)) {
       image_subscriber_ = listen(node, names::kImage, 1, &Self::onImage, this);
@@ -146,10 +126,8 @@ class PictureSource {
     if (frames_ != nullptr && has_url) {
       calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
           node, "camera", options_.camera_info_url);
-      if (!calibration_->isCalibrated()) {
-        throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
-                                    "; expected the URL of a calibration");
-      }
+      basics::require(calibration_->isCalibrated(), "~camera_info_url is ",
+                      options_.camera_info_url, "; expected the URL of a calibration");
     }
   }
   /// Stops, and waits for the thread to end.
@@ -198,12 +176,10 @@ class PictureSource {
 
   void onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) HELIX_ARM_EXCLUDES(mutex_) {
     const CheckedPicture<estimation::Camera> camera = fromMsg(*info);
-    {
-      const basics::MutexLock lock(mutex_);
-      camera_info_ = camera;
-    }
     // Only counted here; the state is derived from the pictures.
     if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) status_.count(*refusal);
+    const basics::MutexLock lock(mutex_);
+    camera_info_ = camera;
   }
 
   template <class Message>
@@ -235,7 +211,8 @@ class PictureSource {
       }
       if (status == vision::FrameStatus::kFault) {
         status_.refuse({PictureFault::kSource, frame.fault});
-        go_on = pauseAfterFault(frame.retry_after);
+        const double pause = std::max(kFaultPause, std::min(frame.retry_after, kLongestPause));
+        go_on = mailbox_.sleepUntil(steady_clock::now() + toDuration(pause));
         continue;
       }
       if (calibration_ != nullptr) {
@@ -248,11 +225,6 @@ class PictureSource {
       go_on = options_.fromFile() ? mailbox_.sleepUntil(due) && mailbox_.waitUntilIdle()
                                   : !mailbox_.stopped();
     }
-  }
-
-  bool pauseAfterFault(double retry_after) {
-    const double pause = std::max(kFaultPause, std::min(retry_after, kLongestPause));
-    return mailbox_.sleepUntil(steady_clock::now() + toDuration(pause));
   }
 
   // From callbacks, or from the thread of the webcam or file.
@@ -283,78 +255,6 @@ class PictureSource {
   GuardedThread capturer_;
 };
 
-// Pictures are not exactly periodic; one slightly early must not be skipped.
-constexpr double kDrawingSlack = 0.9;
-
-/// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
-/// itself and its camera_info, while someone subscribes to them. For one thread.
-class MeasurementPublisher {
- public:
-  /// @param frames  of the measured shape.
-  /// @param status  outlives this.
-  MeasurementPublisher(ros::NodeHandle& node, const VisionOptions& options,
-                       const FrameNames& frames, VisionStatusPublisher& status)
-      : frames_(frames),
-        camera_frame_(options.cameraFrame()),
-        drawing_period_(kDrawingSlack / options.draw_rate),
-        status_(status),
-        measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
-        detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
-        error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-        overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
-    if (!options.publish_image) return;
-    image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
-    info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
-  }
-
-  void publish(const Measurement& measurement) {
-    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame_);
-    status_.saw(measurement, report);
-    if (report.shape) measured_publisher_.publish(*report.shape);
-    if (report.error) error_publisher_.publish(*report.error);
-    if (measurement.measured()) {
-      const estimation::TwistFit& fit = measurement.observation.fit;
-      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
-    }
-    detections_publisher_.publish(report.detections);
-    republish(measurement);
-    draw(measurement, report);
-  }
-
- private:
-  void republish(const Measurement& measurement) {
-    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame_);
-    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
-      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
-    }
-    if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
-      image_publisher_.publish(
-          boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
-    }
-  }
-  void draw(const Measurement& measurement, const ObservationReport& report) {
-    const ros::SteadyTime now = ros::SteadyTime::now();
-    if (now - last_drawing_ < drawing_period_) return;
-    last_drawing_ = now;
-    if (overlay_publisher_.getNumSubscribers() > 0) {
-      overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-          toImageMsg(report.detections.header, drawOverlay(measurement, report))));
-    }
-    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
-  }
-
-  const FrameNames frames_;
-  const std::string camera_frame_;
-  const ros::WallDuration drawing_period_;
-  VisionStatusPublisher& status_;
-
-  ros::SteadyTime last_drawing_;
-  ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
-  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
-  CurveFrames curve_frames_{frames_, "pictures are", "them"};
-};
-
 // Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
 // then, so a replay uses the same models.
 constexpr std::chrono::milliseconds kModelPatience(100);
@@ -375,99 +275,6 @@ model::Shape restingShape(const io::Scene& scene) {
   }
   return statics::startingShape(scene.model, solution, rest);
 }
-
-/// Finds the model of a picture's time, and the shape from which the search for tags starts.
-class ModelMatcher {
- public:
-  /// @param scene   the search starts from its resting arm until a model comes.
-  /// @param status  is told how far models are behind the pictures; outlives this.
-  ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status)
-      : status_(status), start_(restingShape(scene)), patience_(kModelPatience) {}
-
-  /// From any thread.
-  void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      models_.add(stamp, shape);
-    }
-    changed_.notifyAll();
-  }
-
-  /// From any thread: match() waits no more.
-  void stop() HELIX_ARM_EXCLUDES(mutex_) {
-    {
-      const basics::MutexLock lock(mutex_);
-      stop_ = true;
-    }
-    changed_.notifyAll();
-  }
-
-  // For the thread of the measurements only.
-
-  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
-  /// limited time while one that is yet to come may be nearer.
-  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
-    LookUp found = lookUp(stamp);
-    status_.modelLag(found.lag);
-    if (found.lag && (!found.in_time || std::abs(*found.lag) > ModelHistory::kReach)) {
-      warnOfLag(*found.lag);
-    }
-    if (found.model) start_ = found.model->shape;
-    return std::move(found.model);
-  }
-
-  /// Shape from which the search starts: the last model matched.
-  const model::Shape& start() const { return start_; }
-  /// The search starts from the scene's resting arm again.
-  void restart(const io::Scene& scene) { start_ = restingShape(scene); }
-
- private:
-  /// What the history knows of a stamp.
-  struct LookUp {
-    std::optional<ModelHistory::Entry> model;
-    std::optional<double> lag;  ///< of the latest model [s]
-    bool in_time;               ///< no nearer one was to come when the wait ended
-  };
-
-  LookUp lookUp(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
-    basics::MutexLock lock(mutex_);
-    const std::optional<double> ahead = models_.lag(stamp);
-    models_.forgetFuture(stamp);
-    const bool waits = models_.mayGetNearer(stamp);
-    const auto due = std::chrono::steady_clock::now() + patience_;
-    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
-      return stop_ || !models_.mayGetNearer(stamp);
-    });
-    if (!in_time) {
-      patience_ = std::max(kLeastPatience, patience_ / 2);
-    } else if (waits) {
-      patience_ = std::min(kModelPatience, 2 * patience_);
-    }
-    const std::optional<double> lag = models_.lag(stamp);
-    return {models_.nearest(stamp), lag ? lag : ahead, in_time};
-  }
-
-  void warnOfLag(double lag) {
-    if (!late_models_.add()) return;
-    logWarning(
-        "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
-        "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
-        "a shape that balances the load there is no model: see `%s` in its diagnostics",
-        std::abs(lag), lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
-  }
-
-  VisionStatusPublisher& status_;
-
-  // Used by the thread of the measurements only.
-  model::Shape start_;
-  std::chrono::milliseconds patience_;
-  FaultCount late_models_;
-
-  basics::Mutex mutex_;
-  basics::Condition changed_;  ///< something guarded by mutex_ has changed
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
-  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
-};
 
 /// A scene with camera and tags, and the localizer that looks for them.
 struct SceneLocalizer {
@@ -490,10 +297,14 @@ class PictureMeasurer {
  public:
   /// @param stale_after  after a longer gap between pictures tags are not tracked [s].
   /// @param source       gives the camera's calibration; outlives this.
-  /// @param models       outlives this.
+  /// @param status       is told how far models are behind the pictures; outlives this.
   PictureMeasurer(SceneLocalizer first, double stale_after, const PictureSource& source,
-                  ModelMatcher& models)
-      : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
+                  VisionStatusPublisher& status)
+      : stale_after_(stale_after),
+        source_(source),
+        status_(status),
+        current_(std::move(first)),
+        start_(restingShape(current_.scene)) {}
 
   /// Measures the shape. For one thread.
   /// @return why the picture is not taken, or what was seen in it.
@@ -503,13 +314,13 @@ class PictureMeasurer {
     if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
     const cv::Mat& gray = std::get<cv::Mat>(taken);
     follow(picture.stamp);
-    auto model = models_.match(picture.stamp);
+    auto model = match(picture.stamp);
     if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
       return PictureRefusal{PictureFault::kSource,
                             "the camera sends the same picture again and again, although the model "
                             "has moved: it hangs; restart its node, or plug it in anew"};
     }
-    const vision::Observation& observation = current_.localizer->locate(gray, models_.start());
+    const vision::Observation& observation = current_.localizer->locate(gray, start_);
     return Measurement{picture.stamp,         gray,
                        observation,           current_.localizer->view(),
                        current_.scene.vision, std::move(model),
@@ -520,6 +331,18 @@ class PictureMeasurer {
   void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     next_ = std::move(next);
+  }
+  /// From any thread.
+  void addModel(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    models_.add(stamp, shape);
+    changed_.notifyAll();
+  }
+  /// From any thread: measure() waits for no model any more.
+  void stop() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    stop_ = true;
+    changed_.notifyAll();
   }
 
  private:
@@ -589,6 +412,38 @@ class PictureMeasurer {
     return std::nullopt;
   }
 
+  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
+  /// limited time while one that is yet to come may be nearer.
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_) {
+    basics::MutexLock lock(mutex_);
+    const std::optional<double> ahead = models_.lag(stamp);
+    models_.forgetFuture(stamp);
+    const bool waits = models_.mayGetNearer(stamp);
+    const auto due = steady_clock::now() + patience_;
+    const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
+      return stop_ || !models_.mayGetNearer(stamp);
+    });
+    const std::optional<double> behind = models_.lag(stamp), lag = behind ? behind : ahead;
+    std::optional<ModelHistory::Entry> found = models_.nearest(stamp);
+    lock.unlock();
+    if (!in_time) {
+      patience_ = std::max(kLeastPatience, patience_ / 2);
+    } else if (waits) {
+      patience_ = std::min(kModelPatience, 2 * patience_);
+    }
+    status_.modelLag(lag);
+    const bool is_late = lag && (!in_time || std::abs(*lag) > ModelHistory::kReach);
+    if (is_late && late_models_.add()) {
+      logWarning(
+          "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+          "running, and are the clocks of the camera's and the arm's computers synchronised? "
+          "Without a shape that balances the load there is no model: see `%s` in its diagnostics",
+          std::abs(*lag), *lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
+    }
+    if (found) start_ = found->shape;
+    return found;
+  }
+
   /// Forgets what a gap or a jump back in time makes useless.
   void follow(const ros::Time& stamp) {
     const double elapsed = secondsBetween(last_stamp_, stamp);
@@ -604,25 +459,30 @@ class PictureMeasurer {
             source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
                                      : "");
       }
-      models_.restart(current_.scene);
+      start_ = restingShape(current_.scene);
     }
     last_stamp_ = stamp;
   }
 
   const double stale_after_;
   const PictureSource& source_;
-  ModelMatcher& models_;
+  VisionStatusPublisher& status_;
 
   // Used by the thread of the measurements only.
   SceneLocalizer current_;
+  model::Shape start_;  ///< from which the search starts: the last model matched
+  std::chrono::milliseconds patience_ = kModelPatience;
   vision::FrozenWatch frozen_watch_;
   vision::JpegDecoder decoder_;
   cv::Mat buffer_;
   std::string calibration_;  ///< whose intrinsics are used
   ros::Time last_stamp_;
-  FaultCount jumps_, adoptions_;
+  FaultCount jumps_, adoptions_, late_models_;
 
   basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
   std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
@@ -638,58 +498,25 @@ io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
     if (options.optional) throw NothingToDo(message);
     throw std::invalid_argument(message + "; add what is missing to it");
   }
-  if (options.fromWebcam() && !scene.camera->webcam) {
-    throw std::invalid_argument("scene " + scene.name +
-                                " has no camera.webcam; add it, or set ~source to topic");
-  }
-  if (options.publish_image && !options.fromWebcam() && !options.fromFile()) {
-    throw std::invalid_argument("~publish_image is true, but the pictures of ~source " +
-                                options.source +
-                                " come from a topic already; leave it false, or set ~source to "
-                                "webcam or a file");
-  }
+  basics::require(!options.fromWebcam() || scene.camera->webcam, "scene ", scene.name,
+                  " has no camera.webcam; add it, or set ~source to topic");
+  basics::require(!options.publish_image || options.fromWebcam() || options.fromFile(),
+                  "~publish_image is true, but the pictures of ~source ", options.source,
+                  " come from a topic already; leave it false, or set ~source to webcam or a file");
   return scene;
 }
 
-/// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it.
-///
-/// Subscribes
-/// - image (sensor_msgs/Image; mono8, bgr8, rgb8, bgra8, rgba8, 8-bit Bayer) and image/compressed
-///   (sensor_msgs/CompressedImage; JPEG), according to ~source
-/// - camera_info (sensor_msgs/CameraInfo): intrinsics in place of the scene's; an uncalibrated one
-///   is refused, and nothing is measured until a sound one comes
-/// - model (ArmShape): where to expect the tags, and what to compare with
-///
-/// Publishes
-/// - measured (ArmShape, tier `measured`, with covariance): stamped like its picture
-/// - tag_detections (TagDetections): of each picture, measured in or not
-/// - model_error (ModelError): with each measurement that has a model of its time
-/// - vision_status (VisionStatus): at every change of state, and once a second
-/// - overlay (sensor_msgs/Image, bgr8): while someone subscribes to it
-/// - with ~publish_image: image (sensor_msgs/Image, mono8) and camera_info, the pictures of a
-///   webcam or file with the intrinsics that they are measured with: each while someone subscribes
-///   to it
-/// - measured_markers (visualization_msgs/MarkerArray): see VisionMarkers; deleted when the state
-///   is no longer `measured`
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: camera`, `<node>: measurement`, 1 Hz
-/// - tf: arm_base -> measured_0 .. measured_(n-1) and measured_tip, stamped like the picture;
-///   world -> camera_optical (static)
-///
-/// Service
-/// - ~reload (Reload): another file of the same rig, from the next picture on; ~source and the
-///   settings of a webcam stay
-///
-/// Parameters: VisionOptions.
+// Pictures are not exactly periodic; one slightly early must not be skipped.
+constexpr double kDrawingSlack = 0.9;
+
+/// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it:
+/// the node vision of docs/nodes.md. Parameters: VisionOptions.
 ///
 /// A picture that comes while one is measured waits; a newer one replaces it, and this is counted.
 /// Files are read at the pace of the measurements. A bad picture or camera_info is counted, warned
-/// of at a limited rate and reported on vision_status; it never makes a measurement. A picture
-/// stamped 0 is stamped on arrival, with a warning. One stamped before the last one is a jump back
-/// in time: nothing from before it is used. A steady clock decides whether pictures still come; all
-/// else goes by stamps.
-///
-/// Ends with 0 when asked to, or where ~optional is set and there is nothing to see; 1 when the ROS
-/// master is lost; 2 on a bad scene or parameter.
+/// of at a limited rate and reported on vision_status; it never makes a measurement. One stamped
+/// before the last one is a jump back in time: nothing from before it is used. A steady clock
+/// decides whether pictures still come; all else goes by stamps.
 class VisionNode : public Node {
  public:
   /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
@@ -707,12 +534,14 @@ class VisionNode : public Node {
                 options_.frames),
         scene_(requireVision(io::loadScene(options_.scene), options_)),
         node_(node),
-        status_(node_, {name_, frames_.base, options_.source, options_.stale_after,
-                        1.0 / options_.draw_rate}),
+        status_(node_, name_, frames_.base, options_.source, options_.stale_after,
+                1.0 / options_.draw_rate),
         source_(node_, options_, scene_, status_),
-        models_(scene_, status_),
-        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
-        publisher_(node_, options_, frames_, status_) {
+        measurer_(SceneLocalizer(scene_), options_.stale_after, source_, status_) {
+    if (options_.publish_image) {
+      image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
+      info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+    }
     sendCameraFrame();
     status_.lookAt(scene_);
     using Self = VisionNode;
@@ -745,7 +574,7 @@ class VisionNode : public Node {
   void onModel(const ArmShapeConstPtr& model) {
     const auto checked = fromMsg(*model, scene_.arm, frames_.base);
     if (const auto* shape = std::get_if<model::Shape>(&checked)) {
-      models_.add(model->header.stamp, *shape);
+      measurer_.addModel(model->header.stamp, *shape);
     } else {
       // The picture is measured without the model.
       status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
@@ -779,9 +608,9 @@ class VisionNode : public Node {
       EndRequest::make();
       return;
     }
-    stop();
     // Both threads stop for good; the other may still process a picture.
-    status_.fail("vision has failed and stopped: load its nodelet again");
+    status_.close("vision has failed and stopped: load its nodelet again");
+    stop();
     logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again",
              name_.c_str());
   }
@@ -804,15 +633,46 @@ class VisionNode : public Node {
     if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
       status_.refuse(*refusal);
     } else {
-      publisher_.publish(std::get<Measurement>(taken));
+      publish(std::get<Measurement>(taken));
     }
+  }
+
+  void publish(const Measurement& measurement) {
+    const std::string camera_frame = options_.cameraFrame();
+    const ObservationReport report = reportOf(measurement, frames_.base, camera_frame);
+    status_.saw(measurement, report);
+    if (report.shape) measured_publisher_.publish(*report.shape);
+    if (report.error) error_publisher_.publish(*report.error);
+    if (measurement.measured()) {
+      const estimation::TwistFit& fit = measurement.observation.fit;
+      curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
+    }
+    detections_publisher_.publish(report.detections);
+    const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame);
+    if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+      info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+    }
+    if (image_publisher_) send(image_publisher_, header, [&] { return measurement.gray; });
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
+    last_drawing_ = now;
+    send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
+    if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
+  }
+
+  /// Publishes a picture while someone subscribes to it.
+  template <class MakePicture>
+  static void send(const ros::Publisher& publisher, const std_msgs::Header& header,
+                   const MakePicture& picture) {
+    if (publisher.getNumSubscribers() == 0) return;
+    publisher.publish(boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture())));
   }
 
   /// From any thread: ends the threads, and all waits.
   void stop() {
-    status_.stopWatching();
+    status_.close();
     source_.stop();
-    models_.stop();
+    measurer_.stop();
   }
 
   /// Stops, and waits for the threads to end.
@@ -832,13 +692,20 @@ class VisionNode : public Node {
   ros::NodeHandle node_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
-  // A picture passes from source_ through measurer_, which asks models_, to publisher_.
+  // A picture passes from source_ through measurer_ to publish().
   VisionStatusPublisher status_;  ///< from any thread
   PictureSource source_;          ///< locks what its threads share
-  ModelMatcher models_;           ///< locks what its threads share
-  PictureMeasurer measurer_;      ///< used by the thread of the measurements, except adopt()
-  /// Used by the thread of the measurements only.
-  MeasurementPublisher publisher_;
+  PictureMeasurer measurer_;      ///< locks what its threads share
+
+  // Used by the thread of the measurements only.
+  const ros::Publisher measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10),
+                       detections_publisher_ =
+                           node_.advertise<TagDetections>(names::kTagDetections, 10),
+                       error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10),
+                       overlay_publisher_ = node_.advertise<sensor_msgs::Image>(names::kOverlay, 1);
+  ros::Publisher image_publisher_, info_publisher_;  ///< only with VisionOptions::publish_image
+  CurveFrames curve_frames_{frames_, "pictures are", "them"};
+  ros::SteadyTime last_drawing_;
   FaultGuard picture_guard_{"a picture"};
 
   ros::Subscriber model_subscriber_;
