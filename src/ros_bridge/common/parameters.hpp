@@ -11,6 +11,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
+#include "helix_arm/regulator/config.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -47,9 +48,6 @@ class ParameterReader {
   /// from then on the parameter, is absolute, and the log tells it.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
-  /// The same; empty if the parameter is absent.
-  std::string optionalFile(const std::string& name, const std::string& folder,
-                           const std::string& extension);
 
   /// Path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback) {
@@ -83,5 +81,12 @@ class ParameterReader {
 /// The scene, if all of its actuators are driven by pressure.
 /// @throws std::invalid_argument naming the others.
 io::Scene requirePneumatic(io::Scene scene);
+
+/// @throws std::invalid_argument if the scene has no regulator.
+const regulator::Config& requireRegulator(const io::Scene& scene);
+
+/// Warns of actuators whose limits the supply of the scene's regulator does not reach, if that is
+/// simulated.
+void warnOfShortSupply(const io::Scene& scene);
 
 }  // namespace helix_arm::ros_bridge

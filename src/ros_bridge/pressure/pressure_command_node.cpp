@@ -41,7 +41,6 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
-#include "regulator_setup.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -793,8 +792,7 @@ constexpr double kLinePatience = 1.25;  // of the line, so that the safety core 
 /// have vented by itself [s].
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
-/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeSimulatedRegulator()
-/// does.
+/// Starts the scene's regulator with its own I/O. Logs it, and warns of a short supply.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
 /// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
@@ -813,9 +811,7 @@ std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene,
     logInfo("%s: by its profile the regulator vents itself if no line comes for %g s; test this",
             scene.name.c_str(), driver->watchdog());
   }
-  if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
-    warnOfShortSupply(scene.arm, *simulated);
-  }
+  warnOfShortSupply(scene);
   return std::make_unique<regulator::RegulatorIo>(std::move(driver), channels, rules);
 }
 
@@ -994,61 +990,19 @@ class ModelServer {
 };
 
 /// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
-/// (real or simulated) or another node's.
+/// (real or simulated) or another node's. docs/nodes.md lists its topics, services and parameters
+/// (PressureCommandOptions); docs/safety.md tells who commands and when the arm vents.
 ///
 /// Between targets and regulator stands control::SafetyCore: any fault vents the arm, and nothing
-/// moves until it is enabled again.
-///
-/// Subscribes
-/// - pressure_target (PressureArray): gauge [Pa]; omitted names keep their command
-/// - shape_target (ShapeTarget): twists of all sections
-/// - tip_target (TipTarget): position or pose of the tip, base frame
-/// - tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
-/// - pressure_measured (PressureArray): with ~regulator `topic`; gauge [Pa], all actuators
-///
-/// Publishes
-/// - pressure_command (PressureArray): command in force [Pa], moving to the target at most at the
-///   scene's slew rate, 0 while the arm is not enabled; immediately on a target, and with every
-///   loop
-/// - pressure_measured (PressureArray): with ~regulator `scene`, as the regulator reads them [Pa]
-/// - safety_state (SafetyState): latched, on every change
-/// - model (ArmShape): with every pressure_measured, or only the last if the tier is slower than
-///   these, the model's shape at the measured pressures clamped to the limits, under the scene's
-///   load, with the stamp of that pressure_measured. The pressures are known only from this
-///   measurement, also on hardware.
-/// - target_status (TargetStatus): result of each target
-/// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop`,
-///   `<node>: model` (its tier, and whether it finds a shape), `<node>: safety`,
-///   `<node>: regulator` and one `<node>: channel <actuator>` each, 1 Hz
-/// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
-///
-/// Services
-/// - ~enable, ~rest, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while
-///   true): their answers give the result and the reason
-/// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
-///   inside the new limits; with hardware, no rule may be looser than when the node started.
-/// - ~forward (Forward), ~inverse (Inverse): the model, for batches; in a thread of their own
-///
-/// Parameters: PressureCommandOptions.
-///
-/// A bad target is dropped: it is counted, warned of once per fault and five seconds, and answered
-/// on target_status; the command stays. A target out of reach moves the arm to the closest
-/// reachable. A target while the arm is not enabled is dropped with the reason. Of several
-/// publishers the first one commands, until it has been silent for the scene's
-/// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease; the loop has its own thread, which no shape, target or
-/// reload delays. Without fresh measurements, or if the model finds no shape that balances the
-/// load, there is neither model nor drawing, and the diagnostics say so.
+/// moves until it is enabled again. All times are of a steady clock, so that a paused or simulated
+/// clock neither stops the loop nor keeps a lease.
 ///
 /// The arm vents in every case when the node ends: in an orderly end by this node; if it is killed
 /// or stopped, by a guard process (hardware), or by the regulator's node when the commands stop.
-/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter, such as
-/// simulated time with hardware.
 ///
 /// Its parts: TargetIntake accepts targets, PressureLoop drives the regulator, ShapePublisher shows
-/// the arm at the readings. All of them but PressureLoop and
-/// ModelServer run in the main thread only.
+/// the arm at the readings. All of them but PressureLoop and ModelServer run in the main thread
+/// only, so that no shape, target or reload delays the loop.
 class PressureCommandNode : public Node {
  public:
   PressureCommandNode()
