@@ -64,7 +64,7 @@ TEST_P(Patient, TheNewerIsRefusedWhileTheFirstHoldsTheLease) {
   EXPECT_NE(answer.message.find(ros::this_node::getName()), std::string::npos) << answer.message;
   EXPECT_EQ(rig_.commandAfter(answer), kPressures);
   EXPECT_TRUE(rig_.diagnoses(statusName(), "dropped_other_commander", "1"));
-  EXPECT_TRUE(rig_.diagnoses(statusName(), names::kLeaseHolderKey, ros::this_node::getName()));
+  EXPECT_TRUE(rig_.diagnoses(statusName(), "lease_holder", ros::this_node::getName()));
 }
 
 INSTANTIATE_TEST_SUITE_P(, Patient, ::testing::Values("patient"));

@@ -95,7 +95,7 @@ TEST_F(Drawing, MarkersHaveStableNamesAndOutliveTheirPeriod) {
     // The trace begins with the arm's first motion.
     const auto array = markers_.next([](const MarkerArray& a) {
       for (const Marker& m : a.markers) {
-        if (m.ns == names::kTipTraceNs) return true;
+        if (m.ns == "tip_trace") return true;
       }
       return false;
     });
@@ -113,11 +113,11 @@ TEST_F(Drawing, MarkersHaveStableNamesAndOutliveTheirPeriod) {
       EXPECT_NEAR(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w, 1.0, 1e-9);
       for (const auto& p : marker.points) ASSERT_TRUE(std::isfinite(p.x + p.y + p.z));
     }
-    EXPECT_EQ(count[names::kMusclesNs], 7);
-    EXPECT_EQ(count[names::kPressuresNs], 7);
-    EXPECT_EQ(count[names::kSeparatorsNs], scene_.looks[0].separators + scene_.looks[1].separators);
-    EXPECT_EQ(count[names::kBaseCurveNs], 1);
-    EXPECT_EQ(count[names::kTipTraceNs], 1);
+    EXPECT_EQ(count["muscles"], 7);
+    EXPECT_EQ(count["pressures"], 7);
+    EXPECT_EQ(count["separators"], scene_.looks[0].separators + scene_.looks[1].separators);
+    EXPECT_EQ(count["base_curve"], 1);
+    EXPECT_EQ(count["tip_trace"], 1);
     if (i == 0) first = keys;
     EXPECT_EQ(keys, first);
   }
@@ -131,13 +131,13 @@ TEST_F(Drawing, TubesFollowTheirMusclesAndTheTextShowsThePressure) {
   EXPECT_TRUE(markers_.next([&](const MarkerArray& array) {
     bool at_muscle = false, tells = false;
     for (const Marker& m : array.markers) {
-      if (m.ns == names::kMusclesNs && m.id == 0 && m.points.size() % 3 == 0) {
+      if (m.ns == "muscles" && m.id == 0 && m.points.size() % 3 == 0) {
         // The last triangles of the tube end on the circle around the muscle's end.
         const auto& p = m.points.back();
         const double off = (Eigen::Vector3d(p.x, p.y, p.z) - X_end.translation).norm();
         at_muscle = std::abs(off - scene_.looks[0].muscle_radius) < 1e-3;
       }
-      if (m.ns == names::kPressuresNs && m.id == 0) {
+      if (m.ns == "pressures" && m.id == 0) {
         tells = m.text.find("muscle_1  300 kPa") != std::string::npos;
       }
     }

@@ -41,13 +41,13 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
       VisionMarkers("arm_base", 1.0)
           .draw(ros::Time(5), sideViewOf(scene), scene.view().layout, fit, &shape, "");
   const Eigen::Vector3d tip = model::tipPose(shape).translation;
-  for (const char* ns : {names::kMeasuredCurveNs, names::kModelCurveNs}) {
+  for (const char* ns : {"measured_curve", "model_curve"}) {
     const auto markers = inNamespace(drawn, ns);
     ASSERT_EQ(markers.size(), 1U) << ns;
     ASSERT_GT(markers[0].points.size(), 2U) << ns;
     EXPECT_LT((fromMsg(markers[0].points.back()) - tip).norm(), 1e-12) << ns;
   }
-  const Marker dashes = inNamespace(drawn, names::kModelCurveNs)[0];
+  const Marker dashes = inNamespace(drawn, "model_curve")[0];
   EXPECT_EQ(dashes.type, Marker::LINE_LIST);
   EXPECT_EQ(dashes.points.size() % 2, 0U);
   const Eigen::Vector3d last =
@@ -59,9 +59,8 @@ TEST(ArmMarkers, SeparatorsOfATaperedArmShrinkWithIt) {
   const io::Scene scene = io::loadScene(std::string(kScenes) + "tapered_50_25.yaml");
   const Eigen::VectorXd pressure = Eigen::Vector3d(2e5, 0, 1e5);
   ArmMarkers markers(scene, "arm_base", 1.0);
-  const auto discs =
-      inNamespace(markers.draw(scene.model.solve(pressure).shape, pressure, ros::Time(5)),
-                  names::kSeparatorsNs);
+  const auto discs = inNamespace(
+      markers.draw(scene.model.solve(pressure).shape, pressure, ros::Time(5)), "separators");
   ASSERT_EQ(discs.size(), 12U);
   const double first = 2 * scene.looks[0].separator_radius;
   for (std::size_t k = 0; k < discs.size(); ++k) {
@@ -76,7 +75,7 @@ TEST(ArmMarkers, TextsAreClearOfTheArmWhateverItsMountingIs) {
     ArmMarkers markers(scene, "arm_base", 1.0);
     const auto drawn = markers.draw(scene.model.solve(pressure).shape, pressure, ros::Time(5));
     const double radius = scene.looks[0].separator_radius;
-    for (const char* ns : {names::kLegendNs, names::kPressuresNs}) {
+    for (const char* ns : {"legend", "pressures"}) {
       for (const Marker& text : inNamespace(drawn, ns)) {
         const Eigen::Vector3d at = fromMsg(text.pose.position);
         EXPECT_GT(at.tail<2>().norm(), 2 * radius) << name << " " << ns << ": " << at.transpose();
@@ -101,8 +100,8 @@ TEST(ArmMarkers, AReasonOfAnyLengthCoversNeitherStateNorLegend) {
       for (int k = 0; k < 9; ++k) reason += " remedy";
       markers.tell({}, reason);
       const auto drawn = markers.draw(scene.model.solve(pressure).shape, pressure, ros::Time(5));
-      const auto banner = inNamespace(drawn, names::kStateBannerNs);
-      const auto legend = inNamespace(drawn, names::kLegendNs);
+      const auto banner = inNamespace(drawn, "state_banner");
+      const auto legend = inNamespace(drawn, "legend");
       ASSERT_EQ(banner.size(), 2U);
       ASSERT_FALSE(legend.empty());
       const auto height = [&](const Marker& text) {
@@ -124,7 +123,7 @@ TEST(ArmMarkers, AnArmInANamespaceHasItsNameAboveIt) {
   const model::Shape shape = scene.model.solve(pressure).shape;
   const auto state = [&](const char* base_frame) {
     return inNamespace(ArmMarkers(scene, base_frame, 1.0).draw(shape, pressure, ros::Time(5)),
-                       names::kStateBannerNs)
+                       "state_banner")
         .at(0)
         .text;
   };
@@ -188,16 +187,16 @@ Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
 }
 
 TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
-  const Marker table = drawn(sample(), names::kErrorBudgetNs);
+  const Marker table = drawn(sample(), "error_budget");
   EXPECT_EQ(table.action, Marker::ADD);
   EXPECT_EQ(table.type, Marker::TEXT_VIEW_FACING);
   EXPECT_EQ(table.text, sample().budget);
   EXPECT_EQ(table.header.frame_id, "arm_base");
-  const Marker ellipsoid = drawn(sample(), names::kPredictedCovarianceNs);
+  const Marker ellipsoid = drawn(sample(), "predicted_covariance");
   EXPECT_NEAR(ellipsoid.scale.x + ellipsoid.scale.y + ellipsoid.scale.z, 4 * (1 + 2 + 3) * 1e-3,
               1e-9);
   EXPECT_GT(table.pose.position.y - ellipsoid.pose.position.y, ellipsoid.scale.y);
-  EXPECT_NE(table.pose.position.y, drawn(sample(), names::kLoopStateNs).pose.position.y);
+  EXPECT_NE(table.pose.position.y, drawn(sample(), "loop_state").pose.position.y);
 }
 
 // The same markers draw an arm that is mounted otherwise.
@@ -208,7 +207,7 @@ TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
   rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y
   for (const Eigen::Matrix3d& R_WB : {hangs, rolled, hangs}) {
     const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
-    const auto state = inNamespace(markers.draw(ros::Time(5), view, sample()), names::kLoopStateNs);
+    const auto state = inNamespace(markers.draw(ros::Time(5), view, sample()), "loop_state");
     ASSERT_EQ(state.size(), 1U);
     const Eigen::Vector3d beyond = R_WB * (fromMsg(state[0].pose.position) - *sample().predicted);
     EXPECT_LT(beyond.z(), -0.01);
@@ -219,23 +218,21 @@ TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
 TEST(LoopMarkers, ABudgetThatIsContradictedHasAnotherColour) {
   LoopMarkers::Tips tips = sample();
   tips.outside = true;
-  EXPECT_NE(drawn(tips, names::kErrorBudgetNs).color.r,
-            drawn(sample(), names::kErrorBudgetNs).color.r);
+  EXPECT_NE(drawn(tips, "error_budget").color.r, drawn(sample(), "error_budget").color.r);
 }
 
 TEST(LoopMarkers, WhatIsAbsentIsRemoved) {
   LoopMarkers::Tips tips = sample();
   tips.budget.clear();
-  EXPECT_EQ(drawn(tips, names::kErrorBudgetNs).action, Marker::DELETE);
-  EXPECT_EQ(drawn(tips, names::kLoopStateNs).action, Marker::ADD);
-  EXPECT_EQ(drawn(tips, names::kTipForceNs).action, Marker::DELETE);
+  EXPECT_EQ(drawn(tips, "error_budget").action, Marker::DELETE);
+  EXPECT_EQ(drawn(tips, "loop_state").action, Marker::ADD);
+  EXPECT_EQ(drawn(tips, "tip_force").action, Marker::DELETE);
   tips = sample();
   tips.predicted.reset();
-  for (const char* ns : {names::kErrorBudgetNs, names::kLoopStateNs, names::kPredictedTipNs,
-                         names::kPredictedCovarianceNs}) {
+  for (const char* ns : {"error_budget", "loop_state", "predicted_tip", "predicted_covariance"}) {
     EXPECT_EQ(drawn(tips, ns).action, Marker::DELETE) << ns;
   }
-  EXPECT_EQ(drawn(tips, names::kWantedTipNs).action, Marker::ADD);
+  EXPECT_EQ(drawn(tips, "wanted_tip").action, Marker::ADD);
 }
 
 // A point in the picture of rviz/Orbit, in shares of half its width and height. Its eye is at

@@ -117,7 +117,7 @@ TEST_F(Flow, ATargetOutOfReachMovesTheArmToTheClosestAndSaysSo) {
   EXPECT_EQ(vectorOf(command), clamped(scene_.arm, command));
   // The arm bends towards it.
   EXPECT_GT(scene_.arm.tip(vectorOf(command)).translation.y(), 0.05);
-  EXPECT_TRUE(rig_.diagnoses(kTargets, names::kUnreachableKey,
+  EXPECT_TRUE(rig_.diagnoses(kTargets, "unreachable",
                              [](const std::string& count) { return std::stoi(count) >= 1; }));
 }
 
@@ -127,8 +127,8 @@ TEST_F(Flow, DiagnosticsTellRatesAndWhoCommands) {
     const auto loop = [&](const char* key) {
       return Rig::valueIn(array, "pressure_command: loop", key);
     };
-    return Rig::valueIn(array, kTargets, names::kLeaseHolderKey) == ros::this_node::getName() &&
-           loop(names::kWantedRateKey) == "100.0" && std::atof(loop(names::kRateKey).c_str()) > 0;
+    return Rig::valueIn(array, kTargets, "lease_holder") == ros::this_node::getName() &&
+           loop("wanted_rate_hz") == "100.0" && std::atof(loop("rate_hz").c_str()) > 0;
   }));
 }
 
@@ -167,8 +167,7 @@ TEST_F(Flow, TargetsThatNoOneShouldObeyAreDropped) {
   EXPECT_TRUE(rig_.diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
     return !Rig::valueIn(array, kTargets, names::kLastFaultKey).empty() &&
            std::all_of(std::begin(kRows), std::end(kRows), [&](const auto& row) {
-             const std::string key =
-                 names::kDroppedPrefix + std::string(control::nameOf(row.fault));
+             const std::string key = "dropped_" + std::string(control::nameOf(row.fault));
              return Rig::valueIn(array, kTargets, key) == "1";
            });
   }));

@@ -38,8 +38,8 @@ TEST_F(UnderLoad, TheModelIsOfTheLoadedTierInPieces) {
   EXPECT_EQ(model->sections, 1u);
   EXPECT_EQ(model->pieces, 8u);
   EXPECT_EQ(model->piece_twist.size(), 6u * 8u);
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kTierKey, "loaded"));
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "converged"));
+  EXPECT_TRUE(rig_.diagnoses(kStatus, "tier", "loaded"));
+  EXPECT_TRUE(rig_.diagnoses(kStatus, "solve_status", "converged"));
 }
 
 // An arm on its head, with more on it than it can bear at every pressure.
@@ -61,12 +61,12 @@ TEST_F(UnderLoad, WhereNoShapeHoldsTheLoadThereIsNoModelAndTheDiagnosticsSaySo) 
   reload(file.path());
   rig_.keepOn();
   ASSERT_EQ(rig_.sendPressures(crushed).outcome, TargetStatus::REACHED);
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "not_converged"));
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kUnsolvedKey,
-                             [](const std::string& v) { return std::stoul(v) > 0; }));
+  EXPECT_TRUE(rig_.diagnoses(kStatus, "solve_status", "not_converged"));
+  EXPECT_TRUE(
+      rig_.diagnoses(kStatus, "unsolved", [](const std::string& v) { return std::stoul(v) > 0; }));
   const std::size_t from = rig_.model.all().size();
   ASSERT_EQ(rig_.sendPressures(held).outcome, TargetStatus::REACHED);
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "converged"));
+  EXPECT_TRUE(rig_.diagnoses(kStatus, "solve_status", "converged"));
   EXPECT_TRUE(rig_.model.next([](const ArmShape&) { return true; }));
   // Every model is one of pressures at which there is a shape.
   for (std::size_t i = from; i < rig_.model.all().size(); ++i) {
@@ -89,7 +89,7 @@ TEST_F(UnderLoad, AReloadedSceneWithoutLoadIsOfTheLinearTier) {
   ASSERT_TRUE(model);
   EXPECT_EQ(model->order, 0u);
   EXPECT_LE(model->pieces, 1u);
-  EXPECT_TRUE(rig_.diagnoses(kStatus, names::kTierKey, "linear"));
+  EXPECT_TRUE(rig_.diagnoses(kStatus, "tier", "linear"));
 }
 
 }  // namespace

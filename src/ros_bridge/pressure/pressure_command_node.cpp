@@ -594,11 +594,11 @@ class ShapePublisher {
                    solved ? "the model finds the arm's shape"
                           : "the model finds no shape that balances the load: none is published; "
                             "check the scene's load and arm.stiffness.K_eps_n",
-                   {{names::kTierKey, statics::nameOf(choice.setting.tier)},
+                   {{"tier", statics::nameOf(choice.setting.tier)},
                     {"order", std::to_string(choice.setting.order)},
                     {"tier_reason", choice.reason},
-                    {names::kSolveStatusKey, statics::nameOf(solution_.status)},
-                    {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
+                    {"solve_status", statics::nameOf(solution_.status)},
+                    {"unsolved", std::to_string(unsolved_.total())}});
     if (response_.instant()) return out;
     addValue(out, "memory_known", response_.known() ? "true" : "false");
     addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
@@ -1142,8 +1142,8 @@ class PressureCommandNode : public Node {
     const bool slow = rate < kSlowShare * options_.rate;
     return makeStatus(names::kLoopStatus, slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
                       slow ? "the loop is slower than ~rate" : "the loop keeps its rate",
-                      {{names::kRateKey, fixed(rate)},
-                       {names::kWantedRateKey, fixed(options_.rate)},
+                      {{"rate_hz", fixed(rate)},
+                       {"wanted_rate_hz", fixed(options_.rate)},
                        {"bad_readings", std::to_string(path.bad_readings.total())}});
   }
 
