@@ -1,5 +1,8 @@
-// From targets to commands, measurements and the model's shape; and targets that no one should
-// obey.
+// From targets to commands, measurements and the model's shape; targets that no one should obey;
+// and two commanders.
+#include <visualization_msgs/InteractiveMarkerFeedback.h>
+#include <visualization_msgs/InteractiveMarkerInit.h>
+
 #include "support/vision_rig.hpp"
 
 namespace helix_arm::test {
@@ -174,6 +177,48 @@ TEST_F(Flow, TargetsThatNoOneShouldObeyAreDropped) {
   const TargetStatus good = rig_.sendPressures({2e5, 1e5, 0});
   EXPECT_EQ(good.outcome, TargetStatus::REACHED);
   EXPECT_EQ(rig_.commandAfter(good), (std::vector<double>{2e5, 1e5, 0}));
+}
+
+// The test's own node and the interactive marker, which is dragged to where the arm's tip is at
+// some pressures.
+TEST_F(Flow, OfTwoCommandersTheFirstHoldsTheLeaseUntilItIsSilent) {
+  using Feedback = visualization_msgs::InteractiveMarkerFeedback;
+  ros::NodeHandle node(names::kTipHandle);
+  const ros::Publisher publisher = node.advertise<Feedback>("feedback", 10);
+  const Inbox<visualization_msgs::InteractiveMarkerInit> handle(node, "update_full");
+  ASSERT_TRUE(waitFor([&] { return publisher.getNumSubscribers() > 0 && !handle.all().empty(); }));
+  const auto drag = [&](const Eigen::Vector3d& pressure) {
+    Feedback feedback;
+    feedback.header.frame_id = "arm_base";
+    feedback.marker_name = handle.last().markers.at(0).name;
+    feedback.client_id = "test";
+    feedback.event_type = Feedback::POSE_UPDATE;
+    feedback.pose = ros_bridge::toPoseMsg(scene_.arm.tip(pressure));
+    publisher.publish(feedback);
+    const auto answer = rig_.status.next(
+        [](const TargetStatus& s) { return s.commander == names::kInteractiveMarker; });
+    return answer ? *answer : TargetStatus();
+  };
+  const std::vector<double> held(3, 1e5);
+  rig_.keepOn();
+  TargetStatus answer;
+  // A busy machine may hold up the first for so long that it loses the lease.
+  ASSERT_TRUE(waitFor([&] {
+    if (rig_.sendPressures(held).outcome != TargetStatus::REACHED) return false;
+    answer = drag({2e5, 1e5, 5e4});
+    return answer.outcome == TargetStatus::DROPPED && rig_.commandAfter(answer) == held;
+  }));
+  EXPECT_EQ(answer.fault, "other_commander");
+  EXPECT_TRUE(has(answer.message, ros::this_node::getName()));
+  EXPECT_TRUE(rig_.diagnoses(kTargets, "dropped_other_commander",
+                             [](const std::string& count) { return std::stoi(count) >= 1; }));
+  EXPECT_TRUE(rig_.diagnoses(kTargets, "lease_holder", ros::this_node::getName()));
+  rig_.fallSilent();
+  ASSERT_TRUE(waitFor([&] {
+    answer = drag({2e5, 1e5, 5e4});
+    return answer.outcome == TargetStatus::REACHED;
+  }));
+  EXPECT_LE(answer.position_error, 1e-6);
 }
 
 class PlanarFlow : public Flow {
