@@ -1,5 +1,6 @@
-// From targets to commands, measurements and the model's shape; targets that no one should obey;
-// and two commanders.
+// From targets to commands, measurements, the model's shape and what rviz gets of it; targets that
+// no one should obey; and two commanders.
+#include <tf2_msgs/TFMessage.h>
 #include <visualization_msgs/InteractiveMarkerFeedback.h>
 #include <visualization_msgs/InteractiveMarkerInit.h>
 
@@ -177,6 +178,57 @@ TEST_F(Flow, TargetsThatNoOneShouldObeyAreDropped) {
   const TargetStatus good = rig_.sendPressures({2e5, 1e5, 0});
   EXPECT_EQ(good.outcome, TargetStatus::REACHED);
   EXPECT_EQ(rig_.commandAfter(good), (std::vector<double>{2e5, 1e5, 0}));
+}
+
+lie::SE3 poseOf(const geometry_msgs::Transform& t) {
+  const Eigen::Quaterniond q(t.rotation.w, t.rotation.x, t.rotation.y, t.rotation.z);
+  return {q.toRotationMatrix(), {t.translation.x, t.translation.y, t.translation.z}};
+}
+
+double distance(const lie::SE3& a, const lie::SE3& b) {
+  return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
+}
+
+TEST_F(Flow, FramesLieOnTheModelOfTheSameStampAndTheMarkersAreDrawn) {
+  constexpr int kFrames = 9;  // as in flow.test
+  ros::NodeHandle node;
+  Inbox<tf2_msgs::TFMessage> tf(node, names::kTf), static_tf(node, names::kStaticTf);
+  Inbox<visualization_msgs::MarkerArray> markers(node, names::kMarkers);
+  rig_.keepOn();
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 1e5}).outcome, TargetStatus::REACHED);
+  ASSERT_TRUE(waitFor([&] { return !markers.all().empty() && static_tf.all().size() >= 2; }));
+  // The other arm's have a prefix.
+  std::map<std::string, geometry_msgs::TransformStamped> placed;
+  for (const auto& message : static_tf.all()) {
+    for (const auto& t : message->transforms) placed[t.child_frame_id] = t;
+  }
+  ASSERT_EQ(placed.count("arm_base"), 1U);
+  EXPECT_EQ(placed["arm_base"].header.frame_id, "world");
+  EXPECT_LT(distance(poseOf(placed["arm_base"].transform), scene_.X_WB), 1e-12);
+  EXPECT_EQ(placed.size(), 2U);
+  for (int i = 0; i < 10; ++i) {
+    ArmShape::ConstPtr model;
+    const auto moving = tf.next([&](const tf2_msgs::TFMessage& message) {
+      for (const auto& m : rig_.model.all()) {
+        const auto& first = message.transforms.at(0);
+        if (first.header.stamp == m->header.stamp && first.header.frame_id == "arm_base") model = m;
+      }
+      return model != nullptr;
+    });
+    ASSERT_TRUE(moving && model);
+    const model::Twists twists = Eigen::Map<const model::Twists>(model->twist.data(), 6, 1);
+    std::map<std::string, lie::SE3> X;
+    for (const auto& t : moving->transforms) {
+      EXPECT_EQ(t.header.frame_id, "arm_base");
+      X[t.child_frame_id] = poseOf(t.transform);
+    }
+    ASSERT_EQ(X.size(), kFrames + 1U);
+    for (int k = 0; k < kFrames; ++k) {
+      const double s = 1.0 * k / (kFrames - 1);
+      EXPECT_LT(distance(X.at("model_" + std::to_string(k)), model::poseAt(twists, s)), 1e-12);
+    }
+    EXPECT_LT(distance(X.at("model_tip"), ros_bridge::fromMsg(model->tip)), 1e-12);
+  }
 }
 
 // The test's own node and the interactive marker, which is dragged to where the arm's tip is at
