@@ -375,12 +375,13 @@ void Screen::addEllipsoid(const char* ns, const Eigen::Vector3d& centre,
   out.scale.z = diameter(2);
 }
 
-void Screen::addLegend(Legend line, const SideView& view) {
+std_msgs::ColorRGBA Screen::addLegend(Legend line, const SideView& view, double opacity) {
   constexpr int kLines = static_cast<int>(kLegend.size());
   const LegendText& entry = kLegend[line];
   const double height = kLineHeight * view.scale;
   addText("legend", centreOfLines(view, view.legend_top, kLines, height), height,
           color(entry.r, entry.g, entry.b), lineOfColumn(line, kLines, entry.text), line);
+  return color(entry.r, entry.g, entry.b, opacity);
 }
 
 visualization_msgs::MarkerArray Screen::end() {
@@ -417,8 +418,6 @@ void ArmMarkers::addWords(const SideView& view) {
                     centreOfLines(view, first, static_cast<int>(lines.size()), small), small, ink,
                     basics::joined(lines, "\n"), 1);
   }
-  screen_.addLegend(Screen::kModel, view);
-  if (trace_.size() > 1) screen_.addLegend(Screen::kTrace, view);
 }
 
 void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
@@ -482,10 +481,11 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   std::vector<Eigen::Vector3d> points;
   for (const auto& point : curve) points.push_back(point.X.translation);
   if (shape.links()) points.push_back(tip);
-  screen_.addLine("base_curve", Marker::LINE_STRIP, kBaseCurve, color(1.0, 1.0, 1.0), points);
+  screen_.addLine("base_curve", Marker::LINE_STRIP, kBaseCurve,
+                  screen_.addLegend(Screen::kModel, view), points);
   if (trace_.size() > 1) {
-    screen_.addLine("tip_trace", Marker::LINE_STRIP, kBaseCurve, color(0.4, 1.0, 0.6, 0.8),
-                    {trace_.begin(), trace_.end()});
+    screen_.addLine("tip_trace", Marker::LINE_STRIP, kBaseCurve,
+                    screen_.addLegend(Screen::kTrace, view, 0.8), {trace_.begin(), trace_.end()});
   }
   addWords(view);
   return screen_.end();
@@ -521,14 +521,12 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
                                                     const model::Shape* model,
                                                     const std::string& text) {
   const Eigen::Vector3d tip = (fit.X_B0B * model::tipPose(fit.shape)).translation;
-  const auto orange = [](double a) { return color(1.0, 0.55, 0.1, a); };
   screen_.begin(stamp);
-  // Half transparent, so that the others show through.
-  screen_
-      .addLine("measured_curve", Marker::LINE_STRIP, kMeasuredCurve, orange(0.5),
-               pointsOf(fit.shape))
+  const std_msgs::ColorRGBA orange = screen_.addLegend(Screen::kMeasured, view);
+  std_msgs::ColorRGBA pale = orange;  // so that the others show through
+  pale.a = 0.5F;
+  screen_.addLine("measured_curve", Marker::LINE_STRIP, kMeasuredCurve, pale, pointsOf(fit.shape))
       .pose = toPoseMsg(fit.X_B0B);
-  screen_.addLegend(Screen::kMeasured, view);
   if (model != nullptr) {
     std::vector<Eigen::Vector3d> dashes = pointsOf(*model);
     // Dashes are pairs; the tip of a plate or tool is one point more, whose dash begins at the end.
@@ -536,28 +534,27 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
       const Eigen::Vector3d end = dashes[count - 2];
       dashes.insert(dashes.end() - 1, end);
     }
-    screen_.addLine("model_curve", Marker::LINE_LIST, 0.5 * kMeasuredCurve, color(1.0, 0.95, 0.4),
-                    dashes);
-    screen_.addLegend(Screen::kModelThen, view);
+    screen_.addLine("model_curve", Marker::LINE_LIST, 0.5 * kMeasuredCurve,
+                    screen_.addLegend(Screen::kModelThen, view), dashes);
   }
   addOutlines(layout, fit);
   screen_.addText("tip_error", tip + view.beyond * (kTipTextOffset * view.scale),
-                  kTipTextHeight * view.scale, orange(1.0), text);
-  screen_.addEllipsoid("tip_covariance", tip, fit.tip_covariance, orange(0.5));
+                  kTipTextHeight * view.scale, orange, text);
+  screen_.addEllipsoid("tip_covariance", tip, fit.tip_covariance, pale);
   return screen_.end();
 }
 
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const SideView& view,
                                                   const Tips& tips) {
-  const std_msgs::ColorRGBA cyan = color(0.2, 0.9, 1.0);
   screen_.begin(stamp);
   if (tips.wanted) {
-    screen_.addBall("wanted_tip", *tips.wanted, kWantedSize, color(1.0, 0.3, 0.9, 0.7));
-    screen_.addLegend(Screen::kWanted, view);
+    screen_.addBall("wanted_tip", *tips.wanted, kWantedSize,
+                    screen_.addLegend(Screen::kWanted, view, 0.7));
   }
+  const std_msgs::ColorRGBA cyan = color(0.2, 0.9, 1.0);
   if (!tips.curve.empty()) {
-    screen_.addLine("predicted_curve", Marker::LINE_STRIP, kPredictedCurve, cyan, tips.curve);
-    screen_.addLegend(Screen::kPredicted, view);
+    screen_.addLine("predicted_curve", Marker::LINE_STRIP, kPredictedCurve,
+                    screen_.addLegend(Screen::kPredicted, view), tips.curve);
   }
   if (!tips.predicted) return screen_.end();
   const Eigen::Vector3d tip = *tips.predicted;
