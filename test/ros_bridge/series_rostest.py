@@ -5,45 +5,26 @@ import math
 import os
 import signal
 import sys
-import tempfile
-import unittest
 
 import rospy
 import rostest
-import yaml
 from std_srvs.srv import Trigger, TriggerResponse
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
-from loop_rig import Inbox  # noqa: E402
-from processes import SOURCE, Process, node, wait_for  # noqa: E402
+from processes import SOURCE, wait_for  # noqa: E402
+from ros_case import RosCase  # noqa: E402
 
 BRISK = SOURCE + "/test/ros_bridge/scenes/brisk.yaml"
 THREE_ROWS = ("_data:=" + SOURCE + "/test/ros_bridge/series.csv", "_ramp_s:=0.2", "_hold_s:=0.5")
 
 
-class Case(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        rospy.init_node("test", anonymous=True, disable_signals=True)
-
-    def inbox(self, topic, kind):
-        box = Inbox(topic, kind)
-        self.addCleanup(box.subscriber.unregister)
-        return box
-
-    def run_node(self, name, ns, *arguments, scene=BRISK):
-        process = Process([node(name), "__ns:=" + ns, "_scene:=" + scene, *arguments])
-        self.addCleanup(process.__exit__)
-        return process
-
-
-class Series(Case):
+class Series(RosCase):
     def test_plays_its_rows_in_order_and_ends(self):
         """No target of this test would be a command, too, and hold the lease against the series."""
         commands = self.inbox("/replay/pressure_command", PressureArray)
-        self.assertTrue(wait_for(lambda: commands))
-        series = self.run_node("pressure_series", "replay", *THREE_ROWS)
+        self.assert_wait(lambda: commands)
+        series = self.run_node("pressure_series", "__ns:=replay", "_scene:=" + BRISK, *THREE_ROWS)
         self.assertEqual(series.code(), 0, series.output())
         for words in ("row 3 of 3", "no column for muscle_4, muscle_5, muscle_6, muscle_7"):
             self.assertIn(words, series.output())
@@ -65,27 +46,27 @@ class Series(Case):
             return answers.next(lambda one: one.commander == rospy.get_name() and one.outcome == TargetStatus.REACHED, 0.2)
 
         self.assertTrue(answers.next(is_of_series))
-        self.assertTrue(wait_for(is_taken))
+        self.assert_wait(is_taken)
         self.assertTrue(answers.next(is_of_series))
 
 
-class SeriesEnd(Case):
+class SeriesEnd(RosCase):
     """An arm of its own, whose commander may be silent for so long that only what the series says at its end brings it to rest."""
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.scene = os.path.join(folder.name, "scene.yaml")
-        with open(BRISK) as brisk, open(self.scene, "w") as file:
-            scene = yaml.safe_load(brisk)
-            scene["safety"].update(target_timeout_s=100, slew_kpa_s=500)
-            yaml.safe_dump(scene, file)
+        self.scene = self.scene_with(BRISK, {"safety.target_timeout_s": 100, "safety.slew_kpa_s": 500})
         self.safety, measured = self.inbox("/end/safety_state", SafetyState), self.inbox("/end/pressure_measured", PressureArray)
-        self.arm = self.run_node("pressure_command", "end", "_frame_prefix:=end_", scene=self.scene)
-        self.assertTrue(wait_for(lambda: self.safety and measured), self.arm.output())
+        self.arm = self.start("pressure_command", "_frame_prefix:=end_")
+        self.assert_wait(lambda: self.safety and measured)
+
+    def why(self):
+        return self.safety[-1:], self.arm.output()
+
+    def start(self, name, *arguments):
+        return self.run_node(name, "__ns:=end", "_scene:=" + self.scene, *arguments)
 
     def assert_comes_to(self, reason):
-        self.assertTrue(wait_for(lambda: reason in self.safety[-1].reason), self.safety[-1])
+        self.assert_wait(lambda: reason in self.safety[-1].reason)
 
     def assert_rests_without_a_fault(self):
         self.assert_comes_to("disabled: at rest")
@@ -94,9 +75,9 @@ class SeriesEnd(Case):
         self.assertNotRegex(self.arm.output(), "WARN|ERROR|FATAL")
 
     def test_after_its_last_row_is_no_fault(self):
-        monitor = self.run_node("monitor", "end", "_min_rate:=1", scene=self.scene)
+        monitor = self.start("monitor", "_min_rate:=1")
         self.assertTrue(monitor.prints("disabled"), monitor.output())
-        series = self.run_node("pressure_series", "end", *THREE_ROWS, scene=self.scene)
+        series = self.start("pressure_series", *THREE_ROWS)
         self.assertEqual(series.code(), 0, series.output())
         self.assert_rests_without_a_fault()
         monitor.signal(signal.SIGINT)
@@ -104,14 +85,14 @@ class SeriesEnd(Case):
         self.assertIn("the arm runs", monitor.output())
 
     def test_on_request_is_no_fault(self):
-        series = self.run_node("pressure_series", "end", "_loop:=true", scene=self.scene)
+        series = self.start("pressure_series", "_loop:=true")
         self.assert_comes_to("follows targets")
         series.signal(signal.SIGINT)
         self.assertEqual(series.code(), 0, series.output())
         self.assert_rests_without_a_fault()
 
 
-class Told(Case):
+class Told(RosCase):
     """The series and a pressure_command whose answers the test determines."""
     STANDS = [1e4, 2e4, 3e4, 0, 0, 0, 0]  # [Pa]
 
@@ -120,8 +101,12 @@ class Told(Case):
         self.status = rospy.Publisher("/told/target_status", TargetStatus, queue_size=100)
         self.targets = self.inbox("/told/pressure_target", PressureArray)
         self.tell(self.STANDS)
-        self.series = self.run_node("pressure_series", "told", "__name:=series", "_loop:=true", "_ramp_s:=0.2", "_hold_s:=0")
-        self.assertTrue(wait_for(lambda: self.status.get_num_connections() > 0), self.series.output())
+        self.series = self.run_node("pressure_series", "__ns:=told", "__name:=series", "_scene:=" + BRISK, "_loop:=true", "_ramp_s:=0.2",
+                                    "_hold_s:=0")
+        self.assert_wait(lambda: self.status.get_num_connections() > 0)
+
+    def why(self):
+        return self.series.output()
 
     def tell(self, pressure):
         self.command.publish(PressureArray(pressure=pressure))
@@ -152,7 +137,7 @@ class Commands(Told):
 
     def assert_fails_while(self, trouble):
         """It exits with 1 while this continues."""
-        self.assertTrue(wait_for(lambda: trouble() or self.series.code(0.05) is not None), self.series.output())
+        self.assert_wait(lambda: trouble() or self.series.code(0.05) is not None)
         self.assertEqual(self.series.code(0), 1, self.series.output())
 
     def end_with_answers(self, without, asked=False, answered=0):
@@ -237,8 +222,7 @@ class Commands(Told):
     def test_who_is_ended_before_it_hears_an_answer_repeats_its_target(self):
         """The first answers are lost where target_status was not connected yet."""
         self.series.signal(signal.SIGINT)
-        self.assertTrue(wait_for(lambda: len(self.targets) > 1 and self.targets[-1].pressure == self.targets[-2].pressure),
-                        self.series.output())
+        self.assert_wait(lambda: len(self.targets) > 1 and self.targets[-1].pressure == self.targets[-2].pressure)
         self.end_with_answers(0, True, len(self.targets) - 1)
         self.assert_asks_for_rest(True)
 

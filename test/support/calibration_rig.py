@@ -4,47 +4,31 @@ import sys
 import tempfile
 import threading
 import time
-import unittest
 
 import actionlib
 import numpy as np
 import rospy
-import yaml
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationGoal, SafetyState, TagDetections,  # noqa: E402
                            TargetStatus)
-from loop_rig import Inbox  # noqa: E402
-from processes import SOURCE, Process, node, wait_for  # noqa: E402
+from processes import SOURCE, wait_for  # noqa: E402
+from ros_case import RosCase  # noqa: E402
 
 RAMP = 2e5  # of the run, in simulated time [Pa/s]
 LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 
-def demo_with(path, **sections):
-    """Writes the demo's scene with some keys of its `simulation` set otherwise."""
-    with open(SOURCE + "/config/scenes/demo.yaml") as file:
-        scene = yaml.safe_load(file)
-    for section, values in sections.items():
-        scene["simulation"].setdefault(section, {}).update(values)
-    with open(path, "w") as file:
-        yaml.safe_dump(scene, file)
-
-
-class CalibrationRig(unittest.TestCase):
+class CalibrationRig(RosCase):
     RIG = {}  # what of `simulation` is not as in the demo
 
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("test", anonymous=True, disable_signals=True)
+        super().setUpClass()
         cls.target = rospy.Publisher("pressure_target", PressureArray, queue_size=10)
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()  # below that of the nodes
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
         self.held, self.ended = None, threading.Event()
-        self.inboxes = []
         self.safety, self.command, self.measured, self.status, self.targets, detections = (
             self.inbox(topic, kind) for topic, kind in (
                 ("safety_state", SafetyState), ("pressure_command", PressureArray), ("pressure_measured", PressureArray),
@@ -53,9 +37,8 @@ class CalibrationRig(unittest.TestCase):
         heart.start()
         self.addCleanup(heart.join)
         self.addCleanup(self.ended.set)
-        demo_with(self.path("rig.yaml"), **self.RIG)
-        self.rig = self.run_node("simulated_rig", "_scene:=" + self.path("rig.yaml"), "_time_factor:=5", "_camera_rate:=8",
-                                 "_rate:=200")
+        scene = self.scene_with(SOURCE + "/config/scenes/demo.yaml", {"simulation." + key: value for key, value in self.RIG.items()})
+        self.rig = self.run_node("simulated_rig", "_scene:=" + scene, "_time_factor:=5", "_camera_rate:=8", "_rate:=200")
         below = tempfile.gettempdir()
         self.calibration = self.run_node(
             "calibration", "_scene:=demo", "_max_age_s:=5", "_pressure_tolerance_kpa:=6", "_ramp_kpa_s:=200",
@@ -66,21 +49,8 @@ class CalibrationRig(unittest.TestCase):
         self.client = actionlib.SimpleActionClient("calibration/run_calibration", RunCalibrationAction)
         self.assert_wait(lambda: self.client.action_client.wait_for_server(rospy.Duration(1)))
 
-    def inbox(self, topic, kind):
-        box = Inbox(topic, kind)
-        self.addCleanup(box.subscriber.unregister)
-        return box
-
-    def path(self, name):
-        return os.path.join(self.folder, name)
-
-    def run_node(self, name, *arguments, command=None):
-        process = Process((command or [node(name)]) + list(arguments))
-        self.addCleanup(process.__exit__)
-        return process
-
-    def assert_wait(self, condition, deadline=20):
-        self.assertTrue(wait_for(condition, deadline), (self.safety[-1:], self.calibration.output()[-3000:]))
+    def why(self):
+        return self.safety[-1:], self.calibration.output()[-3000:]
 
     def publish(self, pressure):
         message = PressureArray(pressure=pressure)
