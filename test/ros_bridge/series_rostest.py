@@ -39,19 +39,15 @@ class Series(RosCase):
         def is_of_series(answer):
             return answer.commander == "/yield/pressure_series" and answer.outcome == TargetStatus.REACHED
 
-        def is_taken():
-            target = PressureArray(pressure=7 * [1e5])
-            target.header.stamp = rospy.Time.now()
-            publisher.publish(target)
-            return answers.next(lambda one: one.commander == rospy.get_name() and one.outcome == TargetStatus.REACHED, 0.2)
-
         self.assertTrue(answers.next(is_of_series))
-        self.assert_wait(is_taken)
+        target = PressureArray(pressure=7 * [1e5])
+        self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
         self.assertTrue(answers.next(is_of_series))
 
 
 class SeriesEnd(RosCase):
-    """An arm of its own, whose commander may be silent for so long that only what the series says at its end brings it to rest."""
+    """An arm of its own, whose commander may be silent for so long that only what the series says at its end brings it to
+    rest."""
 
     def setUp(self):
         self.scene = self.scene_with(BRISK, {"safety.target_timeout_s": 100, "safety.slew_kpa_s": 500})
@@ -101,8 +97,8 @@ class Told(RosCase):
         self.status = rospy.Publisher("/told/target_status", TargetStatus, queue_size=100)
         self.targets = self.inbox("/told/pressure_target", PressureArray)
         self.tell(self.STANDS)
-        self.series = self.run_node("pressure_series", "__ns:=told", "__name:=series", "_scene:=" + BRISK, "_loop:=true", "_ramp_s:=0.2",
-                                    "_hold_s:=0")
+        self.series = self.run_node("pressure_series", "__ns:=told", "__name:=series", "_scene:=" + BRISK, "_loop:=true",
+                                    "_ramp_s:=0.2", "_hold_s:=0")
         self.assert_wait(lambda: self.status.get_num_connections() > 0)
 
     def why(self):

@@ -2,7 +2,6 @@
 import os
 import sys
 import tempfile
-import threading
 import time
 
 import actionlib
@@ -12,67 +11,36 @@ import rospy
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationGoal, SafetyState, TagDetections,  # noqa: E402
                            TargetStatus)
-from processes import SOURCE, wait_for  # noqa: E402
-from ros_case import RosCase  # noqa: E402
+from processes import SOURCE  # noqa: E402
+from ros_case import CommanderCase  # noqa: E402
 
 RAMP = 2e5  # of the run, in simulated time [Pa/s]
 LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 
-class CalibrationRig(RosCase):
+class CalibrationRig(CommanderCase):
     RIG = {}  # what of `simulation` is not as in the demo
-
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.target = rospy.Publisher("pressure_target", PressureArray, queue_size=10)
+    PERIOD = 0.04  # 0.2 s of the rig
 
     def setUp(self):
-        self.held, self.ended = None, threading.Event()
-        self.safety, self.command, self.measured, self.status, self.targets, detections = (
-            self.inbox(topic, kind) for topic, kind in (
-                ("safety_state", SafetyState), ("pressure_command", PressureArray), ("pressure_measured", PressureArray),
-                ("target_status", TargetStatus), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
-        heart = threading.Thread(target=self.beat)
-        heart.start()
-        self.addCleanup(heart.join)
-        self.addCleanup(self.ended.set)
-        scene = self.scene_with(SOURCE + "/config/scenes/demo.yaml", {"simulation." + key: value for key, value in self.RIG.items()})
+        super().setUp()
+        self.safety, self.targets, detections = (self.inbox(topic, kind) for topic, kind in (
+            ("safety_state", SafetyState), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
+        scene = self.scene_with(SOURCE + "/config/scenes/demo.yaml",
+                                {"simulation." + key: value for key, value in self.RIG.items()})
         self.rig = self.run_node("simulated_rig", "_scene:=" + scene, "_time_factor:=5", "_camera_rate:=8", "_rate:=200")
         below = tempfile.gettempdir()
         self.calibration = self.run_node(
             "calibration", "_scene:=demo", "_max_age_s:=5", "_pressure_tolerance_kpa:=6", "_ramp_kpa_s:=200",
             *["_%s_folder:=%s" % (kind, below) for kind in ("scene", "data", "out")])
         self.assert_wait(lambda: not rospy.Time.now().is_zero() and self.safety and self.command and self.measured and detections)
-        self.assert_wait(lambda: self.send_pressures([0, 0, 0], 1).outcome == TargetStatus.REACHED)
+        self.assert_wait(lambda: self.send_pressures([0, 0, 0], deadline=1).outcome == TargetStatus.REACHED)
         self.free_the_arm()
         self.client = actionlib.SimpleActionClient("calibration/run_calibration", RunCalibrationAction)
         self.assert_wait(lambda: self.client.action_client.wait_for_server(rospy.Duration(1)))
 
     def why(self):
         return self.safety[-1:], self.calibration.output()[-3000:]
-
-    def publish(self, pressure):
-        message = PressureArray(pressure=pressure)
-        message.header.stamp = rospy.Time.now()
-        self.target.publish(message)
-        return message.header.stamp
-
-    def beat(self):
-        """Repeats the pressures that were taken, as the watchdog of targets wants it."""
-        while not self.ended.wait(0.04):  # 0.2 s of the rig
-            if self.held is not None:
-                self.publish(self.held)
-
-    def send_pressures(self, pressure, deadline=20):
-        """The answer; its outcome is 255 without one. Pressures that are taken are held."""
-        self.held = None
-        stamp = self.publish(pressure)
-        answers = []
-        wait_for(lambda: answers.extend(one for one in list(self.status) if one.target_stamp == stamp) or answers, deadline)
-        if answers and answers[0].outcome == TargetStatus.REACHED:
-            self.held = pressure
-        return answers[0] if answers else TargetStatus(outcome=255)
 
     def free_the_arm(self):
         """Sends no target until the arm has vented, unless it rests: the next target, from any sender, enables it again."""

@@ -2,12 +2,15 @@
 import os
 import sys
 import tempfile
+import threading
 import unittest
 
 import rospy
 import yaml
+from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+from helix_arm.msg import PressureArray, TargetStatus  # noqa: E402
 from processes import Process, node, wait_for  # noqa: E402
 
 
@@ -23,6 +26,14 @@ class Inbox(list):
         first = len(self)
         wait_for(lambda: any(map(condition, self[first:])), deadline)
         return next(filter(condition, self[first:]), None)
+
+    def answer_to(self, publisher, target, deadline=20):
+        """Of target_status: publishes a target and waits for the answer; one without outcome (255) when none came."""
+        first, stamp = len(self), rospy.Time.now()
+        target.header.stamp = stamp
+        publisher.publish(target)
+        wait_for(lambda: any(one.target_stamp == stamp for one in self[first:]), deadline)
+        return next((one for one in self[first:] if one.target_stamp == stamp), TargetStatus(outcome=255))
 
     def at(self, stamp):
         """Waits for one with this stamp, which may have come already."""
@@ -75,3 +86,51 @@ class RosCase(unittest.TestCase):
 
     def assert_wait(self, condition, deadline=20):
         self.assertTrue(wait_for(condition, deadline), self.why())
+
+
+class CommanderCase(RosCase):
+    """A user of one pressure_command. Pressures that are taken are held: repeated, as the watchdog of targets wants it."""
+    NS, PERIOD = "", 0.2  # of the node; between repetitions [s]
+
+    def setUp(self):
+        self.held, ended = None, threading.Event()
+        self.pressure_target = rospy.Publisher(self.NS + "pressure_target", PressureArray, queue_size=10)
+        self.command, self.measured, self.status = (self.inbox(self.NS + topic, kind) for topic, kind in (
+            ("pressure_command", PressureArray), ("pressure_measured", PressureArray), ("target_status", TargetStatus)))
+
+        def beat():
+            while not ended.wait(self.PERIOD):
+                held = self.held
+                if held is not None:
+                    held.header.stamp = rospy.Time.now()
+                    self.pressure_target.publish(held)
+
+        heart = threading.Thread(target=beat)
+        heart.start()
+        self.addCleanup(heart.join)
+        self.addCleanup(ended.set)
+
+    def connect(self):
+        """Enables the arm, at the pressures that it has."""
+        def is_taken():
+            if self.command and self.send_pressures(self.command[-1].pressure, deadline=0.2).outcome == TargetStatus.REACHED:
+                return True
+            rospy.ServiceProxy(self.NS + "pressure_command/enable", Trigger)()  # refused where it is not vented yet
+            return False
+
+        rospy.wait_for_service(self.NS + "pressure_command/enable", 20)
+        self.assert_wait(lambda: self.measured and is_taken())
+
+    def send_pressures(self, pressure, names=(), deadline=20):
+        """The answer."""
+        self.held = None
+        target = PressureArray(name=names, pressure=pressure)
+        answer = self.status.answer_to(self.pressure_target, target, deadline)
+        if answer.outcome == TargetStatus.REACHED:
+            self.held = target
+        return answer
+
+    def command_after(self, answer):
+        """The command in force after an answer was given. Topics may overtake each other; stamps tell."""
+        self.assert_wait(lambda: self.command[-1].header.stamp > answer.header.stamp)
+        return list(next(one for one in self.command if one.header.stamp > answer.header.stamp).pressure)
