@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import rospy
 import rostest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit, MarkerArray
@@ -45,7 +44,7 @@ class Flow(CommanderCase):
     def setUp(self):
         super().setUp()
         self.scene = Scene.load(self.SCENE)
-        self.model, self.diagnostics = self.inbox(self.NS + "model", ArmShape), self.inbox("/diagnostics", DiagnosticArray)
+        self.model = self.inbox(self.NS + "model", ArmShape)
         self.tip_target, self.shape_target = (rospy.Publisher(self.NS + topic, kind, queue_size=10) for topic, kind in (
             ("tip_target", TipTarget), ("shape_target", ShapeTarget)))
         self.assert_wait(lambda: self.tip_target.get_num_connections() > 0 and self.shape_target.get_num_connections() > 0)
@@ -66,12 +65,6 @@ class Flow(CommanderCase):
         answer = self.status.answer_to(publisher, target)
         self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
         return np.array(self.command_after(answer))
-
-    def diagnosed(self, status, key):
-        """The newest value of the node."""
-        name = (self.NS + "pressure_command: ").lstrip("/") + status
-        return next((pair.value for array in reversed(self.diagnostics) for one in array.status if one.name == name
-                     for pair in one.values if pair.key == key), "")
 
 
 class SpatialFlow(Flow):
@@ -113,13 +106,13 @@ class SpatialFlow(Flow):
         self.assertGreater(answer.position_error, 1.5)
         command = self.command_after(answer)  # within the limits, else tips() refuses it
         self.assertGreater(self.scene.tips(command)[1], 0.05, "it bends towards it")
-        self.assert_wait(lambda: self.diagnosed("targets", "unreachable") >= "1")
+        self.assert_wait(lambda: int(self.diagnosed("targets").get("unreachable", 0)) >= 1)
 
     def test_diagnostics_tell_rates_and_who_commands(self):
         self.send_pressures([1e5, 1e5, 1e5])
-        self.assert_wait(lambda: self.diagnosed("targets", "lease_holder") == rospy.get_name())
-        self.assertEqual(self.diagnosed("loop", "wanted_rate_hz"), "100.0")
-        self.assertGreater(float(self.diagnosed("loop", "rate_hz")), 0)
+        self.assert_wait(lambda: self.diagnosed("targets").get("lease_holder") == rospy.get_name())
+        self.assertEqual(self.diagnosed("loop")["wanted_rate_hz"], "100.0")
+        self.assertGreater(float(self.diagnosed("loop")["rate_hz"]), 0)
 
     def test_targets_that_no_one_should_obey_are_dropped(self):
         """Each fault is a law of control/ or of the conversions; here one of each topic is dropped, answered and counted, and the
@@ -141,8 +134,8 @@ class SpatialFlow(Flow):
                 self.assertIn(word, answer.message)
                 self.assertLess(len(answer.message), 200)
                 self.assertEqual(self.command_after(answer), held)
-                self.assert_wait(lambda: self.diagnosed("targets", "dropped_" + fault) == "1")
-        self.assertTrue(self.diagnosed("targets", "last_fault"))
+                self.assert_wait(lambda: self.diagnosed("targets")["dropped_" + fault] == "1")
+        self.assertTrue(self.diagnosed("targets")["last_fault"])
         self.assertEqual(self.command_after(self.send_pressures([2e5, 1e5, 0])), [2e5, 1e5, 0])
 
     def test_frames_lie_on_the_model_of_the_same_stamp_and_the_markers_are_drawn(self):
@@ -202,8 +195,8 @@ class SpatialFlow(Flow):
                 self.command_after(answer) == 3 * [1e5]
 
         self.assert_wait(is_refused)
-        self.assert_wait(lambda: self.diagnosed("targets", "dropped_other_commander") >= "1")
-        self.assertEqual(self.diagnosed("targets", "lease_holder"), rospy.get_name())
+        self.assert_wait(lambda: int(self.diagnosed("targets")["dropped_other_commander"]) >= 1)
+        self.assertEqual(self.diagnosed("targets")["lease_holder"], rospy.get_name())
         self.held = None
         self.assert_wait(lambda: drag().outcome == TargetStatus.REACHED)
 

@@ -7,6 +7,7 @@ import unittest
 
 import rospy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
@@ -95,8 +96,9 @@ class CommanderCase(RosCase):
     def setUp(self):
         self.held, ended = None, threading.Event()
         self.pressure_target = rospy.Publisher(self.NS + "pressure_target", PressureArray, queue_size=10)
-        self.command, self.measured, self.status = (self.inbox(self.NS + topic, kind) for topic, kind in (
-            ("pressure_command", PressureArray), ("pressure_measured", PressureArray), ("target_status", TargetStatus)))
+        self.command, self.measured, self.status, self.diagnostics = (self.inbox(topic, kind) for topic, kind in (
+            (self.NS + "pressure_command", PressureArray), (self.NS + "pressure_measured", PressureArray),
+            (self.NS + "target_status", TargetStatus), ("/diagnostics", DiagnosticArray)))
 
         def beat():
             while not ended.wait(self.PERIOD):
@@ -129,6 +131,12 @@ class CommanderCase(RosCase):
         if answer.outcome == TargetStatus.REACHED:
             self.held = target
         return answer
+
+    def diagnosed(self, status):
+        """The newest values of a status of the node; none before they came."""
+        name = (self.NS + "pressure_command: ").lstrip("/") + status
+        return next(({pair.key: pair.value for pair in one.values} for array in reversed(self.diagnostics) for one in array.status
+                     if one.name == name), {})
 
     def command_after(self, answer):
         """The command in force after an answer was given. Topics may overtake each other; stamps tell."""
