@@ -15,7 +15,6 @@
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
 #include "ros_bridge/names.hpp"
@@ -113,7 +112,6 @@ class Rig {
   explicit Rig(const std::string& ns = "")
       : node_(ns),
         pressure_target_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
-        shape_target_(node_.advertise<ShapeTarget>(names::kShapeTarget, 10)),
         tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
         command(node_, names::kPressureCommand),
         measured(node_, names::kPressureMeasured),
@@ -124,9 +122,9 @@ class Rig {
   /// True when every topic is connected both ways, and the arm is enabled.
   bool connect() {
     return waitFor([this] {
-      return pressure_target_.getNumSubscribers() > 0 && shape_target_.getNumSubscribers() > 0 &&
-             tip_target_.getNumSubscribers() > 0 && !command.all().empty() &&
-             !measured.all().empty() && !model.all().empty() && answered();
+      return pressure_target_.getNumSubscribers() > 0 && tip_target_.getNumSubscribers() > 0 &&
+             !command.all().empty() && !measured.all().empty() && !model.all().empty() &&
+             answered();
     });
   }
 
@@ -138,48 +136,14 @@ class Rig {
   /// Sends a target and returns the node's answer to it; an answer without outcome (255) when none
   /// came.
   TargetStatus send(PressureArray target) { return sendOn(pressure_target_, target); }
-  TargetStatus send(ShapeTarget target) { return sendOn(shape_target_, target); }
   TargetStatus send(TipTarget target) { return sendOn(tip_target_, target); }
 
-  TargetStatus sendPressures(const std::vector<double>& pressure,
-                             const std::vector<std::string>& name = {}) {
+  TargetStatus sendPressures(const std::vector<double>& pressure) {
     PressureArray target;
-    target.name = name;
     target.pressure = pressure;
     const TargetStatus answer = send(target);
     if (keeps_on_ && answer.outcome == TargetStatus::REACHED) heartbeat_.repeat(target);
     return answer;
-  }
-
-  /// The command in force after the answer was given, empty when none came. Topics may overtake
-  /// each other; stamps tell.
-  std::vector<double> commandAfter(const TargetStatus& answer) {
-    const auto message =
-        command.next([&](const PressureArray& c) { return c.header.stamp > answer.header.stamp; });
-    return message ? message->pressure : std::vector<double>();
-  }
-
-  /// A value of a status in diagnostics, empty without one.
-  static std::string valueIn(const diagnostic_msgs::DiagnosticArray& array,
-                             const std::string& status_name, const std::string& key) {
-    for (const auto& entry : array.status) {
-      if (entry.name != status_name) continue;
-      for (const auto& pair : entry.values) {
-        if (pair.key == key) return pair.value;
-      }
-    }
-    return "";
-  }
-  /// True once the node's diagnostics hold such a value.
-  bool diagnoses(const std::string& status_name, const std::string& key,
-                 const std::function<bool(const std::string&)>& predicate) {
-    return nullptr != diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
-      const std::string value = valueIn(array, status_name, key);
-      return !value.empty() && predicate(value);
-    });
-  }
-  bool diagnoses(const std::string& status_name, const std::string& key, const std::string& value) {
-    return diagnoses(status_name, key, [&](const std::string& v) { return v == value; });
   }
 
  private:
@@ -217,7 +181,7 @@ class Rig {
   }
 
   ros::NodeHandle node_;
-  ros::Publisher pressure_target_, shape_target_, tip_target_;
+  ros::Publisher pressure_target_, tip_target_;
   Heartbeat heartbeat_{pressure_target_};
   bool keeps_on_ = false;
   ros::Time last_stamp_;
