@@ -828,15 +828,17 @@ std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& sc
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
-// Number of rows of a table that a call gives as one array.
-std::size_t rowsOf(const std::vector<double>& table, const char* name, std::size_t columns,
-                   std::size_t most) {
-  basics::require(table.size() % columns == 0, name, " has ", table.size(),
-                  " numbers; expected rows of ", columns);
-  const std::size_t rows = table.size() / columns;
-  basics::require(rows <= most, name, " has ", rows, " rows; expected at most ", most,
-                  ": call again with the rest");
-  return rows;
+using Table =
+    Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+
+// Of numbers that a call gives as one array.
+Table tableOf(const std::vector<double>& numbers, const char* name, int columns, int most) {
+  const auto count = static_cast<Eigen::Index>(numbers.size());
+  basics::require(count % columns == 0, name, " has ", count, " numbers; expected rows of ",
+                  columns);
+  basics::require(count / columns <= most, name, " has ", count / columns,
+                  " rows; expected at most ", most, ": call again with the rest");
+  return {numbers.data(), count / columns, columns};
 }
 
 void requireFinite(const std::vector<double>& table, const char* name) {
@@ -844,10 +846,6 @@ void requireFinite(const std::vector<double>& table, const char* name) {
     basics::require(std::isfinite(table[i]), name, "[", i, "] is ", table[i],
                     "; expected finite numbers");
   }
-}
-
-Eigen::VectorXd rowOf(const std::vector<double>& table, std::size_t row, std::size_t columns) {
-  return Eigen::VectorXd::Map(table.data() + row * columns, static_cast<Eigen::Index>(columns));
 }
 
 template <class Numbers>
@@ -881,8 +879,7 @@ ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
 /// neither targets nor the pressure loop. A call that breaks a rule is answered with the rule.
 class ModelServer {
  public:
-  static constexpr std::size_t kMostForwardRows = 10'000;
-  static constexpr std::size_t kMostInverseRows = 1000;
+  static constexpr int kMostForwardRows = 10'000, kMostInverseRows = 1000;
 
   ModelServer(const ros::NodeHandle& private_node, const statics::ArmModel& model)
       : model_(std::make_shared<statics::ArmModel>(model)),
@@ -912,15 +909,15 @@ class ModelServer {
   bool onForward(Forward::Request& request, Forward::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
-      const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
-      const std::size_t rows = rowsOf(request.pressure, "pressure", n, kMostForwardRows);
-      watchUnit("a call to ~forward", model->arm(), request.pressure);
-      response.rows = static_cast<std::uint32_t>(rows);
+      const Table pressure =
+          tableOf(request.pressure, "pressure", model->arm().actuatorCount(), kMostForwardRows);
+      watchUnit("a call to ~forward", model->arm(), pressure);
+      response.rows = static_cast<std::uint32_t>(pressure.rows());
       response.sections = static_cast<std::uint32_t>(model->arm().sectionCount());
-      for (std::size_t row = 0; row < rows; ++row) {
+      for (Eigen::Index row = 0; row < pressure.rows(); ++row) {
         goOn();
         // Pressures outside the limits throw, naming the actuator.
-        const statics::Solution found = model->solve(rowOf(request.pressure, row, n));
+        const statics::Solution found = model->solve(Eigen::VectorXd(pressure.row(row)));
         const bool converged = found.converged();
         response.converged.push_back(converged);
         appendNumbers(found.tip.translation, converged, response.position);
@@ -933,23 +930,24 @@ class ModelServer {
   bool onInverse(Inverse::Request& request, Inverse::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
-      const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
-      const std::size_t rows = rowsOf(request.position, "position", 3, kMostInverseRows);
+      const int n = model->arm().actuatorCount(), starts = request.start.empty() ? 0 : 1;
+      const Table position = tableOf(request.position, "position", 3, kMostInverseRows);
       requireFinite(request.position, "position");
       requireFinite(request.start, "start");
-      basics::require(request.start.empty() || request.start.size() == n, "start has ",
+      basics::require(request.start.size() == static_cast<std::size_t>(starts * n), "start has ",
                       request.start.size(), " pressures; expected ", n, " or none");
-      watchUnit("start of a call to ~inverse", model->arm(), request.start);
+      const Table given(request.start.data(), starts, n);
+      watchUnit("start of a call to ~inverse", model->arm(), given);
       statics::InverseOptions options;
       if (!request.prefer.empty()) options.preference = statics::preferenceOf(request.prefer);
       const Eigen::VectorXd start =
-          request.start.empty() ? model->arm().inputAt(0.0) : rowOf(request.start, 0, n);
+          starts == 0 ? model->arm().inputAt(0.0) : Eigen::VectorXd(given.row(0));
       statics::InverseSolver solver(*model, options);
-      response.rows = static_cast<std::uint32_t>(rows);
-      for (std::size_t row = 0; row < rows; ++row) {
+      response.rows = static_cast<std::uint32_t>(position.rows());
+      for (Eigen::Index row = 0; row < position.rows(); ++row) {
         goOn();
         const statics::InverseResult& found =
-            solver.toPosition(rowOf(request.position, row, 3), start);
+            solver.toPosition(Eigen::Vector3d(position.row(row)), start);
         response.status.emplace_back(inverseWord(found.status));
         appendNumbers(found.input, true, response.pressure);
         response.position_error.push_back(found.position_error);
@@ -963,12 +961,9 @@ class ModelServer {
   }
 
   /// Warns once of a call whose pressures seem to be in kPa.
-  void watchUnit(const std::string& what, const model::Arm& arm, const std::vector<double>& rows) {
+  void watchUnit(const std::string& what, const model::Arm& arm, const Table& pressure) {
     if (warned_) return;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Eigen::Index n = arm.actuatorCount();
-    const std::string warning = control::kilopascalWarning(
-        what, arm, RowMajor::Map(rows.data(), static_cast<Eigen::Index>(rows.size()) / n, n));
+    const std::string warning = control::kilopascalWarning(what, arm, pressure);
     if (warning.empty()) return;
     warned_ = true;
     logWarning("%s", warning.c_str());
