@@ -135,10 +135,8 @@ void ParameterReader::finish() {
     }
   }
   if (faults_.empty()) return;
-  std::string all;
-  for (const std::string& line : faults_)
-    all += (all.empty() ? "" : "\n") + basics::printable(line);
-  throw ParameterError(all);
+  for (std::string& line : faults_) line = basics::printable(line);
+  throw std::invalid_argument(basics::joined(faults_, "\n"));
 }
 
 io::Scene requirePneumatic(io::Scene scene) {

@@ -15,12 +15,6 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Private parameters of a node that break their rules; what() holds all of them, one per line.
-class ParameterError : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
-
 /// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
 /// nothing if the text is neither.
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
@@ -59,7 +53,7 @@ class ParameterReader {
   std::string absolute(const std::string& name, const std::string& given);
 
   /// Warns of parameters that were set but never read, most often misspelt ones.
-  /// @throws ParameterError with every fault noted so far, if there are any.
+  /// @throws std::invalid_argument with every fault noted so far, one per line, if there are any.
   void finish();
 
  private:

@@ -1053,9 +1053,10 @@ class PressureCommandNode : public Node {
   void refuseSimulatedTime() const {
     if (!ros::Time::isSimTime()) return;
     if (!options_.allow_sim_time) {
-      throw ParameterError("/use_sim_time is true, but scene " + scene_.name +
-                           " drives hardware; end the recording or simulation that sets it, or set "
-                           "~allow_sim_time to true if that is intended");
+      throw std::invalid_argument(
+          "/use_sim_time is true, but scene " + scene_.name +
+          " drives hardware; end the recording or simulation that sets it, or set "
+          "~allow_sim_time to true if that is intended");
     }
     logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
   }
