@@ -6,7 +6,6 @@
 #include <vector>
 
 #include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 namespace helix_arm::basics {
@@ -53,12 +52,10 @@ RegularFile::RegularFile(const std::string& path) {
       fault_ = faultOf(status);
     }
   }
-  if (fault_.empty()) {
-    if (const std::optional<Version> now = version()) opened_ = *now;
-  } else if (file_ >= 0) {
-    ::close(file_);
-    file_ = -1;
-  }
+  opened_ = status;
+  if (fault_.empty() || file_ < 0) return;
+  ::close(file_);
+  file_ = -1;
 }
 
 RegularFile::~RegularFile() {
@@ -91,24 +88,23 @@ ssize_t RegularFile::readAt(std::uint64_t place, void* bytes, std::size_t size) 
   }
 }
 
+struct stat RegularFile::status() const {
+  struct stat out {};
+  if (::fstat(file_, &out) != 0) out = {};
+  return out;
+}
+
 std::uint64_t RegularFile::size() const {
-  const std::optional<Version> now = version();
-  return now ? now->size : 0;
+  return static_cast<std::uint64_t>(std::max<off_t>(status().st_size, 0));
 }
 
 bool RegularFile::isUnchanged() const {
-  const std::optional<Version> now = version();
-  return now && now->size == opened_.size && now->modified_s == opened_.modified_s &&
-         now->modified_ns == opened_.modified_ns && now->changed_s == opened_.changed_s &&
-         now->changed_ns == opened_.changed_ns;
-}
-
-std::optional<RegularFile::Version> RegularFile::version() const {
-  struct stat status {};
-  if (::fstat(file_, &status) != 0) return std::nullopt;
-  return Version{static_cast<std::uint64_t>(std::max<off_t>(status.st_size, 0)),
-                 status.st_mtim.tv_sec, status.st_mtim.tv_nsec, status.st_ctim.tv_sec,
-                 status.st_ctim.tv_nsec};
+  const struct stat now = status();
+  const auto same = [](const timespec& a, const timespec& b) {
+    return a.tv_sec == b.tv_sec && a.tv_nsec == b.tv_nsec;
+  };
+  return now.st_size == opened_.st_size && same(now.st_mtim, opened_.st_mtim) &&
+         same(now.st_ctim, opened_.st_ctim);
 }
 
 std::string largerThan(std::uint64_t most) {

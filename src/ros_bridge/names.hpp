@@ -76,46 +76,15 @@ inline constexpr char kMeasuredFrames[] = "measured_";
 inline constexpr char kTipFrame[] = "tip";
 inline constexpr char kCameraFrame[] = "camera_optical";
 
-// Namespaces of the markers.
-inline constexpr char kMusclesNs[] = "muscles";
-inline constexpr char kBaseCurveNs[] = "base_curve";
-inline constexpr char kSeparatorsNs[] = "separators";
-inline constexpr char kTipTraceNs[] = "tip_trace";
-inline constexpr char kPressuresNs[] = "pressures";
-inline constexpr char kStateBannerNs[] = "state_banner";
-inline constexpr char kLegendNs[] = "legend";
-inline constexpr char kMeasuredCurveNs[] = "measured_curve";
-inline constexpr char kModelCurveNs[] = "model_curve";
-inline constexpr char kTagsNs[] = "tags";
-inline constexpr char kTipErrorNs[] = "tip_error";
-inline constexpr char kTipCovarianceNs[] = "tip_covariance";
-inline constexpr char kWantedTipNs[] = "wanted_tip";
-inline constexpr char kPredictedTipNs[] = "predicted_tip";
-inline constexpr char kPredictedCurveNs[] = "predicted_curve";
-inline constexpr char kTipForceNs[] = "tip_force";
-inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
-inline constexpr char kLoopStateNs[] = "loop_state";
-inline constexpr char kErrorBudgetNs[] = "error_budget";
-
 // Diagnostics: `<node>: <status>`, and the keys that others read.
-inline constexpr char kTargetsStatus[] = "targets";
 inline constexpr char kLoopStatus[] = "loop";
 inline constexpr char kModelStatus[] = "model";
 inline constexpr char kSafetyStatus[] = "safety";
-inline constexpr char kChannelStatus[] = "channel ";  ///< followed by the actuator
-inline constexpr char kDroppedKey[] = "dropped";      ///< total; per reason `dropped_<fault>`
-inline constexpr char kDroppedPrefix[] = "dropped_";
+inline constexpr char kChannelStatus[] = "channel ";             ///< followed by the actuator
 inline constexpr char kTargetTimeoutKey[] = "target_timeout_s";  ///< of the safety core
 inline constexpr char kLowerLimitKey[] = "lower_limit_kpa";      ///< of a channel
 inline constexpr char kUpperLimitKey[] = "upper_limit_kpa";
-inline constexpr char kUnreachableKey[] = "unreachable";
-inline constexpr char kLeaseHolderKey[] = "lease_holder";
 inline constexpr char kLastFaultKey[] = "last_fault";
-inline constexpr char kRateKey[] = "rate_hz";
-inline constexpr char kWantedRateKey[] = "wanted_rate_hz";
-inline constexpr char kTierKey[] = "tier";
-inline constexpr char kSolveStatusKey[] = "solve_status";
-inline constexpr char kUnsolvedKey[] = "unsolved";
 inline constexpr char kAcceptedKey[] = "accepted";
 inline constexpr char kWithoutTagsKey[] = "without_tags";
 inline constexpr char kRefusedPrefix[] = "refused_";  ///< followed by the fault

@@ -273,7 +273,7 @@ LAWS = {
             "if (!tag.fitted) continue;", "if (tag.fitted) continue;"),
         Law("chart of the cockpit: axes in steps of 1, 2 and 5", GTEST + "cockpit_parts_test",
             "top *= k % 3 == 1 ? 2.5 : 2.0;", "top *= k % 3 == 0 ? 2.5 : 2.0;"),
-        Law("a second commander is refused", ROSTEST + "commanders",
+        Law("a second commander is refused", ROSTEST + "flow",
             "if (lease_.claim(commander, regulator::steadyNow())) return std::nullopt;",
             "if (lease_.claim(commander, regulator::steadyNow()) || !commander.empty()) return std::nullopt;"),
         Law("a target out of reach is reported as such", ROSTEST + "flow",

@@ -12,9 +12,10 @@ import yaml
 from actionlib_msgs.msg import GoalStatus
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from calibration_rig import CalibrationRig, demo_with  # noqa: E402
+from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import ModelError, TargetStatus  # noqa: E402
 from helix_arm.srv import Calibrate, FitContraction, Reload, Save  # noqa: E402
+from processes import SOURCE  # noqa: E402
 
 
 def read(path):
@@ -88,8 +89,7 @@ class WholeCalibration(Runs):
         self.assertLessEqual(self.seen_tip_error(), before / 2)
 
     def test_fits_free_lengths_and_puts_the_curve_into_the_scene(self):
-        demo_with(self.path("demo.yaml"))
-        quintic = read(self.path("demo.yaml"))["contractions"]["fig3_muscle"]["quintic"]
+        quintic = read(SOURCE + "/config/scenes/demo.yaml")["contractions"]["fig3_muscle"]["quintic"]
         data, reference = self.path("longer.csv"), quintic["reference_pressure_kpa"]
         with open(data, "w") as file:
             rows = csv.writer(file)
@@ -106,7 +106,7 @@ class WholeCalibration(Runs):
 
 
 class LoopCalibration(Runs):
-    RIG = {"arm": {"response": {"rise_time_constant_s": 0.3, "fall_time_constant_s": 0.6, "play_kpa": [8], "play_weight": [0.6]}}}
+    RIG = {"arm.response": {"rise_time_constant_s": 0.3, "fall_time_constant_s": 0.6, "play_kpa": [8], "play_weight": [0.6]}}
 
     def test_runs_there_and_back_and_fits_the_response(self):
         fit = ["response", "stiffness", "length_scale"]

@@ -246,9 +246,10 @@ TEST(DeadReadings, AReadingOnATopicIsAsOldAsItsStampSays) {
 class DeadNodes : public ::testing::Test {
  protected:
   DeadNodes()
-      : rig_("demo"),
-        node_("/demo"),
+      : node_("/demo"),
         safety_(node_, names::kSafetyState),
+        commands_(node_, names::kPressureCommand),
+        measured_(node_, names::kPressureMeasured),
         command_(program(HELIX_ARM_PRESSURE_COMMAND, {"_regulator:=topic", "_auto_enable:=true"})),
         device_(program(HELIX_ARM_SIMULATED_RIG, {})),
         eyes_(program(HELIX_ARM_VISION, {"_source:=image/compressed"})),
@@ -266,15 +267,15 @@ class DeadNodes : public ::testing::Test {
   }
   std::string state() const { return safety_.last().state; }
   double highest() const {
-    const auto& all = rig_.measured.all();
+    const auto& all = measured_.all();
     return all.empty()
                ? 0
                : *std::max_element(all.back()->pressure.begin(), all.back()->pressure.end());
   }
 
-  Rig rig_;
   ros::NodeHandle node_;
   Inbox<SafetyState> safety_;
+  Inbox<PressureArray> commands_, measured_;
   std::unique_ptr<Process> command_, device_, eyes_, series_;
 };
 
@@ -298,7 +299,7 @@ TEST_F(DeadNodes, AKilledRegulatorsNodeIsAFault) {
   device_->signal(SIGKILL);
   ASSERT_TRUE(waitFor([this] { return state() == "fault"; }, kDemoReadingTimeout + kSlack));
   EXPECT_EQ(safety_.last().cause, "stale_reading");
-  const auto order = rig_.command.next([](const PressureArray&) { return true; });
+  const auto order = commands_.next([](const PressureArray&) { return true; });
   ASSERT_TRUE(order);
   EXPECT_EQ(order->pressure, (std::vector<double>{0, 0, 0}));
   // The pressure is unknown, which is reported after a while.
@@ -313,8 +314,8 @@ TEST_F(DeadNodes, DeadEyesLeaveTheArmWhereItIs) {
   eyes_->signal(SIGKILL);
   ASSERT_EQ(eyes_->exitCode(), 128 + SIGKILL);
   // The commands go on for longer than any rule lets the dead live.
-  const std::size_t commands = rig_.command.all().size();
-  ASSERT_TRUE(waitFor([&] { return rig_.command.all().size() > commands + 200; }));
+  const std::size_t commands = commands_.all().size();
+  ASSERT_TRUE(waitFor([&] { return commands_.all().size() > commands + 200; }));
   EXPECT_EQ(state(), "enabled");
 }
 

@@ -2,13 +2,17 @@
 // others are counted, named, and measured in never.
 #include <Eigen/Eigenvalues>
 #include <fstream>
+#include <future>
 #include <set>
 
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/vision/frame_source.hpp"
+#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/vision/observations.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
+#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
 
@@ -470,6 +474,74 @@ TEST(File, PicturesOfATopicAreNotRepublished) {
   Process node({HELIX_ARM_VISION, "__ns:=looped", "_scene:=demo", "_publish_image:=true"});
   EXPECT_TRUE(node.prints("come from a topic already")) << node.output();
   EXPECT_EQ(node.exitCode(), 2);
+}
+
+// ---- Parts of nodes, each on its own ------------------------------------------------------------
+
+// A thread of the vision nodelet fails while the other finishes its picture.
+TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
+  ros::NodeHandle node("failed_vision");
+  Inbox<VisionStatus> statuses(node, names::kVisionStatus);
+  ros_bridge::VisionStatusPublisher publisher(node, {"vision", "arm_base", "topic"});
+  ASSERT_TRUE(waitFor([&] {
+    publisher.report("demo");
+    return !statuses.all().empty();
+  }));
+  publisher.enter(VisionStatus::MEASURED, "three tags");
+  publisher.fail("it has failed");
+  publisher.enter(VisionStatus::MEASURED, "three tags");
+  publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
+  publisher.enter(VisionStatus::ENDED, "the file has ended");
+  publisher.report("demo");
+  // Only the report tells of the fault that was counted last.
+  ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));
+  EXPECT_EQ(statuses.last().state, VisionStatus::CAMERA_FAULT);
+  EXPECT_EQ(statuses.last().message, "it has failed");
+}
+
+constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+
+class ReloadServer : public ::testing::Test {
+ protected:
+  // Answer of the server, whose callbacks run meanwhile.
+  Reload::Response reload() {
+    auto response = std::async(std::launch::async, [this] {
+      Reload call;
+      call.request.scene = path_;
+      EXPECT_TRUE(ros::service::call(node_.resolveName(names::kReload), call));
+      return call.response;
+    });
+    EXPECT_TRUE(waitFor(
+        [&] { return response.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
+    return response.get();
+  }
+
+  ros::NodeHandle node_{"reload_server"};
+  const TemporaryFile next_{io::sceneText(kDemo), ".yaml"};
+  const std::string path_ = std::filesystem::canonical(next_.path()).string();
+  const std::string folder_ = std::filesystem::path(path_).parent_path().string();
+};
+
+TEST_F(ReloadServer, TheNewSceneIsNeverSeenWithTheOldFile) {
+  std::future<std::string> seen;
+  ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
+    seen = std::async(std::launch::async, [&] { return server.file().path; });
+    // Time to get the old file.
+    EXPECT_EQ(seen.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  });
+  const Reload::Response response = reload();
+  EXPECT_TRUE(response.success) << response.message;
+  ASSERT_TRUE(seen.valid());
+  EXPECT_EQ(seen.get(), path_);
+}
+
+TEST_F(ReloadServer, KeepsTheFileOfASceneThatIsNotAdopted) {
+  const ros_bridge::ReloadServer server(
+      node_, kDemo, folder_, [](const io::Scene&) { throw std::invalid_argument("refused"); });
+  const Reload::Response response = reload();
+  EXPECT_FALSE(response.success);
+  EXPECT_EQ(response.message, "refused");
+  EXPECT_EQ(server.file().path, kDemo);
 }
 
 }  // namespace

@@ -5,10 +5,8 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import threading
 import time
-import unittest
 
 import actionlib
 import rospy
@@ -20,7 +18,6 @@ from helix_arm.msg import (FollowTipPathAction, FollowTipPathGoal, FollowTipPath
                            SafetyState, TargetStatus)
 from helix_arm.srv import Reload  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, LoopRig, call, close_loop, goal_along, place, target_at, wait_for  # noqa: E402
-from processes import SOURCE, Process, node  # noqa: E402
 
 TARGET_TIMEOUT = 1  # of config/scenes/demo.yaml [s]
 
@@ -223,20 +220,15 @@ class FollowTipPath(LoopRig):
 class FollowPath(LoopRig):
     def setUp(self):
         super().setUp()
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.record, self.figure = (os.path.join(folder.name, name) for name in ("run.csv", "run.png"))
-        self.path = os.path.join(folder.name, "path.csv")
+        self.record, self.figure = self.path("run.csv"), self.path("run.png")
 
     def start(self, rows, *more):
         """The node on a path of time [s] and y beside the middle [m]."""
-        with open(self.path, "w") as file:
+        with open(self.path("path.csv"), "w") as file:
             file.write("time_s,x_m,y_m,z_m\n" + "".join("%g,0.366,%g,0.0088\n" % (time, 0.0035 + y) for time, y in rows))
         if rospy.has_param("/follow_path"):
             rospy.delete_param("/follow_path")  # those of the run before would stay
-        process = Process([node("follow_path"), "_path:=" + self.path, "_goal_tolerance_mm:=5", "_hold_s:=0.1", *more])
-        self.addCleanup(process.__exit__)
-        return process
+        return self.run_node("follow_path", "_path:=" + self.path("path.csv"), "_goal_tolerance_mm:=5", "_hold_s:=0.1", *more)
 
     def rows(self):
         with open(self.record) as file:
@@ -285,7 +277,7 @@ class FollowPath(LoopRig):
         self.assert_comes_to(LoopStatus.IDLE)
         with open(self.record) as file:
             title = file.readline()
-        self.assertTrue(title.startswith("# recorded run of " + self.path), title)
+        self.assertTrue(title.startswith("# recorded run of " + self.path("path.csv")), title)
         self.assertIn("cancelled", title)
         self.assertTrue(self.rows())
 

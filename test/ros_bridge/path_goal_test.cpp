@@ -40,6 +40,14 @@ struct Checks {
   }
 };
 
+// That a goal has ended so, and which words tell it.
+void expectEnding(const std::optional<GoalEnding>& ending, std::int32_t code,
+                  const std::vector<const char*>& words = {}) {
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, code) << ending->message;
+  for (const char* word : words) EXPECT_TRUE(test::has(ending->message, word));
+}
+
 std::string messageOf(const DecidedGoal& decided) {
   const auto* refusal = std::get_if<GoalEnding>(&decided);
   return refusal == nullptr ? "" : refusal->message;
@@ -204,36 +212,30 @@ TEST(UnreadGoal, IsReceivedWithoutALookAtItsPoints) {
   EXPECT_NE(messageOf(decide(goal.goal, {}, kAnyPath, false)), "");
 }
 
-TEST(UnreadGoal, OfTooManyPointsIsRefusedForTheirNumberAndNotKept) {
-  for (const std::uint32_t claim : {100'000U, 100'001U, 1'000'000U, 0xffffffffU}) {
-    Bytes bytes = goalBytes(2);
-    std::memcpy(bytes.data() + placeOfCount(bytes), &claim, sizeof claim);
-    const UnreadActionGoal goal = received(bytes);
-    EXPECT_EQ(goal.goal.points, claim);
-    EXPECT_EQ(goal.goal.bytes != nullptr, claim <= control::kMostWayPoints);
-    const auto refusal = refusalOf(goal.goal, 0.5);
-    ASSERT_EQ(refusal.has_value(), claim > control::kMostWayPoints);
-    if (!refusal) continue;
-    EXPECT_EQ(refusal->code, Result::INVALID_GOAL);
-    EXPECT_EQ(refusal->message, "the path has " + std::to_string(claim) +
-                                    " points; expected at most 100000: send it in parts");
-  }
-}
-
-TEST(UnreadGoal, OfTooManyBytesIsRefusedForThemAndNotKept) {
+TEST(UnreadGoal, OfTooManyPointsOrBytesIsRefusedForThemAndNotKept) {
   const Bytes small = goalBytes(2);
+  const auto expect = [](const Bytes& bytes, bool too_many, const std::string& words) {
+    const UnreadActionGoal goal = received(bytes);
+    EXPECT_EQ(goal.goal.bytes == nullptr, too_many) << words;
+    const auto refusal = refusalOf(goal.goal, 0.5);
+    ASSERT_EQ(refusal.has_value(), too_many) << words;
+    if (too_many) expectEnding(refusal, Result::INVALID_GOAL, {words.c_str()});
+  };
+  for (const std::uint32_t claim : {100'000U, 100'001U, 1'000'000U, 0xffffffffU}) {
+    Bytes bytes = small;
+    std::memcpy(bytes.data() + placeOfCount(bytes), &claim, sizeof claim);
+    EXPECT_EQ(received(bytes).goal.points, claim);
+    expect(bytes, claim > control::kMostWayPoints,
+           "the path has " + std::to_string(claim) +
+               " points; expected at most 100000: send it in parts");
+  }
   const std::size_t ids = small.size() - received(small).goal.size;
   for (const std::size_t size : {std::size_t{kMostGoalBytes}, kMostGoalBytes + std::size_t{1}}) {
     Bytes bytes = small;
     bytes.resize(ids + size);
-    const UnreadActionGoal goal = received(bytes);
-    EXPECT_EQ(goal.goal.size, size);
-    EXPECT_EQ(goal.goal.bytes != nullptr, size <= kMostGoalBytes);
-    const auto refusal = refusalOf(goal.goal, 0.5);
-    ASSERT_EQ(refusal.has_value(), size > kMostGoalBytes);
-    if (!refusal) continue;
-    EXPECT_EQ(refusal->message.find("the goal has 20000001 bytes; expected at most 20000000: "), 0U)
-        << refusal->message;
+    EXPECT_EQ(received(bytes).goal.size, size);
+    expect(bytes, size > kMostGoalBytes,
+           "the goal has 20000001 bytes; expected at most 20000000: ");
   }
 }
 
@@ -312,54 +314,42 @@ TEST_F(GoalWatchTest, FiguresExcludeTheApproachToThePath) {
 TEST_F(GoalWatchTest, BeyondThePathToleranceItIsViolated) {
   ASSERT_FALSE(runTo(2.0));
   EXPECT_FALSE(see(1.0, 0.00499));
-  const auto ending = see(1.0, 0.00501);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::PATH_TOLERANCE_VIOLATED);
-  for (const char* words : {"5.01 mm", "1.00 s", "path_tolerance is 5 mm"})
-    EXPECT_TRUE(test::has(ending->message, words));
+  expectEnding(see(1.0, 0.00501), Result::PATH_TOLERANCE_VIOLATED,
+               {"5.01 mm", "1.00 s", "path_tolerance is 5 mm"});
 }
 
 TEST_F(GoalWatchTest, ItIsReachedByAPictureAfterItsEndWithinTheGoalTolerance) {
   ASSERT_FALSE(runTo(kEnd + 0.5));
   EXPECT_FALSE(see(kEnd - 0.1, 0.0)) << "the path is still under way";
   EXPECT_FALSE(see(kEnd + 0.1, 0.00201));
-  const auto ending = see(kEnd + 0.2, 0.00199);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::SUCCESSFUL);
+  expectEnding(see(kEnd + 0.2, 0.00199), Result::SUCCESSFUL);
 }
 
 TEST_F(GoalWatchTest, ArrivingTooLateViolatesTheGoalTolerance) {
   ASSERT_FALSE(runTo(kEnd + 1.99));
   EXPECT_FALSE(see(kEnd + 1.9, 0.004));
-  const auto ending = runTo(kEnd + 2.02);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::GOAL_TOLERANCE_VIOLATED);
-  for (const char* words : {"4.00 mm", "goal_tolerance is 2 mm"})
-    EXPECT_TRUE(test::has(ending->message, words));
+  expectEnding(runTo(kEnd + 2.02), Result::GOAL_TOLERANCE_VIOLATED,
+               {"4.00 mm", "goal_tolerance is 2 mm"});
 }
 
 TEST_F(GoalWatchTest, AnEndThatIsNotSeenIsJudgedByThePrediction) {
   for (const double off : {0.0019, 0.0021}) {
     GoalWatch watch({}, kEnd);
-    const auto ending = watch.turn(200, turnAt(kEnd + 2.01, LoopState::kOpen, off));
-    ASSERT_TRUE(ending) << off;
-    EXPECT_EQ(ending->code, off < 0.002 ? Result::SUCCESSFUL : Result::GOAL_TOLERANCE_VIOLATED);
-    EXPECT_NE(ending->message.find("not seen"), std::string::npos) << ending->message;
+    expectEnding(watch.turn(200, turnAt(kEnd + 2.01, LoopState::kOpen, off)),
+                 off < 0.002 ? Result::SUCCESSFUL : Result::GOAL_TOLERANCE_VIOLATED, {"not seen"});
   }
 }
 
 TEST_F(GoalWatchTest, VisionThatIsRequiredMayComeLateAndNotGo) {
   EXPECT_FALSE(runTo(1.98, LoopState::kOpen)) << "the first picture is waited for";
   GoalWatch never = watch_, any({}, kEnd);
-  EXPECT_EQ(never.turn(102.05, turnAt(2.05, LoopState::kOpen))->code, Result::VISION_LOST);
+  expectEnding(never.turn(102.05, turnAt(2.05, LoopState::kOpen)), Result::VISION_LOST);
   for (const double path_time : {-1.0, 3.9}) {
     EXPECT_FALSE(any.turn(100 + path_time, turnAt(path_time, LoopState::kOpen)));
   }
   EXPECT_FALSE(runTo(2.5, LoopState::kClosed));
   EXPECT_FALSE(runTo(3.0, LoopState::kCoasting));
-  const auto ending = runTo(3.1, LoopState::kOpen);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::VISION_LOST);
+  expectEnding(runTo(3.1, LoopState::kOpen), Result::VISION_LOST);
 }
 
 // The state of a loop that diverges does not tell whether the arm is seen.
@@ -375,9 +365,7 @@ TEST_F(GoalWatchTest, VisionThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
   ASSERT_FALSE(runTo(1.0));
   EXPECT_FALSE(divergeTo(10.0, true)) << "it is seen";
   EXPECT_FALSE(divergeTo(12.9, false));
-  const auto ending = divergeTo(13.1, false);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::VISION_LOST);
+  expectEnding(divergeTo(13.1, false), Result::VISION_LOST);
 }
 
 // Nobody would see that the arm is free: the path would stand still without end.
@@ -395,11 +383,8 @@ TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
     ASSERT_FALSE(turn(101, LoopState::kYielding, true));
     ASSERT_FALSE(turn(500, LoopState::kYielding, true)) << "it is seen";
     ASSERT_FALSE(turn(501, LoopState::kCoasting, true));
-    const auto ending = turn(504, LoopState::kOpen, true);
-    ASSERT_TRUE(ending);
-    EXPECT_EQ(ending->code, Result::VISION_LOST);
-    for (const char* words : {"contact", "camera", "vision_status"})
-      EXPECT_TRUE(test::has(ending->message, words));
+    expectEnding(turn(504, LoopState::kOpen, true), Result::VISION_LOST,
+                 {"contact", "camera", "vision_status"});
   }
 }
 
@@ -407,19 +392,15 @@ TEST_F(GoalWatchTest, VisionThatIsRequiredIsLostWhereItIsDoubtful) {
   ASSERT_FALSE(runTo(1.0));
   GoalWatch any({}, kEnd);
   EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
-  const auto ending = watch_.turn(101, turnAt(1.0, LoopState::kDoubtful));
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::VISION_LOST);
-  EXPECT_NE(ending->message.find("~reset"), std::string::npos) << ending->message;
+  expectEnding(watch_.turn(101, turnAt(1.0, LoopState::kDoubtful)), Result::VISION_LOST,
+               {"~reset"});
 }
 
 TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
   ASSERT_FALSE(runTo(1.0));
   follow::Turn held = turnAt(1.0, LoopState::kYielding);
   held.path_time.reset();
-  const auto ending = watch_.turn(101, held);
-  ASSERT_TRUE(ending);
-  EXPECT_EQ(ending->code, Result::CONTACT);
+  expectEnding(watch_.turn(101, held), Result::CONTACT);
 }
 
 TEST_F(GoalWatchTest, AJumpBackInTimeForgetsWhatWasWanted) {

@@ -182,7 +182,7 @@ class InTheDemo {
 
   InTheDemo()
       : node_("/demo"),
-        rig_("/demo"),
+        measured_(node_, names::kPressureMeasured),
         tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
         safety_(node_, names::kSafetyState),
         loop_(node_, names::kVisualServoStatus) {
@@ -343,7 +343,7 @@ class InTheDemo {
            ros::Time::now() - loop_.last().header.stamp < ros::Duration(0.5);
   }
   double highest() const {
-    const auto& all = rig_.measured.all();
+    const auto& all = measured_.all();
     if (all.empty()) return 0;
     return *std::max_element(all.back()->pressure.begin(), all.back()->pressure.end());
   }
@@ -357,7 +357,7 @@ class InTheDemo {
   TemporaryFolder folder_;
   int saves_ = 0;
   ros::NodeHandle node_;
-  Rig rig_;
+  Inbox<PressureArray> measured_;
   ros::Publisher tip_target_;
   Inbox<SafetyState> safety_;
   Inbox<LoopStatus> loop_;

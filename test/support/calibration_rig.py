@@ -2,107 +2,45 @@
 import os
 import sys
 import tempfile
-import threading
 import time
-import unittest
 
 import actionlib
 import numpy as np
 import rospy
-import yaml
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationGoal, SafetyState, TagDetections,  # noqa: E402
                            TargetStatus)
-from loop_rig import Inbox  # noqa: E402
-from processes import SOURCE, Process, node, wait_for  # noqa: E402
+from processes import SOURCE  # noqa: E402
+from ros_case import CommanderCase  # noqa: E402
 
 RAMP = 2e5  # of the run, in simulated time [Pa/s]
 LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 
-def demo_with(path, **sections):
-    """Writes the demo's scene with some keys of its `simulation` set otherwise."""
-    with open(SOURCE + "/config/scenes/demo.yaml") as file:
-        scene = yaml.safe_load(file)
-    for section, values in sections.items():
-        scene["simulation"].setdefault(section, {}).update(values)
-    with open(path, "w") as file:
-        yaml.safe_dump(scene, file)
-
-
-class CalibrationRig(unittest.TestCase):
+class CalibrationRig(CommanderCase):
     RIG = {}  # what of `simulation` is not as in the demo
-
-    @classmethod
-    def setUpClass(cls):
-        rospy.init_node("test", anonymous=True, disable_signals=True)
-        cls.target = rospy.Publisher("pressure_target", PressureArray, queue_size=10)
+    PERIOD = 0.04  # 0.2 s of the rig
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()  # below that of the nodes
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
-        self.held, self.ended = None, threading.Event()
-        self.inboxes = []
-        self.safety, self.command, self.measured, self.status, self.targets, detections = (
-            self.inbox(topic, kind) for topic, kind in (
-                ("safety_state", SafetyState), ("pressure_command", PressureArray), ("pressure_measured", PressureArray),
-                ("target_status", TargetStatus), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
-        heart = threading.Thread(target=self.beat)
-        heart.start()
-        self.addCleanup(heart.join)
-        self.addCleanup(self.ended.set)
-        demo_with(self.path("rig.yaml"), **self.RIG)
-        self.rig = self.run_node("simulated_rig", "_scene:=" + self.path("rig.yaml"), "_time_factor:=5", "_camera_rate:=8",
-                                 "_rate:=200")
+        super().setUp()
+        self.safety, self.targets, detections = (self.inbox(topic, kind) for topic, kind in (
+            ("safety_state", SafetyState), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
+        scene = self.scene_with(SOURCE + "/config/scenes/demo.yaml",
+                                {"simulation." + key: value for key, value in self.RIG.items()})
+        self.rig = self.run_node("simulated_rig", "_scene:=" + scene, "_time_factor:=5", "_camera_rate:=8", "_rate:=200")
         below = tempfile.gettempdir()
         self.calibration = self.run_node(
             "calibration", "_scene:=demo", "_max_age_s:=5", "_pressure_tolerance_kpa:=6", "_ramp_kpa_s:=200",
             *["_%s_folder:=%s" % (kind, below) for kind in ("scene", "data", "out")])
         self.assert_wait(lambda: not rospy.Time.now().is_zero() and self.safety and self.command and self.measured and detections)
-        self.assert_wait(lambda: self.send_pressures([0, 0, 0], 1).outcome == TargetStatus.REACHED)
+        self.assert_wait(lambda: self.send_pressures([0, 0, 0], deadline=1).outcome == TargetStatus.REACHED)
         self.free_the_arm()
         self.client = actionlib.SimpleActionClient("calibration/run_calibration", RunCalibrationAction)
         self.assert_wait(lambda: self.client.action_client.wait_for_server(rospy.Duration(1)))
 
-    def inbox(self, topic, kind):
-        box = Inbox(topic, kind)
-        self.addCleanup(box.subscriber.unregister)
-        return box
-
-    def path(self, name):
-        return os.path.join(self.folder, name)
-
-    def run_node(self, name, *arguments, command=None):
-        process = Process((command or [node(name)]) + list(arguments))
-        self.addCleanup(process.__exit__)
-        return process
-
-    def assert_wait(self, condition, deadline=20):
-        self.assertTrue(wait_for(condition, deadline), (self.safety[-1:], self.calibration.output()[-3000:]))
-
-    def publish(self, pressure):
-        message = PressureArray(pressure=pressure)
-        message.header.stamp = rospy.Time.now()
-        self.target.publish(message)
-        return message.header.stamp
-
-    def beat(self):
-        """Repeats the pressures that were taken, as the watchdog of targets wants it."""
-        while not self.ended.wait(0.04):  # 0.2 s of the rig
-            if self.held is not None:
-                self.publish(self.held)
-
-    def send_pressures(self, pressure, deadline=20):
-        """The answer; its outcome is 255 without one. Pressures that are taken are held."""
-        self.held = None
-        stamp = self.publish(pressure)
-        answers = []
-        wait_for(lambda: answers.extend(one for one in list(self.status) if one.target_stamp == stamp) or answers, deadline)
-        if answers and answers[0].outcome == TargetStatus.REACHED:
-            self.held = pressure
-        return answers[0] if answers else TargetStatus(outcome=255)
+    def why(self):
+        return self.safety[-1:], self.calibration.output()[-3000:]
 
     def free_the_arm(self):
         """Sends no target until the arm has vented, unless it rests: the next target, from any sender, enables it again."""

@@ -3,7 +3,6 @@ import math
 import os
 import sys
 import time
-import unittest
 
 import actionlib
 import numpy as np
@@ -16,24 +15,11 @@ sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathGoal, LoopStatus, PressureArray, SafetyState,  # noqa: E402
                            TargetStatus, TipTarget)
 from processes import Process, node, wait_for  # noqa: E402
+from ros_case import Inbox, RosCase  # noqa: E402
 
 # Places around the middle of what the arm reaches, base frame [m].
 MIDDLE = np.array([0.366, 0.0035, 0.0088])
 BESIDE = MIDDLE + [0, 0.015, 0]
-
-
-class Inbox(list):
-    """All messages of a topic, in the order they came."""
-
-    def __init__(self, topic, kind):
-        super().__init__()
-        self.subscriber = rospy.Subscriber(topic, kind, self.append)
-
-    def next(self, condition=lambda message: True, deadline=20):
-        """Waits for one that came after this call, and for which the condition holds; None when none did."""
-        first = len(self)
-        wait_for(lambda: any(map(condition, self[first:])), deadline)
-        return next(filter(condition, self[first:]), None)
 
 
 def place(point):
@@ -72,10 +58,10 @@ def close_loop(closed):
     return rospy.ServiceProxy("visual_servo/close_loop", SetBool)(closed).success
 
 
-class LoopRig(unittest.TestCase):
+class LoopRig(RosCase):
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("test", anonymous=True, disable_signals=True)
+        super().setUpClass()
         cls.start_vision()
         for name, topic, kind in (("loop", "loop_status", LoopStatus), ("estimate", "estimate", ArmShape),
                                   ("measured", "measured", ArmShape), ("sent", "pressure_target", PressureArray),
@@ -107,6 +93,9 @@ class LoopRig(unittest.TestCase):
             lambda: self.safety[-1].state == SafetyState.ENABLED, 0.2))
         self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED)
 
+    def why(self):
+        return self.loop[-1:], self.safety[-1:]
+
     def assert_wait(self, condition, deadline=20, target=None):
         """The condition comes to hold, while a target is repeated at 20 Hz."""
         def holds():
@@ -116,7 +105,7 @@ class LoopRig(unittest.TestCase):
                 self.tip_target.publish(target)
             return condition()
 
-        self.assertTrue(wait_for(holds, deadline), (self.loop[-1:], self.safety[-1:]))
+        super().assert_wait(holds, deadline)
 
     def assert_comes_to(self, state, target=None, deadline=40):
         self.assert_wait(lambda: self.loop and self.loop[-1].state == state, deadline, target)

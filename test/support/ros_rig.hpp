@@ -1,21 +1,17 @@
 #pragma once
 
 #include <algorithm>
-#include <condition_variable>
 #include <functional>
 #include <mutex>
 #include <optional>
-#include <utility>
 #include <vector>
 
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
 #include "ros_bridge/names.hpp"
@@ -66,167 +62,6 @@ class Inbox {
  private:
   std::vector<typename Message::ConstPtr> messages_;
   ros::Subscriber subscriber_;
-};
-
-/// Repeats a target from a thread of its own, so that a test may do what takes long.
-class Heartbeat {
- public:
-  explicit Heartbeat(ros::Publisher publisher)
-      : publisher_(std::move(publisher)), thread_([this] { beat(); }) {}
-  ~Heartbeat() {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      stop_ = true;
-    }
-    wake_.notify_all();
-    thread_.join();
-  }
-
-  /// From now on this one, or none.
-  void repeat(std::optional<PressureArray> target) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    target_ = std::move(target);
-  }
-
- private:
-  void beat() {
-    std::unique_lock<std::mutex> lock(mutex_);
-    while (!wake_.wait_for(lock, std::chrono::milliseconds(200), [this] { return stop_; })) {
-      if (!target_) continue;
-      target_->header.stamp = ros::Time::now();
-      publisher_.publish(*target_);
-    }
-  }
-
-  const ros::Publisher publisher_;
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  bool stop_ = false;
-  std::optional<PressureArray> target_;
-  std::thread thread_;
-};
-
-/// A user of one pressure_command node: sends targets and reads the answers.
-class Rig {
- public:
-  /// @param ns  namespace of the node.
-  explicit Rig(const std::string& ns = "")
-      : node_(ns),
-        pressure_target_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
-        shape_target_(node_.advertise<ShapeTarget>(names::kShapeTarget, 10)),
-        tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
-        command(node_, names::kPressureCommand),
-        measured(node_, names::kPressureMeasured),
-        model(node_, names::kModel),
-        status(node_, names::kTargetStatus),
-        diagnostics(node_, names::kDiagnostics) {}
-
-  /// True when every topic is connected both ways, and the arm is enabled.
-  bool connect() {
-    return waitFor([this] {
-      return pressure_target_.getNumSubscribers() > 0 && shape_target_.getNumSubscribers() > 0 &&
-             tip_target_.getNumSubscribers() > 0 && !command.all().empty() &&
-             !measured.all().empty() && !model.all().empty() && answered();
-    });
-  }
-
-  /// From now on pressures that were taken are repeated, as the watchdog of targets wants it.
-  /// Called before connect(), the pressures at which it enabled the arm are repeated too.
-  void keepOn() { keeps_on_ = true; }
-  void fallSilent() { heartbeat_.repeat({}); }
-
-  /// Sends a target and returns the node's answer to it; an answer without outcome (255) when none
-  /// came.
-  TargetStatus send(PressureArray target) { return sendOn(pressure_target_, target); }
-  TargetStatus send(ShapeTarget target) { return sendOn(shape_target_, target); }
-  TargetStatus send(TipTarget target) { return sendOn(tip_target_, target); }
-
-  TargetStatus sendPressures(const std::vector<double>& pressure,
-                             const std::vector<std::string>& name = {}) {
-    PressureArray target;
-    target.name = name;
-    target.pressure = pressure;
-    const TargetStatus answer = send(target);
-    if (keeps_on_ && answer.outcome == TargetStatus::REACHED) heartbeat_.repeat(target);
-    return answer;
-  }
-
-  /// The command in force after the answer was given, empty when none came. Topics may overtake
-  /// each other; stamps tell.
-  std::vector<double> commandAfter(const TargetStatus& answer) {
-    const auto message =
-        command.next([&](const PressureArray& c) { return c.header.stamp > answer.header.stamp; });
-    return message ? message->pressure : std::vector<double>();
-  }
-
-  /// A value of a status in diagnostics, empty without one.
-  static std::string valueIn(const diagnostic_msgs::DiagnosticArray& array,
-                             const std::string& status_name, const std::string& key) {
-    for (const auto& entry : array.status) {
-      if (entry.name != status_name) continue;
-      for (const auto& pair : entry.values) {
-        if (pair.key == key) return pair.value;
-      }
-    }
-    return "";
-  }
-  /// True once the node's diagnostics hold such a value.
-  bool diagnoses(const std::string& status_name, const std::string& key,
-                 const std::function<bool(const std::string&)>& predicate) {
-    return nullptr != diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
-      const std::string value = valueIn(array, status_name, key);
-      return !value.empty() && predicate(value);
-    });
-  }
-  bool diagnoses(const std::string& status_name, const std::string& key, const std::string& value) {
-    return diagnoses(status_name, key, [&](const std::string& v) { return v == value; });
-  }
-
- private:
-  // The node may not have accepted the first subscription yet, so the first target is sent more
-  // than once.
-  bool answered() {
-    if (taken()) return true;
-    std_srvs::Trigger enable;  // refused where it is enabled already, or not vented yet
-    const std::string node = node_.resolveName(names::kPressureCommandNode);
-    ros::service::call(node + "/" + names::kEnable, enable);
-    PressureArray same = command.last();
-    same.header.stamp = ros::Time::now();
-    pressure_target_.publish(same);
-    if (!waitFor([this] { return taken(); }, 0.2)) return false;
-    if (keeps_on_) heartbeat_.repeat(same);
-    return true;
-  }
-  bool taken() const {
-    return !status.all().empty() && status.last().outcome != TargetStatus::DROPPED;
-  }
-
-  template <class Target>
-  TargetStatus sendOn(const ros::Publisher& publisher, Target& target) {
-    // Stamps identify targets, so no two may be equal.
-    last_stamp_ = std::max(ros::Time::now(), last_stamp_ + ros::Duration(0, 1000));
-    target.header.stamp = last_stamp_;
-    publisher.publish(target);
-    const auto answer =
-        status.next([&](const TargetStatus& s) { return s.target_stamp == last_stamp_; });
-    if (answer) return *answer;
-    ADD_FAILURE() << "no answer to a target on " << publisher.getTopic();
-    TargetStatus none;
-    none.outcome = 255;
-    return none;
-  }
-
-  ros::NodeHandle node_;
-  ros::Publisher pressure_target_, shape_target_, tip_target_;
-  Heartbeat heartbeat_{pressure_target_};
-  bool keeps_on_ = false;
-  ros::Time last_stamp_;
-
- public:
-  Inbox<PressureArray> command, measured;
-  Inbox<ArmShape> model;
-  Inbox<TargetStatus> status;
-  Inbox<diagnostic_msgs::DiagnosticArray> diagnostics;
 };
 
 /// The main of a rostest.

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include <sys/types.h>
+#include <sys/stat.h>
 
 namespace helix_arm::basics {
 
@@ -38,15 +38,10 @@ class RegularFile {
   bool isUnchanged() const;
 
  private:
-  /// File attributes that change when it is written to.
-  struct Version {
-    std::uint64_t size = 0;
-    std::int64_t modified_s = 0, modified_ns = 0, changed_s = 0, changed_ns = 0;
-  };
-  std::optional<Version> version() const;
+  struct stat status() const;
 
   int file_ = -1;
-  Version opened_;
+  struct stat opened_ {};  ///< when it was opened
   std::string fault_;
 };
 

@@ -204,44 +204,35 @@ constexpr double kFollowStep = 0.002;  // smaller moves are not worth a message 
 constexpr double kHoldTimeout =
     2.0;  // after which an rviz that ended while dragging releases the handle [s]
 
-// A control whose axis (or normal) is the x axis turned by the quaternion.
-Control control(const char* name, std::uint8_t mode, const Eigen::Quaterniond& rotation) {
-  Control out;
-  out.name = name;
-  out.interaction_mode = mode;
-  out.orientation = toQuaternionMsg(rotation.toRotationMatrix());
-  return out;
-}
-
-visualization_msgs::Marker ball(double size) {
-  visualization_msgs::Marker out;
-  out.type = visualization_msgs::Marker::SPHERE;
-  out.pose.orientation.w = 1.0;
-  out.scale.x = out.scale.y = out.scale.z = 0.2 * size;
-  out.color = color(0.4, 1.0, 0.6, 0.5);
-  return out;
-}
-
 visualization_msgs::InteractiveMarker handle(const std::string& frame, const io::Scene& scene) {
-  const bool planar = scene.planar.has_value();
   const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);  // [m]
-  const Eigen::Quaterniond along_x = Eigen::Quaterniond::Identity();
-  const Eigen::Quaterniond along_y(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));
-  const Eigen::Quaterniond along_z(Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitY()));
   visualization_msgs::InteractiveMarker out;
   out.header.frame_id = frame;
   out.name = kHandle;
   out.description = "tip target";
   out.scale = static_cast<float>(size);
   out.pose.orientation.w = 1.0;
-  Control grip = planar ? control("plane", Control::MOVE_PLANE, along_z)
-                        : control("free", Control::MOVE_3D, along_x);
+  // A control whose axis (or normal) is the x axis turned about another.
+  const auto add = [&out](const char* name, std::uint8_t mode, double angle,
+                          const Eigen::Vector3d& about) {
+    Control& control = out.controls.emplace_back();
+    control.name = name;
+    control.interaction_mode = mode;
+    control.orientation = toQuaternionMsg(Eigen::AngleAxisd(angle, about).toRotationMatrix());
+  };
+  const Eigen::Vector3d y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+  const bool planar = scene.planar.has_value();
+  planar ? add("plane", Control::MOVE_PLANE, -M_PI / 2, y) : add("free", Control::MOVE_3D, 0, z);
+  Control& grip = out.controls.back();
   grip.always_visible = true;
-  grip.markers.push_back(ball(size));
-  out.controls.push_back(grip);
-  out.controls.push_back(control("x", Control::MOVE_AXIS, along_x));
-  out.controls.push_back(control("y", Control::MOVE_AXIS, along_y));
-  if (!planar) out.controls.push_back(control("z", Control::MOVE_AXIS, along_z));
+  Marker& ball = grip.markers.emplace_back();
+  ball.type = Marker::SPHERE;
+  ball.pose.orientation.w = 1.0;
+  ball.scale.x = ball.scale.y = ball.scale.z = 0.2 * size;
+  ball.color = color(0.4, 1.0, 0.6, 0.5);
+  add("x", Control::MOVE_AXIS, 0, z);
+  add("y", Control::MOVE_AXIS, M_PI / 2, z);
+  if (!planar) add("z", Control::MOVE_AXIS, -M_PI / 2, y);
   return out;
 }
 
@@ -384,12 +375,13 @@ void Screen::addEllipsoid(const char* ns, const Eigen::Vector3d& centre,
   out.scale.z = diameter(2);
 }
 
-void Screen::addLegend(Legend line, const SideView& view) {
+std_msgs::ColorRGBA Screen::addLegend(Legend line, const SideView& view, double opacity) {
   constexpr int kLines = static_cast<int>(kLegend.size());
   const LegendText& entry = kLegend[line];
   const double height = kLineHeight * view.scale;
-  addText(names::kLegendNs, centreOfLines(view, view.legend_top, kLines, height), height,
+  addText("legend", centreOfLines(view, view.legend_top, kLines, height), height,
           color(entry.r, entry.g, entry.b), lineOfColumn(line, kLines, entry.text), line);
+  return color(entry.r, entry.g, entry.b, opacity);
 }
 
 visualization_msgs::MarkerArray Screen::end() {
@@ -417,17 +409,15 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
 void ArmMarkers::addWords(const SideView& view) {
   const std_msgs::ColorRGBA ink = stateColor(safety_);
   const double headline = kBannerHeight * view.scale, small = kReasonHeight * view.scale;
-  screen_.addText(names::kStateBannerNs, view.headline, headline, ink, arm_ + stateText(safety_));
+  screen_.addText("state_banner", view.headline, headline, ink, arm_ + stateText(safety_));
   const std::vector<std::string> lines = reasonLines(reason_);
   if (!lines.empty()) {
     // The first line stays below the state, however many follow.
     const Eigen::Vector3d first = view.headline - headline * view.up;
-    screen_.addText(names::kStateBannerNs,
+    screen_.addText("state_banner",
                     centreOfLines(view, first, static_cast<int>(lines.size()), small), small, ink,
                     basics::joined(lines, "\n"), 1);
   }
-  screen_.addLegend(Screen::kModel, view);
-  if (trace_.size() > 1) screen_.addLegend(Screen::kTrace, view);
 }
 
 void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int section,
@@ -441,11 +431,11 @@ void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int secti
         pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
     const double height = kLineHeight * view.scale;
     const double kilopascals = std::round(pressure[i] / 1e3) + 0.0;  // never "-0"
-    screen_.addText(
-        names::kPressuresNs, centreOfLines(view, view.table_top, n, height), height, ink,
-        lineOfColumn(i, n, actuator.name + basics::format("  %.0f kPa", kilopascals)), i);
+    screen_.addText("pressures", centreOfLines(view, view.table_top, n, height), height, ink,
+                    lineOfColumn(i, n, actuator.name + basics::format("  %.0f kPa", kilopascals)),
+                    i);
     ink.a = kMuscleOpacity;
-    Marker& tube = screen_.add(names::kMusclesNs, Marker::TRIANGLE_LIST, ink, i);
+    Marker& tube = screen_.add("muscles", Marker::TRIANGLE_LIST, ink, i);
     tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
     addTube(curve, section * kRings, (section + 1) * kRings, X_end, actuator,
             scene_.looks[section].muscle_radius, tube.points);
@@ -458,7 +448,7 @@ void ArmMarkers::addDiscs(const model::Shape& shape, const lie::SE3& X_end, int 
   const model::Actuator& first = scene_.arm.actuator(scene_.arm.firstActuator(section));
   const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
     Marker& plate =
-        screen_.add(names::kSeparatorsNs, Marker::CYLINDER, color(0.75, 0.75, 0.8, 0.55), disc++);
+        screen_.add("separators", Marker::CYLINDER, color(0.75, 0.75, 0.8, 0.55), disc++);
     plate.pose = toPoseMsg(standAlongX(X));
     plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
     plate.scale.z = thickness;
@@ -491,11 +481,11 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   std::vector<Eigen::Vector3d> points;
   for (const auto& point : curve) points.push_back(point.X.translation);
   if (shape.links()) points.push_back(tip);
-  screen_.addLine(names::kBaseCurveNs, Marker::LINE_STRIP, kBaseCurve, color(1.0, 1.0, 1.0),
-                  points);
+  screen_.addLine("base_curve", Marker::LINE_STRIP, kBaseCurve,
+                  screen_.addLegend(Screen::kModel, view), points);
   if (trace_.size() > 1) {
-    screen_.addLine(names::kTipTraceNs, Marker::LINE_STRIP, kBaseCurve, color(0.4, 1.0, 0.6, 0.8),
-                    {trace_.begin(), trace_.end()});
+    screen_.addLine("tip_trace", Marker::LINE_STRIP, kBaseCurve,
+                    screen_.addLegend(Screen::kTrace, view, 0.8), {trace_.begin(), trace_.end()});
   }
   addWords(view);
   return screen_.end();
@@ -512,7 +502,7 @@ void VisionMarkers::addOutlines(const estimation::TagLayout& layout,
                                 const estimation::TwistFit& fit) {
   if (fit.tags.empty()) return;
   Marker& tags =
-      screen_.addLine(names::kTagsNs, Marker::LINE_LIST, 0.2 * kMeasuredCurve, color(1, 1, 1), {});
+      screen_.addLine("tags", Marker::LINE_LIST, 0.2 * kMeasuredCurve, color(1, 1, 1), {});
   tags.pose = toPoseMsg(fit.X_B0B);
   const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.shape);
   const estimation::Corners corners = layout.corners();
@@ -531,14 +521,12 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
                                                     const model::Shape* model,
                                                     const std::string& text) {
   const Eigen::Vector3d tip = (fit.X_B0B * model::tipPose(fit.shape)).translation;
-  const auto orange = [](double a) { return color(1.0, 0.55, 0.1, a); };
   screen_.begin(stamp);
-  // Half transparent, so that the others show through.
-  screen_
-      .addLine(names::kMeasuredCurveNs, Marker::LINE_STRIP, kMeasuredCurve, orange(0.5),
-               pointsOf(fit.shape))
+  const std_msgs::ColorRGBA orange = screen_.addLegend(Screen::kMeasured, view);
+  std_msgs::ColorRGBA pale = orange;  // so that the others show through
+  pale.a = 0.5F;
+  screen_.addLine("measured_curve", Marker::LINE_STRIP, kMeasuredCurve, pale, pointsOf(fit.shape))
       .pose = toPoseMsg(fit.X_B0B);
-  screen_.addLegend(Screen::kMeasured, view);
   if (model != nullptr) {
     std::vector<Eigen::Vector3d> dashes = pointsOf(*model);
     // Dashes are pairs; the tip of a plate or tool is one point more, whose dash begins at the end.
@@ -546,48 +534,44 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
       const Eigen::Vector3d end = dashes[count - 2];
       dashes.insert(dashes.end() - 1, end);
     }
-    screen_.addLine(names::kModelCurveNs, Marker::LINE_LIST, 0.5 * kMeasuredCurve,
-                    color(1.0, 0.95, 0.4), dashes);
-    screen_.addLegend(Screen::kModelThen, view);
+    screen_.addLine("model_curve", Marker::LINE_LIST, 0.5 * kMeasuredCurve,
+                    screen_.addLegend(Screen::kModelThen, view), dashes);
   }
   addOutlines(layout, fit);
-  screen_.addText(names::kTipErrorNs, tip + view.beyond * (kTipTextOffset * view.scale),
-                  kTipTextHeight * view.scale, orange(1.0), text);
-  screen_.addEllipsoid(names::kTipCovarianceNs, tip, fit.tip_covariance, orange(0.5));
+  screen_.addText("tip_error", tip + view.beyond * (kTipTextOffset * view.scale),
+                  kTipTextHeight * view.scale, orange, text);
+  screen_.addEllipsoid("tip_covariance", tip, fit.tip_covariance, pale);
   return screen_.end();
 }
 
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const SideView& view,
                                                   const Tips& tips) {
-  const std_msgs::ColorRGBA cyan = color(0.2, 0.9, 1.0);
   screen_.begin(stamp);
   if (tips.wanted) {
-    screen_.addBall(names::kWantedTipNs, *tips.wanted, kWantedSize, color(1.0, 0.3, 0.9, 0.7));
-    screen_.addLegend(Screen::kWanted, view);
+    screen_.addBall("wanted_tip", *tips.wanted, kWantedSize,
+                    screen_.addLegend(Screen::kWanted, view, 0.7));
   }
+  const std_msgs::ColorRGBA cyan = color(0.2, 0.9, 1.0);
   if (!tips.curve.empty()) {
-    screen_.addLine(names::kPredictedCurveNs, Marker::LINE_STRIP, kPredictedCurve, cyan,
-                    tips.curve);
-    screen_.addLegend(Screen::kPredicted, view);
+    screen_.addLine("predicted_curve", Marker::LINE_STRIP, kPredictedCurve,
+                    screen_.addLegend(Screen::kPredicted, view), tips.curve);
   }
   if (!tips.predicted) return screen_.end();
   const Eigen::Vector3d tip = *tips.predicted;
-  screen_.addBall(names::kPredictedTipNs, tip, kPredictedSize, cyan);
-  screen_.addEllipsoid(names::kPredictedCovarianceNs, tip, tips.covariance,
-                       color(0.2, 0.9, 1.0, 0.35));
+  screen_.addBall("predicted_tip", tip, kPredictedSize, cyan);
+  screen_.addEllipsoid("predicted_covariance", tip, tips.covariance, color(0.2, 0.9, 1.0, 0.35));
   const auto write = [&](const char* ns, double to_right, double beyond, double height,
                          const std_msgs::ColorRGBA& ink, const std::string& text) {
     if (text.empty()) return;
     const Eigen::Vector3d offset = to_right * view.right + beyond * view.beyond;
     screen_.addText(ns, tip + offset * view.scale, height * view.scale, ink, text);
   };
-  write(names::kLoopStateNs, 0, kLoopTextOffset, kLoopTextHeight, cyan, tips.text);
-  write(names::kErrorBudgetNs, kTableOffset, -kTableRise, kTableHeight,
+  write("loop_state", 0, kLoopTextOffset, kLoopTextHeight, cyan, tips.text);
+  write("error_budget", kTableOffset, -kTableRise, kTableHeight,
         tips.outside ? color(1.0, 0.5, 0.2) : cyan, tips.budget);
   if (tips.force) {
     const Eigen::Vector3d along = kArrowLength * tips.force->stableNormalized();
-    screen_
-        .addLine(names::kTipForceNs, Marker::ARROW, 0.006, color(1.0, 0.2, 0.1), {tip - along, tip})
+    screen_.addLine("tip_force", Marker::ARROW, 0.006, color(1.0, 0.2, 0.1), {tip - along, tip})
         .scale.y = 0.016;
   }
   return screen_.end();

@@ -98,7 +98,8 @@ class Screen {
   /// The ellipsoid of two standard deviations about a centre.
   void addEllipsoid(const char* ns, const Eigen::Vector3d& centre,
                     const Eigen::Matrix3d& covariance, const std_msgs::ColorRGBA& color);
-  void addLegend(Legend line, const SideView& view);
+  /// @return its colour, for what it names.
+  std_msgs::ColorRGBA addLegend(Legend line, const SideView& view, double opacity = 1.0);
 
   /// Ends a drawing.
   visualization_msgs::MarkerArray end();

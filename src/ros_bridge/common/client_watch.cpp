@@ -17,6 +17,15 @@ constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
 
 double steadySeconds() { return ros::SteadyTime::now().toSec(); }
 
+// Asks the master for a node.
+Reply lookUp(const std::string& node, XmlRpc::XmlRpcValue& uri) {
+  XmlRpc::XmlRpcValue question;
+  question[0] = ros::this_node::getName();
+  question[1] = node;
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, uri);
+}
+
 }  // namespace
 
 Reply callXmlRpc(const std::string& host, int port, const char* method,
@@ -47,11 +56,8 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
 }
 
 Reply askMaster() {
-  XmlRpc::XmlRpcValue question, answer;
-  question[0] = ros::this_node::getName();
-  question[1] = ros::this_node::getName();
-  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
-                    question, answer);
+  XmlRpc::XmlRpcValue answer;
+  return lookUp(ros::this_node::getName(), answer);
 }
 
 void ClientWatch::watch(const std::string& node) {
@@ -103,10 +109,7 @@ bool ClientWatch::answers(const std::string& node, std::string& uri) {
   XmlRpc::XmlRpcValue caller, answer;
   caller[0] = ros::this_node::getName();
   if (uri.empty()) {
-    XmlRpc::XmlRpcValue question = caller;
-    question[1] = node;
-    const Reply reply = callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()),
-                                   "lookupNode", question, answer);
+    const Reply reply = lookUp(node, answer);
     if (reply == Reply::kHangs || reply == Reply::kIsGone) return true;
     if (reply == Reply::kFailure || answer.getType() != XmlRpc::XmlRpcValue::TypeString) {
       return false;

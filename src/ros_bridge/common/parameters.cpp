@@ -89,10 +89,17 @@ int ParameterReader::count(const std::string& name, int fallback, int lower, int
   });
 }
 
-std::string ParameterReader::optionalFile(const std::string& name, const std::string& folder,
-                                          const std::string& extension) {
+std::string ParameterReader::file(const std::string& name, const std::string& folder,
+                                  const std::string& extension) {
+  const std::size_t before = faults_.size();
   const std::string given = text(name, "");
-  if (given.empty()) return given;
+  if (given.empty()) {
+    if (faults_.size() == before) {
+      fault(name, Value(),
+            messageOf("a path, or the name of a file in ", folder, " of the package"));
+    }
+    return "";
+  }
   if (io::isPath(given)) {
     const std::string path = absolute(name, given);
     const auto meant = io::shippedNameOf(path, folder, extension);
@@ -106,18 +113,6 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
   fault(name, Value(given),
         messageOf("a path, or the name of a file in ", folder, " of the package: ", names));
   return "";
-}
-
-std::string ParameterReader::file(const std::string& name, const std::string& folder,
-                                  const std::string& extension) {
-  const std::size_t before = faults_.size();
-  std::string path = optionalFile(name, folder, extension);
-  if (path.empty() && faults_.size() == before) {
-    faults_.push_back(messageOf("~", name,
-                                " is missing; expected a path, or the name of a file in ", folder,
-                                " of the package"));
-  }
-  return path;
 }
 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
@@ -140,10 +135,8 @@ void ParameterReader::finish() {
     }
   }
   if (faults_.empty()) return;
-  std::string all;
-  for (const std::string& line : faults_)
-    all += (all.empty() ? "" : "\n") + basics::printable(line);
-  throw ParameterError(all);
+  for (std::string& line : faults_) line = basics::printable(line);
+  throw std::invalid_argument(basics::joined(faults_, "\n"));
 }
 
 io::Scene requirePneumatic(io::Scene scene) {
@@ -157,6 +150,27 @@ io::Scene requirePneumatic(io::Scene scene) {
     throw std::invalid_argument("scene " + scene.name + " cannot be driven by pressure:" + faults);
   }
   return scene;
+}
+
+const regulator::Config& requireRegulator(const io::Scene& scene) {
+  if (!scene.regulator) {
+    throw std::invalid_argument("scene " + scene.name +
+                                " has no regulator; add the section `regulator` to it");
+  }
+  return *scene.regulator;
+}
+
+void warnOfShortSupply(const io::Scene& scene) {
+  const auto* const config = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
+  for (int i = 0; config != nullptr && i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    if (limits.lower < 0 || limits.upper > config->supply_pressure) {
+      logWarning("%s has limits of %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+                 actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+                 config->supply_pressure / 1e3);
+    }
+  }
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -11,14 +11,9 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
+#include "helix_arm/regulator/config.hpp"
 
 namespace helix_arm::ros_bridge {
-
-/// Private parameters of a node that break their rules; what() holds all of them, one per line.
-class ParameterError : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
 
 /// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
 /// nothing if the text is neither.
@@ -47,9 +42,6 @@ class ParameterReader {
   /// from then on the parameter, is absolute, and the log tells it.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
-  /// The same; empty if the parameter is absent.
-  std::string optionalFile(const std::string& name, const std::string& folder,
-                           const std::string& extension);
 
   /// Path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback) {
@@ -61,7 +53,7 @@ class ParameterReader {
   std::string absolute(const std::string& name, const std::string& given);
 
   /// Warns of parameters that were set but never read, most often misspelt ones.
-  /// @throws ParameterError with every fault noted so far, if there are any.
+  /// @throws std::invalid_argument with every fault noted so far, one per line, if there are any.
   void finish();
 
  private:
@@ -83,5 +75,12 @@ class ParameterReader {
 /// The scene, if all of its actuators are driven by pressure.
 /// @throws std::invalid_argument naming the others.
 io::Scene requirePneumatic(io::Scene scene);
+
+/// @throws std::invalid_argument if the scene has no regulator.
+const regulator::Config& requireRegulator(const io::Scene& scene);
+
+/// Warns of actuators whose limits the supply of the scene's regulator does not reach, if that is
+/// simulated.
+void warnOfShortSupply(const io::Scene& scene);
 
 }  // namespace helix_arm::ros_bridge

@@ -19,7 +19,6 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "log.hpp"
-#include "parameters.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_time.hpp"
 
@@ -230,8 +229,6 @@ int guarded(const std::function<int()>& body) {
     logInfo("%s", reason.what());
     return kDone;
   } catch (const io::DocumentError& error) {
-    return report(error, kBadConfiguration);
-  } catch (const ParameterError& error) {
     return report(error, kBadConfiguration);
   } catch (const std::invalid_argument& error) {
     return report(error, kBadConfiguration);

@@ -66,8 +66,8 @@ class Node {
 int runNode(int argc, char** argv, const std::string& name,
             const std::function<std::unique_ptr<Node>()>& make);
 
-// The nodes. Each throws io::DocumentError, ParameterError or std::invalid_argument with every
-// fault of its parameters and files.
+// The nodes. Each throws io::DocumentError or std::invalid_argument with every fault of its
+// parameters and files.
 std::unique_ptr<Node> makeCalibration();
 std::unique_ptr<Node> makePressureCommand();
 std::unique_ptr<Node> makeSimulatedRig();

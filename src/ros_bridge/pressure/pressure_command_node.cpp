@@ -41,7 +41,6 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
-#include "regulator_setup.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -595,11 +594,11 @@ class ShapePublisher {
                    solved ? "the model finds the arm's shape"
                           : "the model finds no shape that balances the load: none is published; "
                             "check the scene's load and arm.stiffness.K_eps_n",
-                   {{names::kTierKey, statics::nameOf(choice.setting.tier)},
+                   {{"tier", statics::nameOf(choice.setting.tier)},
                     {"order", std::to_string(choice.setting.order)},
                     {"tier_reason", choice.reason},
-                    {names::kSolveStatusKey, statics::nameOf(solution_.status)},
-                    {names::kUnsolvedKey, std::to_string(unsolved_.total())}});
+                    {"solve_status", statics::nameOf(solution_.status)},
+                    {"unsolved", std::to_string(unsolved_.total())}});
     if (response_.instant()) return out;
     addValue(out, "memory_known", response_.known() ? "true" : "false");
     addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
@@ -793,8 +792,7 @@ constexpr double kLinePatience = 1.25;  // of the line, so that the safety core 
 /// have vented by itself [s].
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
-/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeSimulatedRegulator()
-/// does.
+/// Starts the scene's regulator with its own I/O. Logs it, and warns of a short supply.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
 /// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
@@ -813,9 +811,7 @@ std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene,
     logInfo("%s: by its profile the regulator vents itself if no line comes for %g s; test this",
             scene.name.c_str(), driver->watchdog());
   }
-  if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
-    warnOfShortSupply(scene.arm, *simulated);
-  }
+  warnOfShortSupply(scene);
   return std::make_unique<regulator::RegulatorIo>(std::move(driver), channels, rules);
 }
 
@@ -832,15 +828,17 @@ std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& sc
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
-// Number of rows of a table that a call gives as one array.
-std::size_t rowsOf(const std::vector<double>& table, const char* name, std::size_t columns,
-                   std::size_t most) {
-  basics::require(table.size() % columns == 0, name, " has ", table.size(),
-                  " numbers; expected rows of ", columns);
-  const std::size_t rows = table.size() / columns;
-  basics::require(rows <= most, name, " has ", rows, " rows; expected at most ", most,
-                  ": call again with the rest");
-  return rows;
+using Table =
+    Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+
+// Of numbers that a call gives as one array.
+Table tableOf(const std::vector<double>& numbers, const char* name, int columns, int most) {
+  const auto count = static_cast<Eigen::Index>(numbers.size());
+  basics::require(count % columns == 0, name, " has ", count, " numbers; expected rows of ",
+                  columns);
+  basics::require(count / columns <= most, name, " has ", count / columns,
+                  " rows; expected at most ", most, ": call again with the rest");
+  return {numbers.data(), count / columns, columns};
 }
 
 void requireFinite(const std::vector<double>& table, const char* name) {
@@ -848,10 +846,6 @@ void requireFinite(const std::vector<double>& table, const char* name) {
     basics::require(std::isfinite(table[i]), name, "[", i, "] is ", table[i],
                     "; expected finite numbers");
   }
-}
-
-Eigen::VectorXd rowOf(const std::vector<double>& table, std::size_t row, std::size_t columns) {
-  return Eigen::VectorXd::Map(table.data() + row * columns, static_cast<Eigen::Index>(columns));
 }
 
 template <class Numbers>
@@ -885,8 +879,7 @@ ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
 /// neither targets nor the pressure loop. A call that breaks a rule is answered with the rule.
 class ModelServer {
  public:
-  static constexpr std::size_t kMostForwardRows = 10'000;
-  static constexpr std::size_t kMostInverseRows = 1000;
+  static constexpr int kMostForwardRows = 10'000, kMostInverseRows = 1000;
 
   ModelServer(const ros::NodeHandle& private_node, const statics::ArmModel& model)
       : model_(std::make_shared<statics::ArmModel>(model)),
@@ -916,15 +909,15 @@ class ModelServer {
   bool onForward(Forward::Request& request, Forward::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
-      const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
-      const std::size_t rows = rowsOf(request.pressure, "pressure", n, kMostForwardRows);
-      watchUnit("a call to ~forward", model->arm(), request.pressure);
-      response.rows = static_cast<std::uint32_t>(rows);
+      const Table pressure =
+          tableOf(request.pressure, "pressure", model->arm().actuatorCount(), kMostForwardRows);
+      watchUnit("a call to ~forward", model->arm(), pressure);
+      response.rows = static_cast<std::uint32_t>(pressure.rows());
       response.sections = static_cast<std::uint32_t>(model->arm().sectionCount());
-      for (std::size_t row = 0; row < rows; ++row) {
+      for (Eigen::Index row = 0; row < pressure.rows(); ++row) {
         goOn();
         // Pressures outside the limits throw, naming the actuator.
-        const statics::Solution found = model->solve(rowOf(request.pressure, row, n));
+        const statics::Solution found = model->solve(Eigen::VectorXd(pressure.row(row)));
         const bool converged = found.converged();
         response.converged.push_back(converged);
         appendNumbers(found.tip.translation, converged, response.position);
@@ -937,23 +930,24 @@ class ModelServer {
   bool onInverse(Inverse::Request& request, Inverse::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
-      const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
-      const std::size_t rows = rowsOf(request.position, "position", 3, kMostInverseRows);
+      const int n = model->arm().actuatorCount(), starts = request.start.empty() ? 0 : 1;
+      const Table position = tableOf(request.position, "position", 3, kMostInverseRows);
       requireFinite(request.position, "position");
       requireFinite(request.start, "start");
-      basics::require(request.start.empty() || request.start.size() == n, "start has ",
+      basics::require(request.start.size() == static_cast<std::size_t>(starts * n), "start has ",
                       request.start.size(), " pressures; expected ", n, " or none");
-      watchUnit("start of a call to ~inverse", model->arm(), request.start);
+      const Table given(request.start.data(), starts, n);
+      watchUnit("start of a call to ~inverse", model->arm(), given);
       statics::InverseOptions options;
       if (!request.prefer.empty()) options.preference = statics::preferenceOf(request.prefer);
       const Eigen::VectorXd start =
-          request.start.empty() ? model->arm().inputAt(0.0) : rowOf(request.start, 0, n);
+          starts == 0 ? model->arm().inputAt(0.0) : Eigen::VectorXd(given.row(0));
       statics::InverseSolver solver(*model, options);
-      response.rows = static_cast<std::uint32_t>(rows);
-      for (std::size_t row = 0; row < rows; ++row) {
+      response.rows = static_cast<std::uint32_t>(position.rows());
+      for (Eigen::Index row = 0; row < position.rows(); ++row) {
         goOn();
         const statics::InverseResult& found =
-            solver.toPosition(rowOf(request.position, row, 3), start);
+            solver.toPosition(Eigen::Vector3d(position.row(row)), start);
         response.status.emplace_back(inverseWord(found.status));
         appendNumbers(found.input, true, response.pressure);
         response.position_error.push_back(found.position_error);
@@ -967,12 +961,9 @@ class ModelServer {
   }
 
   /// Warns once of a call whose pressures seem to be in kPa.
-  void watchUnit(const std::string& what, const model::Arm& arm, const std::vector<double>& rows) {
+  void watchUnit(const std::string& what, const model::Arm& arm, const Table& pressure) {
     if (warned_) return;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Eigen::Index n = arm.actuatorCount();
-    const std::string warning = control::kilopascalWarning(
-        what, arm, RowMajor::Map(rows.data(), static_cast<Eigen::Index>(rows.size()) / n, n));
+    const std::string warning = control::kilopascalWarning(what, arm, pressure);
     if (warning.empty()) return;
     warned_ = true;
     logWarning("%s", warning.c_str());
@@ -994,61 +985,19 @@ class ModelServer {
 };
 
 /// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
-/// (real or simulated) or another node's.
+/// (real or simulated) or another node's. docs/nodes.md lists its topics, services and parameters
+/// (PressureCommandOptions); docs/safety.md tells who commands and when the arm vents.
 ///
 /// Between targets and regulator stands control::SafetyCore: any fault vents the arm, and nothing
-/// moves until it is enabled again.
-///
-/// Subscribes
-/// - pressure_target (PressureArray): gauge [Pa]; omitted names keep their command
-/// - shape_target (ShapeTarget): twists of all sections
-/// - tip_target (TipTarget): position or pose of the tip, base frame
-/// - tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
-/// - pressure_measured (PressureArray): with ~regulator `topic`; gauge [Pa], all actuators
-///
-/// Publishes
-/// - pressure_command (PressureArray): command in force [Pa], moving to the target at most at the
-///   scene's slew rate, 0 while the arm is not enabled; immediately on a target, and with every
-///   loop
-/// - pressure_measured (PressureArray): with ~regulator `scene`, as the regulator reads them [Pa]
-/// - safety_state (SafetyState): latched, on every change
-/// - model (ArmShape): with every pressure_measured, or only the last if the tier is slower than
-///   these, the model's shape at the measured pressures clamped to the limits, under the scene's
-///   load, with the stamp of that pressure_measured. The pressures are known only from this
-///   measurement, also on hardware.
-/// - target_status (TargetStatus): result of each target
-/// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop`,
-///   `<node>: model` (its tier, and whether it finds a shape), `<node>: safety`,
-///   `<node>: regulator` and one `<node>: channel <actuator>` each, 1 Hz
-/// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
-///
-/// Services
-/// - ~enable, ~rest, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while
-///   true): their answers give the result and the reason
-/// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
-///   inside the new limits; with hardware, no rule may be looser than when the node started.
-/// - ~forward (Forward), ~inverse (Inverse): the model, for batches; in a thread of their own
-///
-/// Parameters: PressureCommandOptions.
-///
-/// A bad target is dropped: it is counted, warned of once per fault and five seconds, and answered
-/// on target_status; the command stays. A target out of reach moves the arm to the closest
-/// reachable. A target while the arm is not enabled is dropped with the reason. Of several
-/// publishers the first one commands, until it has been silent for the scene's
-/// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease; the loop has its own thread, which no shape, target or
-/// reload delays. Without fresh measurements, or if the model finds no shape that balances the
-/// load, there is neither model nor drawing, and the diagnostics say so.
+/// moves until it is enabled again. All times are of a steady clock, so that a paused or simulated
+/// clock neither stops the loop nor keeps a lease.
 ///
 /// The arm vents in every case when the node ends: in an orderly end by this node; if it is killed
 /// or stopped, by a guard process (hardware), or by the regulator's node when the commands stop.
-/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter, such as
-/// simulated time with hardware.
 ///
 /// Its parts: TargetIntake accepts targets, PressureLoop drives the regulator, ShapePublisher shows
-/// the arm at the readings. All of them but PressureLoop and
-/// ModelServer run in the main thread only.
+/// the arm at the readings. All of them but PressureLoop and ModelServer run in the main thread
+/// only, so that no shape, target or reload delays the loop.
 class PressureCommandNode : public Node {
  public:
   PressureCommandNode()
@@ -1104,9 +1053,10 @@ class PressureCommandNode : public Node {
   void refuseSimulatedTime() const {
     if (!ros::Time::isSimTime()) return;
     if (!options_.allow_sim_time) {
-      throw ParameterError("/use_sim_time is true, but scene " + scene_.name +
-                           " drives hardware; end the recording or simulation that sets it, or set "
-                           "~allow_sim_time to true if that is intended");
+      throw std::invalid_argument(
+          "/use_sim_time is true, but scene " + scene_.name +
+          " drives hardware; end the recording or simulation that sets it, or set "
+          "~allow_sim_time to true if that is intended");
     }
     logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
   }
@@ -1188,8 +1138,8 @@ class PressureCommandNode : public Node {
     const bool slow = rate < kSlowShare * options_.rate;
     return makeStatus(names::kLoopStatus, slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
                       slow ? "the loop is slower than ~rate" : "the loop keeps its rate",
-                      {{names::kRateKey, fixed(rate)},
-                       {names::kWantedRateKey, fixed(options_.rate)},
+                      {{"rate_hz", fixed(rate)},
+                       {"wanted_rate_hz", fixed(options_.rate)},
                        {"bad_readings", std::to_string(path.bad_readings.total())}});
   }
 

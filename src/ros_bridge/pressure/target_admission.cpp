@@ -109,17 +109,17 @@ diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
   unsigned long total = 0;
   for (const FaultCount& count : dropped_) total += count.total();
   DiagnosticStatus out =
-      makeStatus(names::kTargetsStatus, news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+      makeStatus("targets", news_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
                  news_ ? last_fault_ : "no target was dropped or out of reach",
                  {{"reached", std::to_string(reached_)},
-                  {names::kUnreachableKey, std::to_string(unreachable_.total())},
-                  {names::kDroppedKey, std::to_string(total)}});
+                  {"unreachable", std::to_string(unreachable_.total())},
+                  {"dropped", std::to_string(total)}});
   for (int i = 0; i < control::kFaultCount; ++i) {
-    addValue(out, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
+    addValue(out, "dropped_" + std::string(control::nameOf(control::Fault(i))),
              std::to_string(dropped_[i].total()));
   }
   addValue(out, names::kLastFaultKey, last_fault_);
-  addValue(out, names::kLeaseHolderKey, lease_.holder());
+  addValue(out, "lease_holder", lease_.holder());
   news_ = false;
   return out;
 }

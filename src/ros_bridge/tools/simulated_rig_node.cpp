@@ -6,6 +6,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -15,7 +16,6 @@
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_bridge/pressure/regulator_setup.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -46,7 +46,8 @@ struct SimulatedRigOptions {
     reader.finish();
     if (time_factor == 0) return;
     const auto require = [this](bool holds, const std::string& rule) {
-      if (!holds) throw ParameterError("~time_factor is " + std::to_string(time_factor) + rule);
+      if (!holds)
+        throw std::invalid_argument("~time_factor is " + std::to_string(time_factor) + rule);
     };
     require(kTimeFactors.contains(time_factor), "; expected 0, or a number from 0.01 to 1000");
     require(regulator == "scene",
@@ -60,36 +61,15 @@ struct SimulatedRigOptions {
 
 /// Simulates the hardware of a scene: regulator, true arm and, if the scene has camera and tags,
 /// the camera. With ~regulator topic, it simulates arm and camera alone: the arm has the pressures
-/// that a regulator measures, such as that of a board without an arm.
+/// that a regulator measures, such as that of a board without an arm. docs/nodes.md lists its
+/// topics and parameters (SimulatedRigOptions).
 ///
-/// Subscribes
-/// - pressure_command (PressureArray), with ~regulator scene: gauge [Pa]; omitted names keep their
-///   command, and all 0 vents. If it stops, the regulator vents by itself
-/// - pressure_measured (PressureArray), with ~regulator topic: gauge [Pa], of all actuators. While
-///   there is none, there is neither truth nor picture
-/// - ~tip_force (geometry_msgs/WrenchStamped): dead force on the true tip, base frame [N], at most
-///   kMostTipForce, without torque; it adds to the scene's load and stays until the next message,
-///   even if its publisher ends. A force needs arm.stiffness.K_eps_n
+/// With every pressure_measured, the truth has its stamp and is under the scene's load and the
+/// force at its tip; a picture has the stamp of the truth that it shows, its camera_info comes just
+/// before it. ~rate and ~camera_rate are on a steady clock, independent of ~time_factor.
 ///
-/// Publishes
-/// - pressure_measured (PressureArray), with ~regulator scene: with every loop [Pa]
-/// - truth (ArmShape): with every pressure_measured and its stamp, the shape that the arm has under
-///   the scene's load and the force at its tip. If no shape balances them, neither
-///   it nor a picture is published; this is counted and warned of at intervals
-/// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
-///   each rendered only while it has subscribers; with the stamp of the truth that it shows
-/// - camera_info (sensor_msgs/CameraInfo): just before each picture
-/// - /clock (rosgraph_msgs/Clock): with every loop, if ~time_factor is set; it starts at the time
-///   of the node's start
-///
-/// Parameters: SimulatedRigOptions.
-///
-/// ~rate and ~camera_rate are on a steady clock, independent of ~time_factor.
-///
-/// A bad command, reading or force is dropped, counted and warned of at intervals; the set points
-/// or the force stay.
-///
-/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter.
+/// A bad command, reading or force is dropped, counted and warned of at intervals, as is a shape
+/// that does not balance; the set points or the force stay.
 class SimulatedRigNode : public Node {
  public:
   SimulatedRigNode()
@@ -101,7 +81,14 @@ class SimulatedRigNode : public Node {
         last_input_(last_step_),
         silent_(options_.regulator == "scene") {
     if (options_.regulator == "scene") {
-      regulator_ = makeSimulatedRegulator(scene_);
+      const regulator::Config& config = requireRegulator(scene_);
+      const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
+      if (simulated == nullptr) {
+        throw std::invalid_argument("scene " + scene_.name + " has another regulator, " +
+                                    regulator::describe(config) + "; expected regulator.simulated");
+      }
+      warnOfShortSupply(scene_);
+      regulator_.emplace(scene_.arm.actuatorCount(), *simulated);
       response_.step(regulator_->pressure(), 0);  // vented
     }
     if (options_.time_factor > 0) {

@@ -524,7 +524,7 @@ class VisionNode : public Node {
 
   /// @param node          where topics are relative to.
   /// @param private_node  where parameters are; names the node in diagnostics.
-  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found;
+  /// @throws io::DocumentError or std::invalid_argument with every fault found;
   /// NothingToDo.
   VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
       : host_(host),

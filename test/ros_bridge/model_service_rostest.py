@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""~forward and ~inverse of pressure_command: the model of its scene, within bounds, while targets are served."""
+import math
+import os
+import sys
+import threading
+
+import numpy as np
+import rospy
+import rostest
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from helix_arm import Scene  # noqa: E402
+from helix_arm.msg import TargetStatus  # noqa: E402
+from helix_arm.srv import Forward, Inverse  # noqa: E402
+from ros_case import CommanderCase  # noqa: E402
+
+DEMO = Scene.load("demo")
+
+
+def call(service, **request):
+    """Of flat arrays."""
+    name = "pressure_command/" + service.__name__.lower()
+    rospy.wait_for_service(name, 20)
+    return rospy.ServiceProxy(name, service)(**{key: value if isinstance(value, str) else list(np.ravel(value))
+                                                for key, value in request.items()})
+
+
+def random_pressures(rows, seed):
+    lower, upper = DEMO.limits_pa.T
+    return lower + np.random.RandomState(seed).rand(rows, 3) * (upper - lower)
+
+
+class ModelService(CommanderCase):
+    def test_forward_is_the_model_of_the_scene(self):
+        pressures = random_pressures(200, 1)
+        found, expected = call(Forward, pressure=pressures), DEMO.forward(pressures)
+        self.assertTrue(found.success, found.message)
+        self.assertEqual((found.rows, found.sections, len(found.converged)), (200, 1, 200))
+        self.assertTrue(all(found.converged))
+        for numbers, of_model in ((found.position, expected.tips), (found.orientation, expected.quaternions_xyzw),
+                                  (found.twist, expected.twists)):
+            np.testing.assert_allclose(np.reshape(numbers, of_model.shape), of_model, atol=1e-13)
+
+    def test_inverse_reaches_what_forward_gives(self):
+        wanted = np.vstack((DEMO.tips(random_pressures(50, 2)), [5, 0, 0]))
+        found = call(Inverse, position=wanted)
+        self.assertTrue(found.success, found.message)
+        self.assertEqual((found.rows, found.status), (51, 50 * ["reached"] + ["unreachable"]))
+        tips = DEMO.tips(np.reshape(found.pressure, (51, 3)))
+        self.assertLess(np.linalg.norm(tips - wanted, axis=1)[:50].max(), 2e-6)
+        self.assertGreater(found.position_error[50], 4)
+
+    def test_calls_that_break_a_rule_are_answered_with_it(self):
+        near = [0.3, 0, 0]
+        for service, request, words in (
+                (Forward, {"pressure": [1e5, 2e5]}, "expected rows of 3"),
+                (Forward, {"pressure": [1e5, math.nan, 0]}, "muscle_2 is asked for nan"),
+                (Forward, {"pressure": [1e5, 0, 0, 1e5, -1, 0]}, "muscle_2 is asked for -1; its limits are"),
+                (Forward, {"pressure": np.zeros(30003)}, "10001 rows; expected at most 10000"),
+                (Inverse, {"position": [0.3, 0]}, "expected rows of 3"),
+                (Inverse, {"position": [0.3, math.nan, 0]}, "position[1] is nan"),
+                (Inverse, {"position": near, "start": [1e5]}, "expected 3 or none"),
+                (Inverse, {"position": near, "start": [1e5, -1, 0]}, "start"),
+                (Inverse, {"position": near, "prefer": "low"}, 'prefer is "low"'),
+                (Inverse, {"position": np.zeros(3003)}, "1001 rows; expected at most 1000")):
+            with self.subTest(words):
+                response = call(service, **request)
+                self.assertFalse(response.success)
+                self.assertIn(words, response.message)
+                self.assertEqual(response.rows, 0)
+        for service in (Forward, Inverse):
+            self.assertTrue(call(service).success)
+
+    def test_a_large_batch_delays_no_target(self):
+        """A call that takes seconds, all of whose tips are out of reach, and targets meanwhile."""
+        self.connect()
+        far = [[5 + i, 1, 2] for i in range(1000)]
+        batch = threading.Thread(target=lambda: self.assertTrue(call(Inverse, position=far).success))
+        batch.start()
+        answered = 0
+        while batch.is_alive() and answered < 50:
+            self.assertEqual(self.send_pressures([1e4, 0, 0]).outcome, TargetStatus.REACHED, self.status[-1:])
+            answered += 1
+        self.assertGreater(answered, 1, "the batch was over at once")
+        batch.join()
+
+
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "model_service", ModelService, sys.argv)

@@ -1,0 +1,232 @@
+#!/usr/bin/env python3
+"""The series node: plays its rows in order, ends without a fault, and gives way to others."""
+import itertools
+import math
+import os
+import signal
+import sys
+
+import rospy
+import rostest
+from std_srvs.srv import Trigger, TriggerResponse
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
+from processes import SOURCE, wait_for  # noqa: E402
+from ros_case import RosCase  # noqa: E402
+
+BRISK = SOURCE + "/test/ros_bridge/scenes/brisk.yaml"
+THREE_ROWS = ("_data:=" + SOURCE + "/test/ros_bridge/series.csv", "_ramp_s:=0.2", "_hold_s:=0.5")
+
+
+class Series(RosCase):
+    def test_plays_its_rows_in_order_and_ends(self):
+        """No target of this test would be a command, too, and hold the lease against the series."""
+        commands = self.inbox("/replay/pressure_command", PressureArray)
+        self.assert_wait(lambda: commands)
+        series = self.run_node("pressure_series", "__ns:=replay", "_scene:=" + BRISK, *THREE_ROWS)
+        self.assertEqual(series.code(), 0, series.output())
+        for words in ("row 3 of 3", "no column for muscle_4, muscle_5, muscle_6, muscle_7"):
+            self.assertIn(words, series.output())
+        rows = [[1e5, 0, 5e4] + 4 * [0], [0, 2e5, 5e4] + 4 * [0], 3 * [3e4] + 4 * [0]]
+        played = [list(command.pressure) for command in commands]
+        self.assertEqual([row for row, _ in itertools.groupby(row for row in played if row in rows)], rows)
+
+    def test_yields_to_another_commander_and_continues_afterwards(self):
+        answers = self.inbox("/yield/target_status", TargetStatus)
+        publisher = rospy.Publisher("/yield/pressure_target", PressureArray, queue_size=10)
+
+        def is_of_series(answer):
+            return answer.commander == "/yield/pressure_series" and answer.outcome == TargetStatus.REACHED
+
+        self.assertTrue(answers.next(is_of_series))
+        target = PressureArray(pressure=7 * [1e5])
+        self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
+        self.assertTrue(answers.next(is_of_series))
+
+
+class SeriesEnd(RosCase):
+    """An arm of its own, whose commander may be silent for so long that only what the series says at its end brings it to
+    rest."""
+
+    def setUp(self):
+        self.scene = self.scene_with(BRISK, {"safety.target_timeout_s": 100, "safety.slew_kpa_s": 500})
+        self.safety, measured = self.inbox("/end/safety_state", SafetyState), self.inbox("/end/pressure_measured", PressureArray)
+        self.arm = self.start("pressure_command", "_frame_prefix:=end_")
+        self.assert_wait(lambda: self.safety and measured)
+
+    def why(self):
+        return self.safety[-1:], self.arm.output()
+
+    def start(self, name, *arguments):
+        return self.run_node(name, "__ns:=end", "_scene:=" + self.scene, *arguments)
+
+    def assert_comes_to(self, reason):
+        self.assert_wait(lambda: reason in self.safety[-1].reason)
+
+    def assert_rests_without_a_fault(self):
+        self.assert_comes_to("disabled: at rest")
+        self.assertEqual({state.cause for state in self.safety}, {"none"})
+        self.assertIn("enabled: ramps down to rest", [state.reason for state in self.safety])
+        self.assertNotRegex(self.arm.output(), "WARN|ERROR|FATAL")
+
+    def test_after_its_last_row_is_no_fault(self):
+        monitor = self.start("monitor", "_min_rate:=1")
+        self.assertTrue(monitor.prints("disabled"), monitor.output())
+        series = self.start("pressure_series", *THREE_ROWS)
+        self.assertEqual(series.code(), 0, series.output())
+        self.assert_rests_without_a_fault()
+        monitor.signal(signal.SIGINT)
+        self.assertEqual(monitor.code(), 0, monitor.output())
+        self.assertIn("the arm runs", monitor.output())
+
+    def test_on_request_is_no_fault(self):
+        series = self.start("pressure_series", "_loop:=true")
+        self.assert_comes_to("follows targets")
+        series.signal(signal.SIGINT)
+        self.assertEqual(series.code(), 0, series.output())
+        self.assert_rests_without_a_fault()
+
+
+class Told(RosCase):
+    """The series and a pressure_command whose answers the test determines."""
+    STANDS = [1e4, 2e4, 3e4, 0, 0, 0, 0]  # [Pa]
+
+    def setUp(self):
+        self.command = rospy.Publisher("/told/pressure_command", PressureArray, queue_size=100, latch=True)
+        self.status = rospy.Publisher("/told/target_status", TargetStatus, queue_size=100)
+        self.targets = self.inbox("/told/pressure_target", PressureArray)
+        self.tell(self.STANDS)
+        self.series = self.run_node("pressure_series", "__ns:=told", "__name:=series", "_scene:=" + BRISK, "_loop:=true",
+                                    "_ramp_s:=0.2", "_hold_s:=0")
+        self.assert_wait(lambda: self.status.get_num_connections() > 0)
+
+    def why(self):
+        return self.series.output()
+
+    def tell(self, pressure):
+        self.command.publish(PressureArray(pressure=pressure))
+
+    def answer(self, outcome, fault="", stamp=rospy.Time()):
+        self.status.publish(TargetStatus(target_stamp=stamp, commander="/told/series", outcome=outcome, fault=fault,
+                                         message="told so"))
+
+    def assert_moves(self):
+        self.assertTrue(self.targets.next(lambda target: list(target.pressure) != self.STANDS), self.series.output())
+
+
+class Answers(Told):
+    def test_answers_without_targets_do_no_harm(self):
+        """To targets that it never sent, before any command came."""
+        self.answer(TargetStatus.DROPPED, "stale")
+        self.answer(TargetStatus.REACHED)
+        self.answer(255)
+        self.assert_moves()
+
+
+class Commands(Told):
+    """Once it commands."""
+
+    def setUp(self):
+        super().setUp()
+        self.assert_moves()
+
+    def assert_fails_while(self, trouble):
+        """It exits with 1 while this continues."""
+        self.assert_wait(lambda: trouble() or self.series.code(0.05) is not None)
+        self.assertEqual(self.series.code(0), 1, self.series.output())
+
+    def end_with_answers(self, without, asked=False, answered=0):
+        """Accepts the targets that came, except for the first and the last ones, until the series ends, with 0; it is asked to
+        once it commands, if not before."""
+        def is_over():
+            nonlocal asked, answered
+            for target in self.targets[answered:max(answered, len(self.targets) - without)]:
+                self.answer(TargetStatus.REACHED, stamp=target.header.stamp)
+                answered += 1
+            if answered > 10 and not asked:
+                self.series.signal(signal.SIGINT)
+                asked = True
+            return self.series.code(0.01) is not None
+
+        wait_for(is_over)
+        self.assertEqual(self.series.code(0), 0, self.series.output())
+
+    def assert_asks_for_rest(self, asks):
+        """There is no such service."""
+        words = "/told/pressure_command/rest does not exist" if asks else "/rest"
+        self.assertEqual(words in self.series.output(), asks, self.series.output())
+
+    def test_what_came_late_or_to_a_disabled_arm_is_waited_for(self):
+        for fault in ("stale", "not_enabled"):
+            self.answer(TargetStatus.DROPPED, fault)
+            self.assertTrue(self.targets.next(lambda target: list(target.pressure) == self.STANDS), fault)
+            self.answer(TargetStatus.REACHED)
+            self.assert_moves()
+        self.assertTrue(self.series.prints("the series waits: told so"), self.series.output())
+
+    def test_targets_that_are_all_refused_for_what_they_ask_end_the_series(self):
+        """A single refusal does not, whoever sent it; nor do many with accepted targets in between."""
+        for k in range(20):
+            self.answer(TargetStatus.DROPPED, "out_of_range")
+            if k % 5 == 0:
+                self.answer(TargetStatus.REACHED)
+        self.assertTrue(self.series.prints("the series was refused: told so"), self.series.output())
+        self.assert_moves()
+        self.assert_fails_while(lambda: self.answer(TargetStatus.DROPPED, "out_of_range"))
+        self.assertIn("told so, and nothing else for 2 s", self.series.output())
+
+    def test_commands_that_are_all_of_another_arm_end_the_series(self):
+        for k in range(20):
+            self.tell([1e5, 1e5])
+            if k % 5 == 0:
+                self.tell(self.STANDS)
+        foreign = len(self.STANDS) * [math.nan]
+        self.tell(foreign)
+        self.tell(self.STANDS)
+        self.assertTrue(self.series.prints("pressure_command does not match scene"), self.series.output())
+        self.assert_moves()
+        self.assert_fails_while(lambda: self.tell(foreign))
+
+    def test_who_is_asked_for_rest_gets_no_target_afterwards(self):
+        before = []
+
+        def on_rest(request):
+            before.append(len(self.targets))
+            return TriggerResponse(True, "comes to rest")
+
+        self.addCleanup(rospy.Service("/told/pressure_command/rest", Trigger, on_rest).shutdown)
+        self.end_with_answers(0)
+        self.assertEqual(before, [len(self.targets)])
+        self.assertIn("comes to rest", self.series.output())
+
+    def test_an_arm_that_does_not_answer_is_not_asked_for_rest(self):
+        """Its last target may still be on its way and would cancel the request."""
+        self.end_with_answers(1)
+        self.assert_asks_for_rest(False)
+
+    def test_without_the_service_the_series_ends_and_says_so(self):
+        self.end_with_answers(0)
+        self.assert_asks_for_rest(True)
+
+    def test_who_is_ended_before_the_first_answer_waits_for_it(self):
+        """Before the answer it cannot know whether the arm follows it."""
+        self.series.signal(signal.SIGINT)
+        self.end_with_answers(0, True)
+        self.assert_asks_for_rest(True)
+
+    def test_who_is_ended_before_it_hears_an_answer_repeats_its_target(self):
+        """The first answers are lost where target_status was not connected yet."""
+        self.series.signal(signal.SIGINT)
+        self.assert_wait(lambda: len(self.targets) > 1 and self.targets[-1].pressure == self.targets[-2].pressure)
+        self.end_with_answers(0, True, len(self.targets) - 1)
+        self.assert_asks_for_rest(True)
+
+    def test_who_is_never_answered_ends_all_the_same(self):
+        self.series.signal(signal.SIGINT)
+        self.assertEqual(self.series.code(), 0, self.series.output())
+        self.assert_asks_for_rest(False)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "series", "__main__", sys.argv)

@@ -1,0 +1,71 @@
+#!/usr/bin/env python3
+"""The model of an arm under load: its tier, where no shape holds the load, scenes without load."""
+import itertools
+import os
+import sys
+
+import numpy as np
+import rospy
+import rostest
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from helix_arm import Scene  # noqa: E402
+from helix_arm.msg import ArmShape, TargetStatus  # noqa: E402
+from helix_arm.srv import Reload  # noqa: E402
+from processes import SOURCE  # noqa: E402
+from ros_case import CommanderCase  # noqa: E402
+
+LOADED = SOURCE + "/config/scenes/loaded.yaml"
+
+
+def reload(scene):
+    rospy.wait_for_service("pressure_command/reload", 20)
+    return rospy.ServiceProxy("pressure_command/reload", Reload)(scene).success
+
+
+class UnderLoad(CommanderCase):
+    def setUp(self):
+        super().setUp()
+        self.model = self.inbox("model", ArmShape)
+        self.assertTrue(reload("loaded"))
+        self.connect()
+
+    def assert_diagnosed(self, **values):
+        self.assert_wait(lambda: values.items() <= self.diagnosed("model").items())
+
+    def test_the_model_is_of_the_loaded_tier_in_pieces(self):
+        model = self.model.next()
+        self.assertEqual((model.tier, model.sections, model.pieces, len(model.piece_twist)), ("loaded", 1, 8, 48))
+        self.assertGreaterEqual(model.order, 2)
+        self.assertTrue(model.tier_reason)
+        self.assert_diagnosed(tier="loaded", order=str(model.order), solve_status="converged")
+
+    def test_where_no_shape_holds_the_load_there_is_no_model_and_the_diagnostics_say_so(self):
+        """An arm on its head, with more on it than it can bear at every pressure."""
+        path = self.scene_with(LOADED, {"tier": "loaded", "order": 2, "arm.base.rpy_deg": [0, -90, 0], "load.mass_kg": 20})
+        scene = Scene.load(path)
+        corners = np.array(list(itertools.product((1e4, 4e5), repeat=3)))
+        holds = scene.forward(corners).converged
+        self.assertTrue(holds.any() and not holds.all())
+        self.assertTrue(reload(path))
+        self.assertEqual(self.send_pressures(corners[~holds][-1]).outcome, TargetStatus.REACHED)
+        self.assert_diagnosed(solve_status="not_converged")
+        self.assertGreater(int(self.diagnosed("model")["unsolved"]), 0)
+        first = len(self.model)
+        self.assertEqual(self.send_pressures(corners[holds][-1]).outcome, TargetStatus.REACHED)
+        self.assert_diagnosed(solve_status="converged")
+        self.assertTrue(self.model.next())
+        # Every model is one of pressures at which there is a shape.
+        for model in self.model[first:]:
+            pressure = self.measured.at(model.header.stamp).pressure
+            self.assertTrue(scene.forward(np.clip(pressure, *scene.limits_pa.T)).converged)
+
+    def test_a_reloaded_scene_without_load_is_of_the_linear_tier(self):
+        self.assertTrue(reload(self.scene_with(LOADED, {"load": None})))
+        model = self.model.next(lambda one: one.tier == "linear")
+        self.assertEqual((model.order, model.pieces), (0, 1))
+        self.assert_diagnosed(tier="linear")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "under_load", UnderLoad, sys.argv)
