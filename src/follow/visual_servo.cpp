@@ -417,6 +417,11 @@ struct VisualServo::Workspace {
     return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
   }
 
+  void forgetContact() {
+    contact.reset();
+    watch.reset();
+  }
+
   bool maySee(double now) const {
     return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
            tip_deviation < kSureTip;
@@ -654,6 +659,7 @@ struct VisualServo::Workspace {
   bool fades = false;  // the correction decays to 0
   // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
   Eigen::Vector3d beyond = Eigen::Vector3d::Zero(), beyond_goal = Eigen::Vector3d::Zero();
+  double touched_at = 0.0;                                       // the contact was found [s]
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
 
   std::optional<Target> target;
@@ -729,10 +735,7 @@ void VisualServo::enable(bool enabled) {
     release();
     // What held the arm then says nothing of the arm that is vented. The watch, which knew the arm
     // under that load, begins anew.
-    if (w.contact.load().contact) {
-      w.contact.reset();
-      w.watch.reset();
-    }
+    if (w.contact.load().contact) w.forgetContact();
   }
   w.enabled = enabled;
 }
@@ -784,6 +787,9 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   w.settle(dt, set_point, reading);
   w.response.follow(w.observer);
 
+  const bool waited = time - w.touched_at > w.config.yield_timeout &&
+                      time - w.accepted_at[0] <= w.config.stale_after;
+  if (waited && w.contact.load().contact && w.on_contact == OnContact::kYield) w.forgetContact();
   const LoopState before = w.turn.state;
   w.turn.state = w.nextState(time);
   w.turn.held = w.yields();
@@ -826,7 +832,10 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                            w.by_lag};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.watch);
-  if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
+  if (!touched && w.contact.load().contact) {
+    w.touched_at = now;
+    if (w.on_contact == OnContact::kStop) hold();
+  }
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
   w.learnMode(twists);

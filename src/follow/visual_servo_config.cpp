@@ -40,6 +40,7 @@ void VisualServoConfig::validate() const {
   basics::requirePositive(kCulprit, {{"the smoothing time [s]", smoothing},
                                      {"the time after which it coasts [s]", stale_after},
                                      {"the time for which it coasts [s]", coast_time},
+                                     {"the time for which it yields [s]", yield_timeout},
                                      {"the regulator's time constant [s]", time_constant},
                                      {"the noise of a reading [Pa]", reading_noise}});
   basics::requireNotNegative(kCulprit, "the creep of the watch [s^-1/2]", watch_creep);

@@ -166,14 +166,13 @@ template <class Group>
 void ArmOf<Group>::refuse(const InputRef& q) const {
   basics::require(q.size() == actuatorCount(), "got ", q.size(), " inputs; the arm has ",
                   actuatorCount(), " actuators");
-  for (int i = 0; i < actuatorCount(); ++i) {
-    const Range& limits = actuators_[i].limits;
-    if (limits.contains(q[i])) continue;
-    const DriveUnit unit = unitOf(actuators_[i].drive);
-    throw std::out_of_range(basics::messageOf(
-        actuators_[i].name, " is asked for ", q[i], "; its limits are [", limits.lower, ", ",
-        limits.upper, "] ", unit.si, unit.pressure ? " (gauge)" : ""));
-  }
+  int i = 0;
+  while (i + 1 < actuatorCount() && actuators_[i].limits.contains(q[i])) ++i;
+  const Range& limits = actuators_[i].limits;
+  const DriveUnit unit = unitOf(actuators_[i].drive);
+  throw std::out_of_range(basics::messageOf(actuators_[i].name, " is asked for ", q[i],
+                                            "; its limits are [", limits.lower, ", ", limits.upper,
+                                            "] ", unit.si, unit.pressure ? " (gauge)" : ""));
 }
 
 template <class Group>

@@ -176,6 +176,16 @@ TEST_F(LoopStates, ToldNotToCloseItIsOpen) {
   }
 }
 
+TEST_F(LoopStates, AYieldEndsByItself) {
+  reach(LoopState::kYielding);
+  bench_.run(LoopBench::config().yield_timeout - 3);
+  EXPECT_EQ(state(), LoopState::kYielding);
+  bench_.run(6);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_FALSE(bench_.loop.load().contact);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
 TEST_F(LoopStates, YieldsWhereItIsKeptOpenToo) {
   bench_.loop.setOnContact(OnContact::kYield);
   close();

@@ -48,6 +48,7 @@ const std::string kFollowScene = kSpatialScene + R"(follow:
   on_contact: stop
   contact_limit: 40
   reading_noise_kpa: 1.5
+  yield_timeout_s: 20
 )";
 
 TEST(ControlRules, BreakingOneIsReported) {
@@ -226,6 +227,10 @@ TEST(FollowScene, IsInSi) {
   EXPECT_EQ(membersOf(loop),
             std::make_tuple(0.4, 0.5, 5, 0.1 * 0.3, 1500, 0.1, 0.3, 1 / (2 * basics::kPi * 4 * 0.2),
                             0.004, OnContact::kStop, 40));
+  EXPECT_EQ(loop.yield_timeout, 20);
+  ASSERT_TRUE(loop.mode);
+  EXPECT_EQ(loop.mode->frequency, 4);
+  EXPECT_EQ(loop.mode->damping, 0.2);
   EXPECT_EQ(loop.time_constant, 0.3) << "of safety.follow";
   EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
   EXPECT_NO_THROW(loop.validate());

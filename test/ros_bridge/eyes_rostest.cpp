@@ -482,13 +482,13 @@ TEST(File, PicturesOfATopicAreNotRepublished) {
 TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   ros::NodeHandle node("failed_vision");
   Inbox<VisionStatus> statuses(node, names::kVisionStatus);
-  ros_bridge::VisionStatusPublisher publisher(node, {"vision", "arm_base", "topic"});
+  ros_bridge::VisionStatusPublisher publisher(node, "vision", "arm_base", "topic");
   ASSERT_TRUE(waitFor([&] {
     publisher.report("demo");
     return !statuses.all().empty();
   }));
   publisher.enter(VisionStatus::MEASURED, "three tags");
-  publisher.fail("it has failed");
+  publisher.close("it has failed");
   publisher.enter(VisionStatus::MEASURED, "three tags");
   publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
   publisher.enter(VisionStatus::ENDED, "the file has ended");

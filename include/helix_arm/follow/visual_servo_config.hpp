@@ -52,6 +52,8 @@ struct VisualServoConfig {
   std::optional<estimation::PlacedView> placed = {};
   estimation::LoadForksOptions contact;       ///< what counts as contact
   OnContact on_contact = OnContact::kReport;  ///< may change with each target
+  /// A yielding arm that is seen to be touched for longer takes the load as its own, > 0 [s].
+  double yield_timeout = 30.0;
 
   /// Of the filter that watches for loads.
   estimation::ArmFilterOptions watchFilter() const;

@@ -321,6 +321,7 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
        {"bias_translation_m", kSmallLength, filter.bias_translation},
        {"bias_rotation_deg", kSmallAngle, filter.bias_rotation, kDegree},
        {"on_contact", oneOfNamed(follow::kContactReactions), loop.on_contact},
+       {"yield_timeout_s", kFollowTime, loop.yield_timeout},
        {"contact_limit", within(kPositive, 1, 1e6), loop.contact.limit},
        {"reading_noise_kpa", within(kPositive, 1e-3, 100, " kPa"), loop.reading_noise, kKilo}});
   if (!keys) return loop;
