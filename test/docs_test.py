@@ -116,13 +116,14 @@ def test_names(root):
             elif function == "endforeach" and loops:
                 loops.pop()
             elif function in ("helix_arm_test", "helix_arm_rostest", "helix_arm_python_test",
-                              "helix_arm_python_rostest", "helix_arm_process_test", "helix_arm_fuzz", "add_test", "add_executable") and words:
+                              "helix_arm_python_rostest", "helix_arm_process_test", "helix_arm_fuzz", "helix_arm_benchmark",
+                              "add_test", "add_executable") and words:
                 name = words[1] if words[0] == "NAME" and len(words) > 1 else words[0]
                 for values in itertools.product(*(items for _, items in loops)):
                     full = name
                     for (variable, _), value in zip(loops, values):
                         full = full.replace("${%s}" % variable, value)
-                    (programs if function == "add_executable" else names).add(full)
+                    (programs if function in ("add_executable", "helix_arm_benchmark") else names).add(full)
     return names, programs
 
 

@@ -202,7 +202,7 @@ TEST(Follow, ASlowLoopIsWarnedOf) {
   const Outcome outcome =
       follow({"--tip", "0.36,0.03,0.02", "--seconds", "1", "--set", "follow.mode_hz=0.5"});
   EXPECT_EQ(outcome.exit_code, 0);
-  EXPECT_EQ(outcome.err.find("follow: the loop smooths over 2."), 0u) << outcome.err;
+  EXPECT_EQ(outcome.err.find("follow: the loop smooths over 3."), 0u) << outcome.err;
 }
 
 TEST(Follow, ThePictureShowsTheRun) {

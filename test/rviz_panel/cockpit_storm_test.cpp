@@ -704,6 +704,15 @@ int main(int argc, char** argv) {
   QApplication application(argc, argv);
   ::testing::InitGoogleTest(&argc, argv);
   ros::init(argc, argv, "cockpit_storm_test", ros::init_options::NoSigintHandler);
-  const ros::NodeHandle started;  // another user of the node, as the displays of rviz are
-  return RUN_ALL_TESTS();
+  ros::start();  // the node outlives every link, as that of rviz does
+  const int result = RUN_ALL_TESTS();
+  // The link of the last window ends in a thread of its own.
+  const auto ended = [] {
+    ros::V_string topics;
+    ros::this_node::getSubscribedTopics(topics);
+    return topics.empty();
+  };
+  if (!QTest::qWaitFor(ended, 30'000)) return 1;
+  ros::shutdown();
+  return result;
 }
