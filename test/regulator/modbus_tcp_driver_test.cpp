@@ -19,6 +19,7 @@ using test::eventually;
 using test::mpaProfile;
 using test::quietDevice;
 using test::RawModbus;
+using test::refusal;
 using test::vtemProfile;
 using Words = RawModbus::Words;
 
@@ -39,11 +40,6 @@ Eigen::VectorXd readingOf(const std::unique_ptr<Driver>& driver, int channels) {
   Pressures pressures(channels);
   driver->read(pressures);
   return pressures.pressure;
-}
-
-template <class Error>
-std::string refusal(const std::function<void()>& call) {
-  return test::refusal<Error>(call);
 }
 
 void expectHas(const std::string& text, const std::vector<std::string>& parts) {
@@ -85,22 +81,19 @@ TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
 
 TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    EmulatedDevice device(quietDevice(profile, 6));
-    const auto driver = modbusTcpDriver(configOf(profile, device.port(), {5, 0, 2}));
-    driver->connect();
-    driver->write(regulate({3e5, 1e5, 2e5}));
+    Connected at(profile, 6, {5, 0, 2});
+    at.driver->write(regulate({3e5, 1e5, 2e5}));
     // The lag of 0.01 s leaves less than half a count after 20 of it.
-    ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[5] - 3e5) < 1e-3; }));
-    EXPECT_EQ(readingOf(driver, 3), Eigen::Vector3d(3e5, 1e5, 2e5)) << profile.name;
+    ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[5] - 3e5) < 1e-3; }));
+    EXPECT_EQ(readingOf(at.driver, 3), Eigen::Vector3d(3e5, 1e5, 2e5)) << profile.name;
   }
 }
 
 TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    EmulatedDevice device(quietDevice(profile, 4));
-    const auto first = modbusTcpDriver(configOf(profile, device.port(), {0, 1, 2, 3}));
-    first->connect();
-    first->write(regulate({3e5, 3e5, 3e5, 3e5}));
+    Connected at(profile, 4, {0, 1, 2, 3});
+    const EmulatedDevice& device = at.device;
+    at.driver->write(regulate({3e5, 3e5, 3e5, 3e5}));
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 2.9e5; }));
     // Of a slot that it uses, the outlet as well that it does not.
     const auto second = modbusTcpDriver(configOf(profile, device.port(), {0, 2}));
@@ -114,14 +107,13 @@ TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
 }
 
 TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
-  EmulatedDevice device(quietDevice(vtemProfile(), 6));
-  const RawModbus raw(device.port());
+  Connected at(vtemProfile(), 6, {0, 4});
+  const RawModbus raw(at.device.port());
   ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
   ASSERT_TRUE(raw.write(40006, {195, 1234, 567}));
-  const auto driver = modbusTcpDriver(configOf(vtemProfile(), device.port(), {0, 4}));
-  driver->connect();
-  driver->write(regulate({1e5, 1e5}));
-  driver->vent();
+  at.driver->connect();
+  at.driver->write(regulate({1e5, 1e5}));
+  at.driver->vent();
   EXPECT_EQ(raw.read(40006, 3), (Words{195, 1234, 567}));
 }
 
@@ -284,12 +276,6 @@ TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
   expectHas(said(broken, {0}), {"profile festo_mpa: count_pa is 0"});
 }
 
-TEST(ModbusProfile, TheShippedOnesAreValid) {
-  EXPECT_NO_THROW(vtemProfile().validate());
-  EXPECT_NO_THROW(mpaProfile().validate());
-  EXPECT_NO_THROW(ModbusProfile().validate());
-}
-
 // The sixteenth outlet is the second one of the eighth slot.
 TEST(ModbusProfile, PlacesCountTheOutletsOfAllSlots) {
   const ModbusProfile vtem = vtemProfile();
@@ -349,10 +335,13 @@ TEST(ModbusProfile, EachBrokenRuleIsNamedWithItsValue) {
       {[](auto& p) { p.app->activation_time = 0; },
        "app.activation_time_s is 0; expected 0.01 to 60"},
   };
+  EXPECT_NO_THROW(vtemProfile().validate());
+  EXPECT_NO_THROW(mpaProfile().validate());
+  EXPECT_NO_THROW(ModbusProfile().validate());
   for (const auto& rule : kRules) {
     ModbusProfile profile = vtemProfile();
     rule.breaks(profile);
-    const std::string said = test::refusal([&profile] { profile.validate(); });
+    const std::string said = refusal([&profile] { profile.validate(); });
     EXPECT_EQ(said.find(std::string("profile festo_vtem: ") + rule.said), 0u)
         << said << "\nexpected " << rule.said;
   }
