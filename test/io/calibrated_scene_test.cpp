@@ -393,39 +393,37 @@ TEST(CalibratedScene, LimitsBeyondANewCurveAreFaults) {
 }
 
 TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
-  SceneCalibration change = calibration();
-  change.X_CB = lie::SE3();
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: the base is seen from a camera, but scene flat has none; "
-            "expected one with a camera");
-  change = calibration();
-  change.bleed = 1e-4;
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: tags are calibrated, but scene flat has none; expected one with "
-            "tags");
-  change = calibration();
-  change.length_scale = Eigen::Vector3d::Ones();
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: the number of length scales is 3; expected 2");
-  change = calibration();
-  change.tags = sceneOf(kSpatialScene).tags;
-  change.tags->tags[1].id = 30;
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: tag 1 of scene rig is not placed on its section; expected all "
-            "tags of the scene");
-  change = calibration();
-  change.contractions = {{"mussel", quintic(4e5)}};
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: scene rig has no contraction mussel; expected muscle, bellows or "
-            "cable");
-  change.contractions = {{"cable", quintic(4e5)}};
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: contraction cable of scene rig is a tendon; expected one that "
-            "pressure drives");
-  change.contractions = {{"muscle", {}}};
-  change.contractions[0].second.reason = "too few";
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: contraction muscle has no curve: too few");
+  const auto expect = [](const std::string& scene, const std::string& said, const auto& made) {
+    SceneCalibration change = calibration();
+    made(change);
+    EXPECT_EQ(refusal(scene, change), "calibratedSceneText: " + said);
+  };
+  expect(kPlanarScene,
+         "the base is seen from a camera, but scene flat has none; expected one with a camera",
+         [](auto& change) { change.X_CB = lie::SE3(); });
+  expect(kPlanarScene, "tags are calibrated, but scene flat has none; expected one with tags",
+         [](auto& change) { change.bleed = 1e-4; });
+  expect(kPlanarScene, "the number of length scales is 3; expected 2",
+         [](auto& change) { change.length_scale = Eigen::Vector3d::Ones(); });
+  expect(kSpatialScene,
+         "tag 1 of scene rig is not placed on its section; expected all tags of the scene",
+         [](auto& change) {
+           change.tags = sceneOf(kSpatialScene).tags;
+           change.tags->tags[1].id = 30;
+         });
+  expect(kSpatialScene, "scene rig has no contraction mussel; expected muscle, bellows or cable",
+         [](auto& change) {
+           change.contractions = {{"mussel", quintic(4e5)}};
+         });
+  expect(kSpatialScene,
+         "contraction cable of scene rig is a tendon; expected one that pressure drives",
+         [](auto& change) {
+           change.contractions = {{"cable", quintic(4e5)}};
+         });
+  expect(kSpatialScene, "contraction muscle has no curve: too few", [](auto& change) {
+    change.contractions = {{"muscle", {}}};
+    change.contractions[0].second.reason = "too few";
+  });
 }
 
 TEST(CalibratedScene, ABrokenOneNeverLeaves) {
