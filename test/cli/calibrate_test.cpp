@@ -141,18 +141,6 @@ TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
   expectKept("pressure_1_kpa,curvature_rad\n0,0.01\n100,0.3\n", "bend the arm farther", "K_gamma");
 }
 
-TEST(Calibrate, NeitherDataNorScenesAreWrittenOver) {
-  const std::string text = curvatures(scenePath("spatial_50"), 2.1e-4, 3);
-  const TemporaryFile data(text), scene(contentOf(scenePath("spatial_50")));
-  for (const std::string& input : {data.path(), scene.path()}) {
-    expectCallerError(calibrate(scene.path(), {data.path()}, {"--out", input}), "is an input");
-  }
-  expectCallerError(calibrate(scenePath("spatial_50"), {data.path()},
-                              {"--also", scene.path() + "," + data.path(), "--out", scene.path()}),
-                    "is an input");
-  EXPECT_EQ(contentOf(data.path()), text);
-}
-
 TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
   const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
   const TemporaryFile lengths("pressure_kpa,length_m\n0,0.42\n200,0.37\n413.6856,0.334\n");

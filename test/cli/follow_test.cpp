@@ -171,15 +171,6 @@ TEST(Follow, ATipOutOfReachIsNoError) {
   EXPECT_GT(result["steady_rms_m"][1].get<double>(), 0.1);
 }
 
-TEST(Follow, PathsThatTheArmCannotFollowAreRefused) {
-  const TemporaryFolder folder;
-  const std::string fast = circle(folder, "0.5");
-  expectCallerError(follow({"--path", fast, "--seconds", "3"}),
-                    "--path " + fast + ": the path is too fast after ");
-  const Outcome stretched = follow({"--path", circle(folder, "1"), "--seconds", "3"});
-  EXPECT_EQ(stretched.exit_code, 0) << stretched.err;
-}
-
 TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
   const TemporaryFolder folder;
   const Outcome outcome = follow({"--path", circle(folder, "8"), "--seconds", "0.3"});

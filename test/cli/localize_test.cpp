@@ -201,15 +201,5 @@ TEST_F(Localize, APictureThatIsBrokenOrShowsNoTagsIsNamedAndTheOthersAreMeasured
   EXPECT_EQ(framesOf({blank}, 1).size(), 1u) << "it alone is a failure";
 }
 
-TEST_F(Localize, AFileThatIsNotAPictureIsACallerError) {
-  const std::string endless = *folder_ / std::string(300, 'x');
-  for (const auto& [path, said] :
-       {std::pair{write("notes.txt", "x"), " is n"},
-        {*folder_ / "nothing.jpg", " is n"},
-        {endless, " is neither a file nor a folder: File name too long"}}) {
-    expectCallerError(runCommand({"localize", scenePath("demo"), path}), path + said);
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -169,10 +169,6 @@ TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,50"}),
                     "set moves the hardware modbus_tcp festo_vtem at 127.0.0.1:" +
                         std::to_string(device.port()) + "; add --yes once nobody is within");
-  expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,301", "--yes"}),
-                    "asks muscle_3 for 301 kPa; its limits are 0 kPa to 300 kPa");
-  expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0", "--yes"}),
-                    "has 2 values");
   EXPECT_EQ(device.taken(), 0u);
 }
 

@@ -28,12 +28,6 @@ Outcome workspace(const std::string& scene, const std::vector<std::string>& more
   return runCommand({"workspace", scene, "--format", "json"}, more);
 }
 
-std::set<std::string> namesIn(const std::string& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
-  return names;
-}
-
 struct Ply {
   std::size_t vertices = 0;
   std::vector<std::string> properties;  // all of them float

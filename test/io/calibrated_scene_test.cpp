@@ -163,9 +163,14 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
 }
 
 TEST(CalibratedScene, StatesItsOrigin) {
-  const Scene scene = calibrated(kSpatialScene, calibration());
+  SceneCalibration change = calibration();
+  Provenance& expected = change.provenance;
+  const std::string name = expected.parameters[0].name, other = expected.parameters[1].name;
+  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
+  expected.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
+                           {{{name, -s}, {other, c}}, 2.0 / 3, false}};
+  const Scene scene = calibrated(kSpatialScene, change);
   ASSERT_TRUE(scene.calibration);
-  const Provenance expected = provenance();
   EXPECT_EQ(scene.calibration->date, expected.date);
   EXPECT_EQ(scene.calibration->from, expected.from);
   EXPECT_EQ(scene.calibration->from_sha256, expected.from_sha256);
@@ -179,26 +184,16 @@ TEST(CalibratedScene, StatesItsOrigin) {
   EXPECT_EQ(scene.calibration->parameters[0].unit, "m^2");
   EXPECT_EQ(scene.calibration->parameters[1].unit, "");
   EXPECT_EQ(scene.calibration->held_out_error, 0.4);
-  const std::string text =
-      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
-  EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
-}
-
-TEST(CalibratedScene, StatesTheCombinationsOfItsStiffness) {
-  SceneCalibration change = calibration();
-  const std::string name = change.provenance.parameters[0].name;
-  const std::string other = change.provenance.parameters[1].name;
-  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
-  change.provenance.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
-                                    {{{name, -s}, {other, c}}, 2.0 / 3, false}};
-  const Scene scene = calibrated(kSpatialScene, change);
   const auto& read = scene.calibration->combinations;
   ASSERT_EQ(read.size(), 2u);
   for (std::size_t i = 0; i < 2; ++i) {
-    EXPECT_EQ(read[i].exponents, change.provenance.combinations[i].exponents);
-    EXPECT_EQ(read[i].relative_error, change.provenance.combinations[i].relative_error);
+    EXPECT_EQ(read[i].exponents, expected.combinations[i].exponents);
+    EXPECT_EQ(read[i].relative_error, expected.combinations[i].relative_error);
     EXPECT_EQ(read[i].identifiable, i == 0);
   }
+  const std::string text =
+      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
+  EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
 }
 
 TEST(CalibratedScene, MayBeCalibratedAgain) {
