@@ -16,6 +16,13 @@ json findingOf(const json& result, const std::string& check) {
   return nullptr;
 }
 
+// The finding of a check that has to find something.
+json foundBy(const json& result, const std::string& check) {
+  const json finding = findingOf(result, check);
+  if (finding.is_null()) throw std::runtime_error("no " + check + " in " + result.dump());
+  return finding;
+}
+
 TEST(Check, ASoundRigPassesAndTellsWhatIsSeen) {
   const json result = resultOf({"check", scenePath("demo")});
   EXPECT_EQ(result["scene"], "demo");
@@ -48,8 +55,7 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
                     device = "regulator.ascii_serial.device=/tmp/no_such_regulator";
   EXPECT_EQ(runCommand({"check", scene, "--set", device}).exit_code, 0);
   const json result = resultOf({"check", scene, "--set", device, "--probe"}, 1);
-  const json finding = findingOf(result, "no_answer");
-  ASSERT_FALSE(finding.is_null()) << result;
+  const json finding = foundBy(result, "no_answer");
   EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
   EXPECT_TRUE(result["probed"]);
 }
@@ -74,8 +80,7 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
   const json result = resultOf({"check", device.scene(), "--probe", "--set",
                                 "regulator.modbus_tcp.profile=" + profile.path()},
                                1);
-  const json finding = findingOf(result, "bad_reply");
-  ASSERT_FALSE(finding.is_null()) << result;
+  const json finding = foundBy(result, "bad_reply");
   EXPECT_EQ(finding["severity"], "fault");
   EXPECT_NE(finding["culprit"].get<std::string>().find(" at 127.0.0.1:"), std::string::npos);
   EXPECT_NE(finding["value"].get<std::string>().find("atmosphere_kpa"), std::string::npos);
@@ -85,8 +90,7 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
 TEST(Check, AChannelWithoutReadingIsNamed) {
   const auto modbus = EmulatedRegulator::Line::kModbus;
   EXPECT_TRUE(findingOf(probed(modbus, simulation::DeviceFault::kNone), "no_reading").is_null());
-  const json finding = findingOf(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
-  ASSERT_FALSE(finding.is_null());
+  const json finding = foundBy(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
   EXPECT_EQ(finding["severity"], "fault");
   EXPECT_EQ(finding["culprit"], "muscle_1");
 }
@@ -99,8 +103,7 @@ TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
     EXPECT_EQ(
         name.find(line == Line::kSerial ? "ascii_serial generic at " : "modbus_tcp festo_vtem"),
         0u);
-    const json finding = findingOf(result, "answered");
-    ASSERT_FALSE(finding.is_null());
+    const json finding = foundBy(result, "answered");
     EXPECT_EQ(finding["severity"], "note");
     EXPECT_EQ(finding["culprit"], name);
     const std::string value = finding["value"];

@@ -52,14 +52,6 @@ nlohmann::json resultOf(const std::vector<std::string>& arguments, int exit_code
   return outcome.json();
 }
 
-void expectCallerErrors(const std::vector<std::string>& begin,
-                        const std::vector<Refusal>& refusals) {
-  for (const auto& [arguments, message] : refusals) {
-    SCOPED_TRACE(testing::PrintToString(arguments));
-    expectCallerError(runCommand(begin, arguments), message);
-  }
-}
-
 void expectCallerError(const Outcome& outcome, const std::string& message) {
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_EQ(outcome.out, "");

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "nlohmann/json.hpp"
@@ -28,13 +27,6 @@ nlohmann::json resultOf(const std::vector<std::string>& arguments, int exit_code
 
 /// Expects exit code 2, nothing on stdout and this on stderr.
 void expectCallerError(const Outcome& outcome, const std::string& message);
-
-/// Arguments that are refused, and what is said.
-using Refusal = std::pair<std::vector<std::string>, std::string>;
-
-/// Expects it of each call that begins with the same arguments.
-void expectCallerErrors(const std::vector<std::string>& begin,
-                        const std::vector<Refusal>& refusals);
 
 /// Path of a shipped scene.
 std::string scenePath(const std::string& name);

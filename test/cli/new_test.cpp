@@ -14,21 +14,40 @@
 namespace helix_arm::test {
 namespace {
 
-TEST(New, TheDefaultSceneLoadsAndPassesTheCheck) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm_7.yaml";
-  const Outcome outcome = runCommand({"new", "--out", out, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.json()["scene"], "arm_7");
-  EXPECT_EQ(outcome.json()["actuators"], 3);
-  const io::Scene scene = io::loadScene(out);
-  EXPECT_EQ(outcome.json()["tags"], scene.tags->tags.size());
-  const Outcome check = runCommand({"check", out, "--format", "json"});
-  EXPECT_EQ(check.exit_code, 0) << check.out;
-  EXPECT_EQ(check.json()["passed"], true);
+class New : public testing::Test {
+ protected:
+  // Writes the scene of these options.
+  Outcome write(const std::vector<std::string>& options,
+                const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> call{"new", "--out", out_, "--force"};
+    call.insert(call.end(), options.begin(), options.end());
+    const Outcome outcome = runCommand(call, more);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome;
+  }
+  io::Scene made(const std::vector<std::string>& options,
+                 const std::vector<std::string>& more = {}) const {
+    write(options, more);
+    return io::loadScene(out_);
+  }
+  void expectSound(const std::vector<std::string>& more = {}) const {
+    const Outcome check = runCommand({"check", out_}, more);
+    EXPECT_EQ(check.exit_code, 0) << check.out << check.err;
+  }
+
+  const TemporaryFolder folder_;
+  const std::string out_ = folder_ / "arm_7.yaml";
+};
+
+TEST_F(New, TheDefaultSceneLoadsAndPassesTheCheck) {
+  const nlohmann::json result = resultOf({"new", "--out", out_});
+  EXPECT_EQ(result["scene"], "arm_7");
+  EXPECT_EQ(result["actuators"], 3);
+  EXPECT_EQ(result["tags"], io::loadScene(out_).tags->tags.size());
+  EXPECT_EQ(resultOf({"check", out_})["passed"], true);
 }
 
-TEST(New, ArmsOfManyKindsHaveNoFaults) {
+TEST_F(New, ArmsOfManyKindsHaveNoFaults) {
   const std::vector<std::vector<std::string>> kinds = {
       {"--sections", "2", "--tags", "5", "--tilt-deg", "15"},
       {"--sections", "3", "--tag-size-m", "0.025", "--tags", "5"},
@@ -38,42 +57,31 @@ TEST(New, ArmsOfManyKindsHaveNoFaults) {
       {"--regulator", "generic", "--device", "/dev/ttyUSB7"},
       {"--regulator", "none", "--tag-size-m", "0"},
       {"--max-pressure-kpa", "517.1", "--contraction", "0.3"}};
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
   for (const std::vector<std::string>& kind : kinds) {
-    const Outcome outcome = runCommand({"new", "--out", out, "--force"}, kind);
-    ASSERT_EQ(outcome.exit_code, 0) << kind[1] << outcome.err;
-    const Outcome check = runCommand({"check", out});
-    EXPECT_EQ(check.exit_code, 0) << kind[0] << " " << kind[1] << ": " << check.out << check.err;
+    SCOPED_TRACE(kind[0] + " " + kind[1]);
+    write(kind);
+    expectSound();
   }
 }
 
 // docs/cli.md says so.
-TEST(New, ArmsOfOneToSixSectionsHaveNoFaults) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
+TEST_F(New, ArmsOfOneToSixSectionsHaveNoFaults) {
   for (const char* const sections : {"1", "2", "3", "4", "5", "6"}) {
     for (const char* const muscles : {"3", "4", "6", "8", "24"}) {
       SCOPED_TRACE(std::string(sections) + " sections of " + muscles);
-      const Outcome outcome = runCommand({"new", "--out", out, "--force", "--defaults",
-                                          "--sections", sections, "--muscles", muscles});
-      ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+      const Outcome outcome = write({"--defaults", "--sections", sections, "--muscles", muscles});
       const int actuators = std::stoi(sections) * std::stoi(muscles);
-      EXPECT_EQ(io::loadScene(out).tags.has_value(), 2 * actuators <= 64);
+      EXPECT_EQ(io::loadScene(out_).tags.has_value(), 2 * actuators <= 64);
       EXPECT_EQ(outcome.err.find("no tags fit") != std::string::npos, 2 * actuators > 64)
           << outcome.err;
-      const Outcome check = runCommand({"check", out, "--samples", "60"});
-      EXPECT_EQ(check.exit_code, 0) << check.out << check.err;
+      expectSound({"--samples", "60"});
     }
   }
 }
 
-TEST(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
-  const auto size = [&out](const std::vector<std::string>& options) {
-    EXPECT_EQ(runCommand({"new", "--out", out, "--force", "--defaults"}, options).exit_code, 0);
-    return io::loadScene(out).tags->size;
+TEST_F(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
+  const auto size = [this](const std::vector<std::string>& options) {
+    return made({"--defaults"}, options).tags->size;
   };
   EXPECT_EQ(size({}), 0.03);
   EXPECT_EQ(size({"--muscles", "8"}), 0.027) << "no more fit side by side";
@@ -81,44 +89,29 @@ TEST(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
   // 2.2 px of 930 px/m for each of 8 bits, from 1.75 lengths.
   EXPECT_EQ(size({"--sections", "6"}), 0.06);
   EXPECT_EQ(size({"--sections", "6", "--tag-size-m", "0.02"}), 0.02) << "as was asked for";
-  size({"--sections", "3", "--muscles", "4"});
-  EXPECT_EQ(io::loadScene(out).tags->tags.size(), 60u) << "five of 64 / 12 per muscle";
+  EXPECT_EQ(made({"--defaults", "--sections", "3", "--muscles", "4"}).tags->tags.size(), 60u)
+      << "five of 64 / 12 per muscle";
 }
 
-TEST(New, TheProfileSaysWhatTheDeviceTakes) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
-  for (const std::vector<std::string>& options :
-       std::vector<std::vector<std::string>>{{"generic", "--sections", "2", "--muscles", "4"},
-                                             {"alicat", "--sections", "8", "--tag-size-m", "0"}}) {
-    EXPECT_EQ(runCommand({"new", "--out", out, "--force", "--defaults", "--regulator"}, options)
-                  .exit_code,
-              0);
-  }
-  EXPECT_NE(regulator::describeChannels(*io::loadScene(out).regulator).find("V, W, X"),
-            std::string::npos);
+TEST_F(New, TheProfileSaysWhatTheDeviceTakes) {
+  write({"--defaults", "--regulator", "generic", "--sections", "2", "--muscles", "4"});
+  const io::Scene alicat =
+      made({"--defaults", "--regulator", "alicat", "--sections", "8", "--tag-size-m", "0"});
+  EXPECT_NE(regulator::describeChannels(*alicat.regulator).find("V, W, X"), std::string::npos);
   // A copy of the profile that says what another board has.
   std::string profile = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml");
   profile.replace(profile.find("highest_kpa: 300"), 16, "highest_kpa: 200");
   profile.replace(profile.find("  channels: 8 "), 14, "  channels: 9 ");
-  const std::string mine = folder / "mine.yaml";
+  const std::string mine = folder_ / "mine.yaml";
   std::ofstream(mine) << profile;
-  ASSERT_EQ(runCommand({"new", "--out", out, "--force", "--defaults", "--regulator", mine,
-                        "--sections", "3"})
-                .exit_code,
-            0);
-  EXPECT_EQ(io::loadScene(out).arm.actuator(0).limits.upper, 2e5) << "the default is lowered";
-  EXPECT_EQ(runCommand({"check", out}).exit_code, 0);
+  const io::Scene scene = made({"--defaults", "--regulator", mine, "--sections", "3"});
+  EXPECT_EQ(scene.arm.actuator(0).limits.upper, 2e5) << "the default is lowered";
+  expectSound();
 }
 
-TEST(New, TextsThatYamlReadsOtherwiseAreQuoted) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
-  const auto regulatorOf = [&out](const std::vector<std::string>& options) {
-    const Outcome outcome =
-        runCommand({"new", "--out", out, "--force", "--defaults", "--regulator"}, options);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return *io::loadScene(out).regulator;
+TEST_F(New, TextsThatYamlReadsOtherwiseAreQuoted) {
+  const auto regulatorOf = [this](const std::vector<std::string>& options) {
+    return *made({"--defaults", "--regulator"}, options).regulator;
   };
   for (const char* const text :
        {"/dev/a #b", "/dev/ttyUSB0", "a: b", "- x", "[::1]", "{x}",        "'",
@@ -130,11 +123,11 @@ TEST(New, TextsThatYamlReadsOtherwiseAreQuoted) {
     const regulator::Config modbus = regulatorOf({"festo_vtem", "--host", text});
     EXPECT_EQ(std::get<regulator::ModbusConfig>(modbus).host, text);
   }
-  EXPECT_NE(contentOf(out).find("    host: caf\xc3\xa9\n"), std::string::npos)
+  EXPECT_NE(contentOf(out_).find("    host: caf\xc3\xa9\n"), std::string::npos)
       << "plain where YAML reads it so";
   for (const char* const name : {"a \"b\".yaml", "a\\b.yaml", "a #b.yaml", "it's.yaml"}) {
     SCOPED_TRACE(name);
-    const std::string copy = folder / name;
+    const std::string copy = folder_ / name;
     std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
     const regulator::Config serial = regulatorOf({copy});
     EXPECT_EQ(std::get<regulator::SerialConfig>(serial).profile.name,
@@ -142,67 +135,43 @@ TEST(New, TextsThatYamlReadsOtherwiseAreQuoted) {
   }
 }
 
-TEST(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
+TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
   const std::vector<std::string> profiles = io::shippedProfiles();
   ASSERT_GE(profiles.size(), 5u);
   for (const std::string& profile : profiles) {
     SCOPED_TRACE(profile);
-    const Outcome outcome =
-        runCommand({"new", "--out", out, "--force", "--regulator", profile, "--format", "json"});
-    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    EXPECT_EQ(outcome.json()["regulator"], profile);
-    EXPECT_NE(regulator::describe(*io::loadScene(out).regulator).find(" " + profile + " at "),
+    EXPECT_EQ(write({"--regulator", profile, "--format", "json"}).json()["regulator"], profile);
+    EXPECT_NE(regulator::describe(*io::loadScene(out_).regulator).find(" " + profile + " at "),
               std::string::npos);
   }
-  ASSERT_EQ(runCommand({"new", "--out", out, "--force", "--regulator", "alicat", "--device",
-                        "/dev/ttyUSB7"})
-                .exit_code,
-            0);
-  EXPECT_EQ(regulator::describe(*io::loadScene(out).regulator),
-            "ascii_serial alicat at /dev/ttyUSB7");
-  EXPECT_EQ(regulator::describeChannels(*io::loadScene(out).regulator), "addresses A, B, C");
-  ASSERT_EQ(runCommand(
-                {"new", "--out", out, "--force", "--regulator", "festo_vtem", "--host", "10.1.2.3"})
-                .exit_code,
-            0);
-  EXPECT_EQ(regulator::describe(*io::loadScene(out).regulator),
-            "modbus_tcp festo_vtem at 10.1.2.3:502");
+  const io::Scene alicat = made({"--regulator", "alicat", "--device", "/dev/ttyUSB7"});
+  EXPECT_EQ(regulator::describe(*alicat.regulator), "ascii_serial alicat at /dev/ttyUSB7");
+  EXPECT_EQ(regulator::describeChannels(*alicat.regulator), "addresses A, B, C");
+  const io::Scene vtem = made({"--regulator", "festo_vtem", "--host", "10.1.2.3"});
+  EXPECT_EQ(regulator::describe(*vtem.regulator), "modbus_tcp festo_vtem at 10.1.2.3:502");
   // Relative to the working folder, which is not that of the scene.
-  const std::string copy = folder / "my_board.yaml";
+  const std::string copy = folder_ / "my_board.yaml";
   std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
-  ASSERT_EQ(runCommand({"new", "--out", out, "--force", "--regulator",
-                        std::filesystem::relative(copy).string()})
-                .exit_code,
-            0);
-  EXPECT_NE(regulator::describe(*io::loadScene(out).regulator).find(" my_board at "),
-            std::string::npos);
+  const io::Scene mine = made({"--regulator", std::filesystem::relative(copy).string()});
+  EXPECT_NE(regulator::describe(*mine.regulator).find(" my_board at "), std::string::npos);
 }
 
 // The table of faults in docs/board.md holds for the safety rules that stand there.
-TEST(New, TheSceneOfTheBoardHasTheSafetyRulesThatItWasTestedWith) {
+TEST_F(New, TheSceneOfTheBoardHasTheSafetyRulesThatItWasTestedWith) {
   const std::string document = contentOf(HELIX_ARM_SOURCE_DIR "/docs/board.md");
   const std::size_t begin = document.find("\nsafety:\n") + 1;
   const std::string rules = document.substr(begin, document.find("```", begin) - begin);
   ASSERT_NE(rules.find("target_timeout_s: "), std::string::npos);
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
-  ASSERT_EQ(runCommand({"new", "--out", out, "--regulator", "generic"}).exit_code, 0);
-  const std::string text = contentOf(out);
+  write({"--regulator", "generic"});
+  const std::string text = contentOf(out_);
   ASSERT_NE(text.find("\nsafety:\n"), std::string::npos);
   EXPECT_EQ(text.substr(text.find("\nsafety:\n") + 1), rules);
 }
 
-TEST(New, WhatWasAskedForIsInTheScene) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "arm.yaml";
-  ASSERT_EQ(runCommand({"new", "--out", out, "--muscles", "4", "--length-m", "0.4", "--contraction",
-                        "0.25", "--max-pressure-kpa", "200", "--tag-size-m", "0.028", "--tags", "3",
-                        "--camera-distance-m", "0.9"})
-                .exit_code,
-            0);
-  const io::Scene scene = io::loadScene(out);
+TEST_F(New, WhatWasAskedForIsInTheScene) {
+  const io::Scene scene =
+      made({"--muscles", "4", "--length-m", "0.4", "--contraction", "0.25", "--max-pressure-kpa",
+            "200", "--tag-size-m", "0.028", "--tags", "3", "--camera-distance-m", "0.9"});
   ASSERT_EQ(scene.arm.actuatorCount(), 4);
   EXPECT_EQ(scene.arm.actuator(3).limits.upper, 2e5);
   EXPECT_NEAR(scene.arm.lengths(scene.arm.inputAt(0))[0], 0.4, 1e-9);

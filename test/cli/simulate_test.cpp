@@ -1,5 +1,4 @@
 #include <cmath>
-#include <filesystem>
 #include <map>
 #include <set>
 
@@ -16,7 +15,6 @@
 namespace helix_arm::test {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 // Rows of a data set by the names of its columns.
@@ -30,14 +28,6 @@ std::vector<std::map<std::string, double>> tableOf(const std::string& path) {
     }
   }
   return table;
-}
-
-std::set<std::string> namesIn(const std::string& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    names.insert(entry.path().filename().string());
-  }
-  return names;
 }
 
 Outcome simulate(const std::string& scene, const std::string& out,

@@ -382,7 +382,7 @@ void expectCharuco(const cv::Mat& page, const vision::CharucoBoard& board, int d
   }
 }
 
-TEST(Tags, TheCharucoBoardIsReadBackFromThePrintOnBothPapers) {
+TEST(Tags, CharucoBoardsAreReadBackFromThePrint) {
   for (const auto& [paper, size] : kPaperSizes) {
     const Printed printed({"--board", "charuco", "--paper", paper});
     ASSERT_EQ(printed.pages.size(), 1u);
@@ -394,9 +394,6 @@ TEST(Tags, TheCharucoBoardIsReadBackFromThePrintOnBothPapers) {
                                              {"marker_size_m", 0.018},
                                              {"legacy_pattern", false}}));
   }
-}
-
-TEST(Tags, AnotherCharucoBoardIsReadBackToo) {
   const Printed printed({"--board=charuco", "--squares", "5,7", "--square-size-m", "0.031",
                          "--marker-size-m", "0.02", "--dictionary", "DICT_APRILTAG_36h11"});
   ASSERT_EQ(printed.pages.size(), 1u);

@@ -75,17 +75,12 @@ TEST(Trade, NothingBeatsARowOfTheFrontier) {
 
 TEST(Trade, MorePointsDrawTheCurveBetter) {
   const json rows = rowsOf("helical_50");
-  double last = 1e9;
-  for (const int points : {4, 8, 16, 24, 48, 96}) {
-    const double error =
-        rowOf(rows, "muscles", std::to_string(points) + " points per section")["tip_error_percent"];
-    EXPECT_LT(error, last);
-    last = error;
-  }
   // A chord leaves a curve by the square of its length.
-  const double coarse = rowOf(rows, "base curve", "8 points per section")["tip_error_percent"];
-  const double fine = rowOf(rows, "base curve", "16 points per section")["tip_error_percent"];
-  EXPECT_NEAR(coarse / fine, 4.0, 0.4);
+  for (const char* const curve : {"muscles", "base curve"}) {
+    const double coarse = rowOf(rows, curve, "8 points per section")["tip_error_percent"];
+    const double fine = rowOf(rows, curve, "16 points per section")["tip_error_percent"];
+    EXPECT_NEAR(coarse / fine, 4.0, 0.4) << curve;
+  }
 }
 
 TEST(Trade, MeasuresSightOnRenderedPictures) {

@@ -28,12 +28,6 @@ Outcome workspace(const std::string& scene, const std::vector<std::string>& more
   return runCommand({"workspace", scene, "--format", "json"}, more);
 }
 
-std::set<std::string> namesIn(const std::string& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
-  return names;
-}
-
 struct Ply {
   std::size_t vertices = 0;
   std::vector<std::string> properties;  // all of them float
@@ -296,20 +290,27 @@ TEST(Workspace, TendonsHaveAColumnInRadians) {
 
 constexpr std::chrono::seconds kGenerous{120};  // on a busy machine
 
+// Interrupts it once so many files are in the folder.
+void interrupt(Process& process, int signal, const TemporaryFolder& folder, std::size_t files) {
+  using Clock = std::chrono::steady_clock;
+  const auto deadline = Clock::now() + kGenerous;
+  while (namesIn(folder.path()).size() < files && Clock::now() < deadline) {
+    std::this_thread::yield();
+  }
+  ASSERT_EQ(namesIn(folder.path()).size(), files) << "it never began: " << process.output();
+  const auto asked = Clock::now();
+  process.signal(signal);
+  EXPECT_EQ(process.exitCode(), 130);
+  EXPECT_LT(Clock::now() - asked, kGenerous);
+}
+
+// A point takes half a second where the load nearly crushes the arm; all of them take hours.
 TEST(Workspace, InterruptedItEndsSoonInTheSlowestTier) {
   const TemporaryFolder folder;
-  using Clock = std::chrono::steady_clock;
   Process process({HELIX_ARM_COMMAND, "workspace", scenePath("loaded"), "--out",
                    folder / "cloud.csv", "--tier", "exact", "--sensitivity", "--set",
                    "load.tip.force_n=[0, 0, 1e4]"});
-  const auto deadline = Clock::now() + kGenerous;
-  while (namesIn(folder.path()).empty() && Clock::now() < deadline) std::this_thread::yield();
-  ASSERT_EQ(namesIn(folder.path()).size(), 1u) << "it never began: " << process.output();
-  const auto asked = Clock::now();
-  process.signal(SIGINT);
-  EXPECT_EQ(process.exitCode(), 130);
-  // A point takes half a second where the load nearly crushes the arm; all of them take hours.
-  EXPECT_LT(Clock::now() - asked, kGenerous);
+  interrupt(process, SIGINT, folder, 1);
 }
 
 TEST(Workspace, InterruptedItLeavesWhatWasThere) {
@@ -319,12 +320,7 @@ TEST(Workspace, InterruptedItLeavesWhatWasThere) {
     std::ofstream(path) << "old";
     Process process({HELIX_ARM_COMMAND, "workspace", scenePath("helical_50"), "--out", path,
                      "--count", "10000000000"});
-    using Clock = std::chrono::steady_clock;
-    const auto deadline = Clock::now() + kGenerous;
-    while (namesIn(folder.path()).size() < 2 && Clock::now() < deadline) std::this_thread::yield();
-    ASSERT_EQ(namesIn(folder.path()).size(), 2u) << "it never began: " << process.output();
-    process.signal(signal);
-    EXPECT_EQ(process.exitCode(), 130);
+    interrupt(process, signal, folder, 2);
     EXPECT_NE(process.output().find("of 10000000000 inputs; nothing was written"),
               std::string::npos)
         << process.output();

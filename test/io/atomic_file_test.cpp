@@ -28,13 +28,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::contentOf;
+using test::namesIn;
 using test::TemporaryFolder;
-
-std::set<std::string> namesIn(const std::string& folder) {
-  std::set<std::string> names;
-  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
-  return names;
-}
 
 // What writing says; empty when it says nothing.
 std::string refusal(const std::string& path, const std::string& text) {

@@ -163,9 +163,14 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
 }
 
 TEST(CalibratedScene, StatesItsOrigin) {
-  const Scene scene = calibrated(kSpatialScene, calibration());
+  SceneCalibration change = calibration();
+  Provenance& expected = change.provenance;
+  const std::string name = expected.parameters[0].name, other = expected.parameters[1].name;
+  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
+  expected.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
+                           {{{name, -s}, {other, c}}, 2.0 / 3, false}};
+  const Scene scene = calibrated(kSpatialScene, change);
   ASSERT_TRUE(scene.calibration);
-  const Provenance expected = provenance();
   EXPECT_EQ(scene.calibration->date, expected.date);
   EXPECT_EQ(scene.calibration->from, expected.from);
   EXPECT_EQ(scene.calibration->from_sha256, expected.from_sha256);
@@ -179,26 +184,16 @@ TEST(CalibratedScene, StatesItsOrigin) {
   EXPECT_EQ(scene.calibration->parameters[0].unit, "m^2");
   EXPECT_EQ(scene.calibration->parameters[1].unit, "");
   EXPECT_EQ(scene.calibration->held_out_error, 0.4);
-  const std::string text =
-      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
-  EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
-}
-
-TEST(CalibratedScene, StatesTheCombinationsOfItsStiffness) {
-  SceneCalibration change = calibration();
-  const std::string name = change.provenance.parameters[0].name;
-  const std::string other = change.provenance.parameters[1].name;
-  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
-  change.provenance.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
-                                    {{{name, -s}, {other, c}}, 2.0 / 3, false}};
-  const Scene scene = calibrated(kSpatialScene, change);
   const auto& read = scene.calibration->combinations;
   ASSERT_EQ(read.size(), 2u);
   for (std::size_t i = 0; i < 2; ++i) {
-    EXPECT_EQ(read[i].exponents, change.provenance.combinations[i].exponents);
-    EXPECT_EQ(read[i].relative_error, change.provenance.combinations[i].relative_error);
+    EXPECT_EQ(read[i].exponents, expected.combinations[i].exponents);
+    EXPECT_EQ(read[i].relative_error, expected.combinations[i].relative_error);
     EXPECT_EQ(read[i].identifiable, i == 0);
   }
+  const std::string text =
+      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
+  EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
 }
 
 TEST(CalibratedScene, MayBeCalibratedAgain) {
@@ -393,39 +388,37 @@ TEST(CalibratedScene, LimitsBeyondANewCurveAreFaults) {
 }
 
 TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
-  SceneCalibration change = calibration();
-  change.X_CB = lie::SE3();
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: the base is seen from a camera, but scene flat has none; "
-            "expected one with a camera");
-  change = calibration();
-  change.bleed = 1e-4;
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: tags are calibrated, but scene flat has none; expected one with "
-            "tags");
-  change = calibration();
-  change.length_scale = Eigen::Vector3d::Ones();
-  EXPECT_EQ(refusal(kPlanarScene, change),
-            "calibratedSceneText: the number of length scales is 3; expected 2");
-  change = calibration();
-  change.tags = sceneOf(kSpatialScene).tags;
-  change.tags->tags[1].id = 30;
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: tag 1 of scene rig is not placed on its section; expected all "
-            "tags of the scene");
-  change = calibration();
-  change.contractions = {{"mussel", quintic(4e5)}};
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: scene rig has no contraction mussel; expected muscle, bellows or "
-            "cable");
-  change.contractions = {{"cable", quintic(4e5)}};
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: contraction cable of scene rig is a tendon; expected one that "
-            "pressure drives");
-  change.contractions = {{"muscle", {}}};
-  change.contractions[0].second.reason = "too few";
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: contraction muscle has no curve: too few");
+  const auto expect = [](const std::string& scene, const std::string& said, const auto& made) {
+    SceneCalibration change = calibration();
+    made(change);
+    EXPECT_EQ(refusal(scene, change), "calibratedSceneText: " + said);
+  };
+  expect(kPlanarScene,
+         "the base is seen from a camera, but scene flat has none; expected one with a camera",
+         [](auto& change) { change.X_CB = lie::SE3(); });
+  expect(kPlanarScene, "tags are calibrated, but scene flat has none; expected one with tags",
+         [](auto& change) { change.bleed = 1e-4; });
+  expect(kPlanarScene, "the number of length scales is 3; expected 2",
+         [](auto& change) { change.length_scale = Eigen::Vector3d::Ones(); });
+  expect(kSpatialScene,
+         "tag 1 of scene rig is not placed on its section; expected all tags of the scene",
+         [](auto& change) {
+           change.tags = sceneOf(kSpatialScene).tags;
+           change.tags->tags[1].id = 30;
+         });
+  expect(kSpatialScene, "scene rig has no contraction mussel; expected muscle, bellows or cable",
+         [](auto& change) {
+           change.contractions = {{"mussel", quintic(4e5)}};
+         });
+  expect(kSpatialScene,
+         "contraction cable of scene rig is a tendon; expected one that pressure drives",
+         [](auto& change) {
+           change.contractions = {{"cable", quintic(4e5)}};
+         });
+  expect(kSpatialScene, "contraction muscle has no curve: too few", [](auto& change) {
+    change.contractions = {{"muscle", {}}};
+    change.contractions[0].second.reason = "too few";
+  });
 }
 
 TEST(CalibratedScene, ABrokenOneNeverLeaves) {

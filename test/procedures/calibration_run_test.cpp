@@ -307,20 +307,18 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
 
 TEST(CalibrationRun, UnusableArgumentsAreRefused) {
   const double infinity = std::numeric_limits<double>::infinity();
-  EXPECT_THROW(CalibrationRun(Eigen::MatrixXd(0, 2), kRest, kRest, kRules), std::invalid_argument);
-  EXPECT_THROW(CalibrationRun(twoSteps(), Eigen::Vector3d::Zero(), kRest, kRules),
-               std::invalid_argument);
-  EXPECT_THROW(CalibrationRun(twoSteps(), kRest, Eigen::Vector3d::Zero(), kRules),
-               std::invalid_argument);
-  EXPECT_THROW(CalibrationRun(twoSteps(), Eigen::Vector2d(infinity, 0), kRest, kRules),
-               std::invalid_argument);
-  for (const int captures : {0, 6}) {
-    EXPECT_THROW(CalibrationRun(twoSteps(), kRest, kRest, {captures, 1e5, 5}),
-                 std::invalid_argument);
-  }
+  const auto refused = [](const Eigen::MatrixXd& plan, const Eigen::VectorXd& rest,
+                          const Eigen::VectorXd& start, const RunRules& rules = kRules) {
+    EXPECT_THROW(CalibrationRun(plan, rest, start, rules), std::invalid_argument);
+  };
+  refused(Eigen::MatrixXd(0, 2), kRest, kRest);
+  refused(twoSteps(), Eigen::Vector3d::Zero(), kRest);
+  refused(twoSteps(), kRest, Eigen::Vector3d::Zero());
+  refused(twoSteps(), Eigen::Vector2d(infinity, 0), kRest);
+  for (const int captures : {0, 6}) refused(twoSteps(), kRest, kRest, {captures, 1e5, 5});
   for (const double bad : {0.0, -1.0, infinity, std::nan("")}) {
-    EXPECT_THROW(CalibrationRun(twoSteps(), kRest, kRest, {3, bad, 5}), std::invalid_argument);
-    EXPECT_THROW(CalibrationRun(twoSteps(), kRest, kRest, {3, 1e5, bad}), std::invalid_argument);
+    refused(twoSteps(), kRest, kRest, {3, bad, 5});
+    refused(twoSteps(), kRest, kRest, {3, 1e5, bad});
   }
 }
 

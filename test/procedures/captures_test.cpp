@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 
 #include <gtest/gtest.h>
 
@@ -207,25 +206,6 @@ TEST(Captures, AnArmIsDescribedAsItsSceneIs) {
   const estimation::ArmCaptures flat = makeArmCaptures(sceneOf(kPlanarScene), {});
   EXPECT_TRUE(flat.planar);
   EXPECT_TRUE(flat.layout.tags.empty());
-}
-
-TEST(Captures, RealMeasurementsAreThoseOfTheirArms) {
-  const std::string shared = std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/";
-  if (!std::ifstream(shared + "helical_50_tag_poses.csv")) GTEST_SKIP() << shared << " is absent";
-  const auto scene = [](const std::string& name) {
-    return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml");
-  };
-  const auto file = [&shared](const std::string& name) { return io::loadDataSet(shared + name); };
-  const auto poses = loadCaptures(scene("helical_50"), file("helical_50_tag_poses.csv"));
-  EXPECT_EQ(poses.captures.size(), 21u);
-  EXPECT_TRUE(poses.unknown_tags.empty());
-  EXPECT_EQ(loadCaptures(scene("planar_76"), file("planar_76_curvature.csv")).captures.size(), 12u);
-  EXPECT_EQ(loadCaptures(scene("spatial_50"), file("spatial_50_curvature.csv")).captures.size(),
-            12u);
-  EXPECT_EQ(kindOf(file("free_contraction_fig3.csv")), DataKind::kLengths);
-  EXPECT_THROW(loadCaptures(scene("planar_76"), file("helical_50_tag_poses.csv")),
-               io::DocumentError);
-  EXPECT_THROW(loadCaptures(scene("demo"), file("free_contraction_fig3.csv")), io::DocumentError);
 }
 
 // The tip error of a scene, from the tags of captures.

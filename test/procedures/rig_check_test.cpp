@@ -39,6 +39,13 @@ void expectFinding(const std::string& scene, const std::vector<io::Override>& ov
   EXPECT_TRUE(test::has(findings[0].value, value));
 }
 
+// The culprits of a check that finds one thing.
+std::string culprits(const io::Scene& scene, const std::string& check) {
+  const auto findings = found(scene, check);
+  EXPECT_EQ(findings.size(), 1u) << check;
+  return findings.empty() ? "" : findings[0].culprit;
+}
+
 void expectOneFault(const io::Scene& scene, const std::string& check, const std::string& culprit,
                     const std::string& value) {
   SCOPED_TRACE(check);
@@ -90,39 +97,30 @@ TEST(RigCheck, ATagIsOffTheArmIfItStandsFartherFromTheSkinThanTheArmIsThick) {
 
 TEST(RigCheck, ATagOnTheEndMayFaceAlongTheArmButNotInward) {
   const auto with = [](const char* position, const char* rpy, const char* check) {
-    return found(sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]"},
-                                  {"tags.groups.0.actuator", "muscle_1"},
-                                  {"tags.groups.0.position_m", position},
-                                  {"tags.groups.0.rpy_deg", rpy}}),
-                 check);
+    return culprits(sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]"},
+                                     {"tags.groups.0.actuator", "muscle_1"},
+                                     {"tags.groups.0.position_m", position},
+                                     {"tags.groups.0.rpy_deg", rpy}}),
+                    check);
   };
   // Turned about y: the face, z, points to x.
-  const auto inside = with("[0, 0, -0.0254]", "[0, 90, 0]", "tag_inside_arm");
-  ASSERT_EQ(inside.size(), 1u);
-  EXPECT_EQ(inside[0].culprit, "tags 0, 1, 2, 3, 4, 5")
+  EXPECT_EQ(with("[0, 0, -0.0254]", "[0, 90, 0]", "tag_inside_arm"), "tags 0, 1, 2, 3, 4, 5")
       << "tag 6 is on the end, and looks along it";
-  const auto backward = with("[0, 0, -0.0254]", "[0, -90, 0]", "tag_inside_arm");
-  ASSERT_EQ(backward.size(), 1u);
-  EXPECT_EQ(backward[0].culprit, "tags 0, 1, 2, 3, 4, 5, 6");
-  const auto inward = with("[0, 0, 0.016]", "[180, 0, 0]", "tag_faces_inward");
-  ASSERT_EQ(inward.size(), 1u);
-  EXPECT_EQ(inward[0].culprit, "tags 0, 1, 2, 3, 4, 5, 6");
+  const std::string all = "tags 0, 1, 2, 3, 4, 5, 6";
+  EXPECT_EQ(with("[0, 0, -0.0254]", "[0, -90, 0]", "tag_inside_arm"), all);
+  EXPECT_EQ(with("[0, 0, 0.016]", "[180, 0, 0]", "tag_faces_inward"), all);
 }
 
 TEST(RigCheck, TagsOfOneFaultAreToldInOneLine) {
-  const io::Scene crowded =
-      sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.06, 0.08, 0.1, 0.12, 0.84, 1]"}});
-  const auto overlaps = found(crowded, "tags_overlap");
-  ASSERT_EQ(overlaps.size(), 1u);
-  EXPECT_EQ(overlaps[0].culprit,
+  const auto at = [](const char* s) { return sceneOf("demo", {{"tags.groups.0.s", s}}); };
+  const io::Scene crowded = at("[0.04, 0.06, 0.08, 0.1, 0.12, 0.84, 1]");
+  EXPECT_EQ(culprits(crowded, "tags_overlap"),
             "tags 0 and 1, 0 and 2, 1 and 2, 0 and 3, 1 and 3, 2 and 3, 1 and 4, 2 and 4, 3 and 4");
-  EXPECT_TRUE(test::has(overlaps[0].value, " to "));
+  EXPECT_TRUE(test::has(found(crowded, "tags_overlap")[0].value, " to "));
   // 21 pairs of seven tags, and one with a neighbour's: the end of the list is a number.
-  const auto all = found(
-      sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.041, 0.042, 0.043, 0.044, 0.045, 0.046]"}}),
-      "tags_overlap");
-  ASSERT_EQ(all.size(), 1u);
-  EXPECT_TRUE(test::has(all[0].culprit, " more pairs"));
+  EXPECT_TRUE(
+      test::has(culprits(at("[0.04, 0.041, 0.042, 0.043, 0.044, 0.045, 0.046]"), "tags_overlap"),
+                " more pairs"));
 }
 
 TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {

@@ -334,9 +334,8 @@ TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
 }
 
 TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
-  const SerialProfile profile = test::genericProfile();
-  EmulatedDevice device(deviceOf(profile));
-  const auto driver = driverOf(profile, device.path());
+  SerialLine line;
+  auto& [device, driver] = line;
   driver->connect();
   Pressures pressures(kChannels);
   driver->read(pressures);  // those of connecting
@@ -511,8 +510,8 @@ TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
 }
 
 TEST(AsciiSerialDriver, OrdersThatAreNotOfItsChannelsAreRefused) {
-  EmulatedDevice device(deviceOf(test::genericProfile()));
-  const auto driver = driverOf(test::genericProfile(), device.path());
+  SerialLine line;
+  auto& [device, driver] = line;
   driver->connect();
   const std::uint64_t before = device.taken();
   EXPECT_THROW(driver->write(ValveOrders(2)), std::invalid_argument);

@@ -41,6 +41,13 @@ SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::strin
   return config;
 }
 
+// One channel behind a link in a folder of its own.
+struct Linked {
+  Linked() { config.link = folder / "regulator"; }
+  test::TemporaryFolder folder;
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+};
+
 // A user at a terminal.
 class Terminal {
  public:
@@ -202,9 +209,8 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
 }
 
 TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
-  const test::TemporaryFolder folder;
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.link = folder / "regulator";
+  const Linked at;
+  const SerialDeviceConfig& config = at.config;
   {
     EmulatedDevice device(config);
     EXPECT_EQ(device.path(), config.link);
@@ -223,9 +229,8 @@ TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
 }
 
 TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
-  const test::TemporaryFolder folder;
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.link = folder / "regulator";
+  const Linked at;
+  const SerialDeviceConfig& config = at.config;
   EmulatedDevice device(config);
   std::filesystem::remove(config.link);
   std::ofstream(config.link) << "precious";
@@ -252,9 +257,8 @@ TEST(SerialDevice, OnlyALinkIsReplacedByTheLink) {
 }
 
 TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
-  const test::TemporaryFolder folder;
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.link = folder / "regulator";
+  const Linked at;
+  const SerialDeviceConfig& config = at.config;
   {
     EmulatedDevice first(config);
     const std::string terminal = std::filesystem::read_symlink(config.link);

@@ -55,11 +55,7 @@ class LatencyHistogram {
   double most_ = 0;
 };
 
-// An emulated device, of whichever line.
-struct SoakedDevice {
-  std::string name;
-  std::shared_ptr<simulation::EmulatedDevice> device;
-};
+using SharedDevice = std::shared_ptr<simulation::EmulatedDevice>;
 
 // What is done to the arm: the faults of its device, by their number, and three more.
 constexpr int kSilentCommander = simulation::kDeviceFaultCount;
@@ -138,7 +134,7 @@ const char* troubleName(int trouble) {
 class SoakedArm {
  public:
   // @param scene  whose regulator is the device.
-  SoakedArm(const io::Scene& scene, SoakedDevice device, unsigned seed)
+  SoakedArm(const io::Scene& scene, SharedDevice device, unsigned seed)
       : device_(std::move(device)),
         random_(seed),
         path_({scene.safety.channels, scene.safety.rules}, startIo(scene)),
@@ -180,7 +176,7 @@ class SoakedArm {
     } else {
       path_.turn(now_);
     }
-    true_pressure_ = device_.device->pressure().head(goal_.size());
+    true_pressure_ = device_->pressure().head(goal_.size());
     for (int i = 0; i < goal_.size(); ++i) {
       const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
       if (overfills(trouble_)) continue;
@@ -194,7 +190,7 @@ class SoakedArm {
   }
 
   void follow() {
-    const double written = device_.device->lastSetTime();
+    const double written = device_->lastSetTime();
     if (pending_target_ > 0 && written > pending_target_) {
       tally_.writes.add(written - pending_target_);
       pending_target_ = 0;
@@ -219,7 +215,7 @@ class SoakedArm {
     decided_ = emptied_ = missed_ = false;
     pending_target_ = 0;
     ++tally_.troubles[static_cast<std::size_t>(trouble)].injected;
-    if (isDevices(trouble)) device_.device->setFault(static_cast<DeviceFault>(trouble));
+    if (isDevices(trouble)) device_->setFault(static_cast<DeviceFault>(trouble));
     if (trouble == kStopEngaged) path_.core().emergencyStop(now_, true);
     if (trouble == kVentAsked) path_.core().vent(now_);
     enter(Phase::kTrouble, random_.logUniform(0.05, 5));
@@ -234,7 +230,7 @@ class SoakedArm {
       miss("pressure stands");
     }
     if (now_ < phase_ends_) return;
-    if (isDevices(trouble_)) device_.device->setFault(DeviceFault::kNone);
+    if (isDevices(trouble_)) device_->setFault(DeviceFault::kNone);
     if (trouble_ == kStopEngaged) path_.core().emergencyStop(now_, false);
     trouble_ended_ = now_;
     enter(Phase::kRecover, kStranded);
@@ -332,7 +328,7 @@ class SoakedArm {
                          what + "; " + path_.core().reason();
   }
 
-  SoakedDevice device_;
+  SharedDevice device_;
   Random random_;
   regulator::PressurePath path_;
   const control::SafetyRules rules_;
@@ -382,8 +378,7 @@ SoakedArm serialArm(const TemporaryFolder& folder, unsigned seed) {
   config.channels = scene.arm.actuatorCount();
   config.regulator = valves(seed);
   config.seed = seed;
-  const auto device = std::make_shared<simulation::EmulatedDevice>(config);
-  return {scene, {"ascii_serial alicat", device}, seed};
+  return {scene, std::make_shared<simulation::EmulatedDevice>(config), seed};
 }
 
 SoakedArm modbusArm(unsigned seed) {
@@ -396,7 +391,7 @@ SoakedArm modbusArm(unsigned seed) {
   config.places = 4;
   config.regulator = valves(seed);
   const auto device = std::make_shared<simulation::EmulatedDevice>(config);
-  return {sceneAt(device->port()), {"modbus_tcp festo_vtem", device}, seed + 1};
+  return {sceneAt(device->port()), device, seed + 1};
 }
 
 double residentMegabytes() {

@@ -52,8 +52,8 @@ Corners randomTag(Random& random, const Vector2d& middle, double size) {
   return corners;
 }
 
-cv::Mat picture(const std::vector<Drawn>& tags, const cv::Size& size, int background = 110) {
-  cv::Mat gray(size, CV_8UC1, cv::Scalar(background));
+cv::Mat picture(const std::vector<Drawn>& tags, const cv::Size& size) {
+  cv::Mat gray(size, CV_8UC1, cv::Scalar(110));
   for (const Drawn& tag : tags) drawTag(family(), family().cells(tag.id), tag.corners, gray);
   return gray;
 }
@@ -93,6 +93,12 @@ void spoil(cv::Mat& gray, Random& random, double blur = 0.7, double noise = 2.0)
   }
 }
 
+cv::Mat photograph(Random& random, const std::vector<Drawn>& tags, const cv::Size& size) {
+  cv::Mat gray = picture(tags, size);
+  spoil(gray, random);
+  return gray;
+}
+
 double error(const Corners& corners, const Corners& truth) {
   return (corners - truth).colwise().norm().maxCoeff();
 }
@@ -122,8 +128,7 @@ TEST(EdgeTracking, CornersAreTrueAndWithoutBias) {
     const int id = random.integer(0, family().count() - 1);
     const Vector2d middle(80 + random.uniform(0, 1), 80 + random.uniform(0, 1));
     const Corners truth = randomTag(random, middle, random.uniform(30, 80));
-    cv::Mat gray = picture({{id, truth}}, {160, 160});
-    spoil(gray, random);
+    const cv::Mat gray = photograph(random, {{id, truth}}, {160, 160});
     const Vector2d off(random.uniform(-3, 3), random.uniform(-3, 3));
     edges.search(gray);  // so that it is not due
     const TrackResult& result = edges.track(gray, {{id, moved(truth, off), true}});
@@ -193,8 +198,7 @@ TEST(EdgeTracking, AnotherTagAtTheExpectedPlaceIsRefused) {
     const int there = random.integer(0, family().count() - 2);
     const int wanted = random.integer(there + 1, family().count() - 1);
     const Corners truth = randomTag(random, {80, 80}, random.uniform(40, 70));
-    cv::Mat gray = picture({{there, truth}}, {160, 160});
-    spoil(gray, random);
+    const cv::Mat gray = photograph(random, {{there, truth}}, {160, 160});
     const TrackResult& result = edges.track(gray, {{wanted, truth, true}});
     EXPECT_EQ(result.by_edges + result.by_regions, 0);
     EXPECT_EQ(find(result, wanted), nullptr);
@@ -206,8 +210,7 @@ TEST(EdgeTracking, ATurnedTagIsRefused) {
   TagTracker edges = tracker();
   Random random(5);
   const Corners truth = squareCorners(80, 80, 60, 0.1);
-  cv::Mat gray = picture({{11, truth}}, {160, 160});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, {{11, truth}}, {160, 160});
   for (int turn = 1; turn < 4; ++turn) {
     Corners turned;
     for (int k = 0; k < 4; ++k) turned.col(k) = truth.col((k + turn) % 4);
@@ -276,8 +279,7 @@ TEST(EdgeTracking, DoesNotAllocate) {
     tags.push_back({i, randomTag(random, {100.0 + 150 * (i % 4), 100.0 + 150 * (i / 4)}, 60)});
     expected.push_back({i, moved(tags[i].corners, {2, -3}), true});
   }
-  cv::Mat gray = picture(tags, {650, 350});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, tags, {650, 350});
   ASSERT_EQ(edges.track(gray, expected).by_edges, 8);
   const AllocationCounter counter;
   edges.track(gray, expected);
@@ -287,8 +289,7 @@ TEST(EdgeTracking, DoesNotAllocate) {
 TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
   Random random(10);
   const Corners truth = randomTag(random, {400, 300}, 50);
-  cv::Mat gray = picture({{3, truth}}, {800, 600});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, {{3, truth}}, {800, 600});
   TagTracker edges = tracker();
   EXPECT_TRUE(edges.track(gray, {}).whole_picture);
   EXPECT_EQ(edges.track(gray, {}).tags.size(), 1U);
@@ -300,8 +301,7 @@ TEST(Tracking, TheWholePictureDoesNotRepeatWhatTheEdgesFound) {
   Random random(11);
   const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
                                    {2, randomTag(random, {500, 300}, 50)}};
-  cv::Mat gray = picture(tags, {640, 480});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, tags, {640, 480});
   TagTracker edges = tracker();
   const TrackResult& result =
       edges.track(gray, {{1, tags[0].corners, true}, {2, moved(tags[1].corners, {-250, 0}), true}});
@@ -317,8 +317,7 @@ TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
   const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
                                    {5, randomTag(random, {500, 300}, 50)},
                                    {8, randomTag(random, {120, 360}, 50)}};
-  cv::Mat gray = picture(tags, {640, 480});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, tags, {640, 480});
   for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
     TagTracker one = tracker(mode);
     ASSERT_EQ(one.search(gray).tags.size(), 3U);
@@ -335,9 +334,8 @@ TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
   const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
                                    {2, randomTag(random, {500, 300}, 50)},
                                    {3, randomTag(random, {500, 120}, 50)}};
-  cv::Mat without = picture({tags[0]}, {640, 480}), with = picture(tags, {640, 480});
-  spoil(without, random);
-  spoil(with, random);
+  const cv::Mat without = photograph(random, {tags[0]}, {640, 480});
+  const cv::Mat with = photograph(random, tags, {640, 480});
   std::vector<ExpectedTag> expected;
   for (const Drawn& tag : tags) expected.push_back({tag.id, tag.corners, tag.id == 1});
   TagTracker edges = tracker();
@@ -425,8 +423,7 @@ TEST(Tracking, ExpectationsMayBeNonsense) {
   const double inf = std::numeric_limits<double>::infinity();
   Random random(15);
   const Corners truth = randomTag(random, {100, 100}, 60);
-  cv::Mat gray = picture({{3, truth}}, {200, 200});
-  spoil(gray, random);
+  const cv::Mat gray = photograph(random, {{3, truth}}, {200, 200});
   std::vector<Corners> nonsense(9, truth);
   nonsense[0].setConstant(nan);
   nonsense[1](1, 2) = inf;
@@ -477,8 +474,7 @@ TEST(Tracking, TagsAtTheBorderOfThePicture) {
     const double angle = 2 * kPi * i / 40;
     const Vector2d middle(100 + 95 * std::cos(angle), 100 + 95 * std::sin(angle));
     const Corners truth = squareCorners(middle.x(), middle.y(), 50, random.uniform(-kPi, kPi));
-    cv::Mat gray = picture({{9, truth}}, {200, 200});
-    spoil(gray, random);
+    const cv::Mat gray = photograph(random, {{9, truth}}, {200, 200});
     for (const TagDetection& tag : edges.track(gray, {{9, truth, true}}).tags) {
       EXPECT_LT(error(tag.corners, truth), kFalseLock);
     }
