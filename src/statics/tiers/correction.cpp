@@ -42,9 +42,9 @@ void CorrectedModel::set(const Correction& correction) {
   basics::requireValue(correction.length_scale.size() == arm.actuatorCount(), kCulprit,
                        "the number of length scales", correction.length_scale.size(),
                        "one per actuator");
-  basics::require(correction.length_shift.size() == arm.actuatorCount() &&
-                      correction.length_shift.allFinite(),
-                  kCulprit, ": the shifts of the lengths are not one finite number per actuator");
+  basics::require(
+      correction.length_shift.size() == arm.actuatorCount() && correction.length_shift.allFinite(),
+      kCulprit, ": the shifts of the lengths are not one finite number per actuator");
   for (const double scale : correction.length_scale) {
     basics::requirePositive(kCulprit, "a length scale", scale);
   }
