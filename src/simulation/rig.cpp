@@ -190,9 +190,10 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
 }
 
 void Swing::step(const model::Shape& rest, double dt) {
-  if (shape_.sectionCount() == 0) {
+  if (shape_.sectionCount() == 0 || std::isinf(dt)) {
     shape_ = rest;
     rate_ = model::Twists::Zero(6, rest.sectionCount());
+    return;
   }
   const double turn = 2 * basics::kPi * mode_.frequency, decay = mode_.damping * turn;
   const double damped = turn * std::sqrt(1 - mode_.damping * mode_.damping);

@@ -280,6 +280,9 @@ TEST(SimulatedRig, AnArmWithAModeSwingsAboutItsShapeAtRest) {
   EXPECT_NEAR(when, 0.5 / (kFrequency * root), 2 * kStep);
   for (int k = 0; k < 100; ++k) rig.step(0.1);
   EXPECT_LT((rig.twists() - from - step).norm(), 1e-5 * step.norm());
+  rig.command(Eigen::Vector3d::Zero());
+  rig.step(INFINITY);
+  EXPECT_EQ(rig.twists(), from) << "at rest at once";
 }
 
 TEST(SimulatedRig, TheArmFollowsItsPressuresLateByTheDeadTime) {
