@@ -42,13 +42,11 @@ ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(ar
   const int modes = kFrequencies * static_cast<int>(kDampings.size());
   lags_ = Eigen::Map<const Eigen::ArrayXd>(kLags.data(), lags);
   const Eigen::Index count = lags * (modes + 1);
-  lag_of_.resize(count);
   turn_.setZero(count);
   damping_.setZero(count);
   // Of each lag: all frequencies of the first damping, of the next one, ..; then no mode.
   for (Eigen::Index k = 0; k < count; ++k) {
     const Eigen::Index mode = k % (modes + 1);
-    lag_of_[k] = static_cast<double>(k / (modes + 1));
     if (mode == modes) continue;
     turn_[k] = 2 * basics::kPi * kLowest *
                std::pow(kFrequencyStep, static_cast<double>(mode % kFrequencies));
@@ -57,7 +55,7 @@ ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(ar
   const Eigen::Index actuators = arm.actuatorCount();
   lagged_.resize(actuators, lags);
   goal_ = lagged_;
-  for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) state->setZero(actuators, count);
+  for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) state->setZero(count, actuators);
   reset();
 }
 
@@ -71,8 +69,9 @@ void ModeEstimator::reset() {
 void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
   lagged_.colwise() = pressure.array();
   step(pressure, 0.0);
-  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
-    x_.col(k) = goal_.col(static_cast<Eigen::Index>(lag_of_[k]));
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    x_.middleRows(i * modes, modes).rowwise() = goal_.col(i).matrix().transpose();
   }
   v_.setZero();
   compared_.reset();
@@ -88,15 +87,17 @@ void ModeEstimator::step(const Eigen::VectorXd& pressure, double dt) {
           std::clamp(lagged_(j, i), actuator.limits.lower, actuator.limits.upper));
     }
   }
-  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
-    const auto input = goal_.col(static_cast<Eigen::Index>(lag_of_[k])).matrix();
-    if (turn_[k] == 0) {
-      x_.col(k) = input;
-      continue;
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    // All modes behind this lag; the last one is none.
+    const auto turn = turn_.segment(i * modes, modes), damping = damping_.segment(i * modes, modes);
+    for (Eigen::Index j = 0; j < goal_.rows(); ++j) {
+      auto x = x_.col(j).segment(i * modes, modes).array();
+      auto v = v_.col(j).segment(i * modes, modes).array();
+      v += dt * turn * (turn * (goal_(j, i) - x) - 2 * damping * v);
+      x += dt * v;
+      x[modes - 1] = goal_(j, i);
     }
-    v_.col(k) +=
-        dt * (turn_[k] * turn_[k] * (input - x_.col(k)) - 2 * damping_[k] * turn_[k] * v_.col(k));
-    x_.col(k) += dt * v_.col(k);
   }
 }
 
@@ -113,7 +114,7 @@ void ModeEstimator::moveTo(double time, const Pressures& pressures) {
 
 void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths) {
   if (weight_ == 0) {
-    cross_.setZero(measured.size(), turn_.size());
+    cross_.setZero(turn_.size(), measured.size());
     power_ = cross_;
     energy_.setZero(measured.size());
   }
@@ -135,47 +136,44 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
   last_x_ = x_;
   energy_ = share * energy_ + measured_.array().square();
   weight_ = share * weight_ + 1.0;
-  output_ = (by_lengths * passed_).array();
-  cross_ = share * cross_ + output_.colwise() * measured_.array();
+  output_ = (passed_ * by_lengths.transpose()).array();
+  cross_ = share * cross_ + output_.rowwise() * measured_.array().transpose();
   power_ = share * power_ + output_.square();
   choose();
 }
 
-double ModeEstimator::misfit(Eigen::Index k) const {
-  double left = 0.0;
+void ModeEstimator::judge() {
+  misfit_.setConstant(turn_.size(), energy_.sum());
   for (Eigen::Index i = 0; i < energy_.size(); ++i) {
-    const bool explains = cross_(i, k) > 0 && power_(i, k) > 0;
-    left += energy_[i] - (explains ? cross_(i, k) * cross_(i, k) / power_(i, k) : 0.0);
+    const auto cross = cross_.col(i), power = power_.col(i);
+    misfit_ -= (cross > 0 && power > 0).select(cross.square() / power, 0.0);
   }
-  return std::max(left, 0.0);
+  misfit_ = misfit_.max(0.0);
 }
 
 void ModeEstimator::choose() {
   if (weight_ < kLeastPictures || energy_.sum() < kLeastMotion * kLeastMotion * weight_) return;
-  double without = energy_.sum(), least = without;
-  Eigen::Index best = -1;
-  for (Eigen::Index k = 0; k < turn_.size(); ++k) {
-    const double here = misfit(k);
-    if (turn_[k] == 0) {
-      without = std::min(without, here);
-    } else if (here < least) {
-      least = here;
-      best = k;
-    }
+  judge();
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  double without = energy_.sum();
+  for (Eigen::Index k = modes - 1; k < turn_.size(); k += modes) {
+    without = std::min(without, misfit_[k]);
   }
+  Eigen::Index best = 0;
+  const double least = misfit_.minCoeff(&best);
   // What was found holds until motion shows that there is none.
-  if (best < 0 || least > without) mode_.reset();
-  if (best < 0 || least > kClear * without) return;
-  const Eigen::Index place = best % (turn_.size() / lags_.size());
+  if (least >= without) return mode_.reset();
+  if (least > kClear * without) return;
+  const Eigen::Index place = best % modes;
   const Eigen::Index f = place % kFrequencies, z = place / kFrequencies;
   const auto last_z = static_cast<Eigen::Index>(kDampings.size()) - 1;
   const double count = kDirections * weight_;
   Vertex by_f, by_z;
   if (f > 0 && f < kFrequencies - 1) {
-    by_f = vertexOf(misfit(best - 1), least, misfit(best + 1), count);
+    by_f = vertexOf(misfit_[best - 1], least, misfit_[best + 1], count);
   }
   if (z > 0 && z < last_z) {
-    by_z = vertexOf(misfit(best - kFrequencies), least, misfit(best + kFrequencies), count);
+    by_z = vertexOf(misfit_[best - kFrequencies], least, misfit_[best + kFrequencies], count);
   }
   const auto at = [](Eigen::Index i) { return std::log(kDampings[static_cast<std::size_t>(i)]); };
   const double width = (at(std::min(z + 1, last_z)) - at(std::max<Eigen::Index>(z - 1, 0))) / 2;

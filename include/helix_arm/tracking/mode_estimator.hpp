@@ -51,17 +51,18 @@ class ModeEstimator {
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
+  void judge();
   void choose();
-  double misfit(Eigen::Index k) const;
 
   const model::Arm arm_;
-  Eigen::ArrayXd lags_;                       // (T)
-  Eigen::ArrayXd lag_of_, turn_, damping_;    // (K) of each hypothesis; turn 0: no mode
-  Eigen::ArrayXXd lagged_, goal_;             // (n x T) pressures behind each lag, their lengths
-  Eigen::MatrixXd x_, v_, last_x_, passed_;   // (n x K) lengths
+  Eigen::ArrayXd lags_;            // (T)
+  Eigen::ArrayXd turn_, damping_;  // (K) of each hypothesis, ordered by lag; turn 0: no mode
+  Eigen::ArrayXXd lagged_, goal_;  // (n x T) pressures behind each lag, their lengths
+  Eigen::MatrixXd x_, v_, last_x_, passed_;   // (K x n) lengths
   Eigen::VectorXd last_measured_, measured_;  // (d) the latter behind the high-pass filter
-  Eigen::ArrayXXd output_, cross_, power_;    // (d x K) weighted sums
+  Eigen::ArrayXXd output_, cross_, power_;    // (K x d) weighted sums
   Eigen::ArrayXd energy_;                     // (d) of the measurement
+  Eigen::ArrayXd misfit_;                     // (K) of the energy
   double weight_ = 0.0;                       // of pictures
   std::optional<double> time_, compared_;     // of the hypotheses; of the last comparison [s]
   std::optional<Mode> mode_;
