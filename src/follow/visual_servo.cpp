@@ -33,8 +33,6 @@ constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediat
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
-constexpr double kSwingLag = 0.01;  // of differences [s]
-
 constexpr double kLagStep = 0.01;  // of differences [s]
 // Error of the swing in a picture, relative to its peak; it persists, as that of a mode does.
 constexpr double kSwingError = 2.0;
@@ -99,7 +97,6 @@ class ResponseTracker {
         response_(arm_),
         later_(arm_),
         learns_(!lagIsKnown(arm_)),
-        active_(learns_ || !response_.instant()),
         effective_(arm_.inputAt(0.0)),
         beyond_{Eigen::VectorXd::Zero(effective_.size()), 0.0,
                 Eigen::VectorXd::Zero(effective_.size())},
@@ -108,7 +105,7 @@ class ResponseTracker {
         pressure_(effective_) {
     if (learns_) later_.setLag(kLagStep);
     // Each entry of the ring gets its memory.
-    for (int i = 0; active_ && i < kMostTurns; ++i) history_.add(i, beyond_);
+    for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
     history_.clear();
   }
 
@@ -134,7 +131,7 @@ class ResponseTracker {
 
   /// Follows the newest estimate, if there is one.
   void follow(const control::PressureObserver& observer) {
-    if (!active_ || !observer.started()) return;
+    if (!observer.started()) return;
     const Eigen::VectorXd& pressure = observer.newest().pressure;
     if (response_.follow(observer.time(), pressure)) history_.clear();
     effective_ = response_.effective();
@@ -149,9 +146,7 @@ class ResponseTracker {
   }
 
   /// Effective pressures (n) at the newest estimate, if there is one [Pa].
-  const Eigen::VectorXd& effective(const control::PressureObserver& observer) const {
-    return active_ ? effective_ : observer.newest().pressure;
-  }
+  const Eigen::VectorXd& effective() const { return effective_; }
 
   /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
   /// start adds to their variance.
@@ -159,7 +154,6 @@ class ResponseTracker {
              Eigen::VectorXd& by_lag) const {
     by_lag.setZero();
     lag = lag_;
-    if (!active_) return;
     if (const Beyond* beyond = history_.find(time)) {
       estimate.pressure += beyond->pressure;
       lag = beyond->lag;
@@ -170,13 +164,10 @@ class ResponseTracker {
   }
 
   /// Limits an aim to effective pressures that are attainable from here.
-  void limit(Aim& aim) const {
-    if (active_) aim.limit(lower_, upper_);
-  }
+  void limit(Aim& aim) const { aim.limit(lower_, upper_); }
 
   /// Pressures (n) with these effective pressures [Pa].
   const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
-    if (!active_) return effective;
     response_.inputsFor(arm_, effective, pressure_);
     return pressure_;
   }
@@ -193,7 +184,7 @@ class ResponseTracker {
 
   const model::Arm arm_;
   model::ArmResponse response_, later_;  // with lag_, and with a little more
-  const bool learns_, active_;           // the lag; an actuator has a response
+  const bool learns_;                    // the lag
   double lag_ = 0.0;
   Eigen::VectorXd effective_;
   Beyond beyond_;
@@ -501,7 +492,7 @@ struct VisualServo::Workspace {
   // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
   lie::SE3 presentTip(const lie::SE3& unknown) {
     const auto predicted =
-        observer.started() ? tipAt(response.effective(observer)) : std::optional<lie::SE3>();
+        observer.started() ? tipAt(response.effective()) : std::optional<lie::SE3>();
     lie::SE3 out = predicted.value_or(unknown);
     if (!target || (predicted && !reaches)) return out;
     if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
@@ -510,7 +501,7 @@ struct VisualServo::Workspace {
   }
 
   void begin(const Target& next) {
-    if (!target && observer.started()) aim.startAt(response.effective(observer));
+    if (!target && observer.started()) aim.startAt(response.effective());
     reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
     target = next;
     held_back = aim.pressure() - commanded;
@@ -781,6 +772,8 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
     w.arrived_at = -std::numeric_limits<double>::infinity();
     w.slow_until = -std::numeric_limits<double>::infinity();
+    w.begun_at = -std::numeric_limits<double>::infinity();
+    w.touched_at = time;
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
   w.observer.update(time, set_point, reading);
@@ -807,11 +800,10 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
-    w.aim.startAt(w.response.effective(w.observer));
+    w.aim.startAt(w.response.effective());
     w.commanded = w.aim.pressure();
   }
-  w.turn.predicted =
-      w.observer.started() ? w.tipAt(w.response.effective(w.observer)) : std::nullopt;
+  w.turn.predicted = w.observer.started() ? w.tipAt(w.response.effective()) : std::nullopt;
   return w.turn;
 }
 

@@ -242,6 +242,34 @@ TEST_F(Loop, GoesOnWhereTheClockIsSetBack) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
+// A told mode of a second shapes the steps of an arm that does not swing.
+TEST_F(Loop, AShapedStepStaysInsideTheLimitsAndEndsWhereTheClockIsSetBack) {
+  follow::VisualServoConfig config = LoopBench::config();
+  config.mode = estimation::Mode{1.0, 0.1};
+  LoopBench bench(model_, truthOf(model_.arm()), config, {});
+  const auto step = [&] {
+    bench.step();
+    for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
+      const model::Range& limits = model_.arm().actuator(i).limits;
+      ASSERT_TRUE(limits.contains(bench.loop.turn().pressure[i])) << i;
+    }
+  };
+  const Eigen::Vector3d high = tipAt(0.95, 0.0, 0.0), low = tipAt(0.0, 0.0, 0.95);
+  bench.loop.aimAt(high);
+  for (int k = 0; k < 300; ++k) step();
+  // Back on a path, while the step is held back still.
+  bench.loop.aimAt(low);
+  step();
+  bench.loop.follow(control::TipPath({{0.0, low, {}, {}}, {0.5, high, {}, {}}}));
+  for (int k = 0; k < 300; ++k) step();
+  const Eigen::VectorXd before = bench.loop.turn().pressure;
+  bench.loop.aimAt(here_);
+  step();
+  const Eigen::VectorXd begun = bench.loop.turn().pressure, reading = bench.pressure();
+  EXPECT_LT((begun - before).norm(), 1e4) << "held back";
+  EXPECT_GT((bench.loop.reading(0.5, begun, reading).pressure - before).norm(), 5e4);
+}
+
 TEST_F(Loop, TurnsWithoutAllocation) {
   close();
   const Eigen::VectorXd reading = bench_.pressure(), set_point = bench_.loop.turn().pressure;
