@@ -151,6 +151,14 @@ std::string failureOf(const FollowReport& report) {
   return {};
 }
 
+json movedJson(const std::optional<FollowResult::Move>& moved) {
+  if (!moved) return nullptr;
+  return {{"time_s", moved->time},
+          {"translation_m", moved->base.xi.head<3>().norm()},
+          {"rotation_rad", moved->base.xi.tail<3>().norm()},
+          {"deviations", moved->base.deviations}};
+}
+
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
   json states = json::array(), settle = json::array();
@@ -175,6 +183,7 @@ json reportOf(const FollowReport& report) {
           {"unreachable", figures.unreachable},
           {"states", states},
           {"alarms", alarmsJson(report.result)},
+          {"base_moved", movedJson(report.result.moved)},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},
           {"png", textOrNull(report.png)}};
@@ -346,6 +355,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     const json tree = reportOf(report);
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
+  if (result.moved) std::cerr << result.moved->base.message() << "\n";
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
@@ -410,8 +420,9 @@ figures), path_rms_m and path_max_m (from the path's start to its end; null with
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
-[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,
-png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when
+and how far camera or base were found to be from where the scene says, and in how many
+standard deviations), budget (or null), out, png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
 of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant

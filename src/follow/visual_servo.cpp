@@ -213,15 +213,17 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
 }
 
-/// Lengths of the actuators behind the mode of an arm that vibrates.
+/// Lengths of the actuators behind the mode of an arm that vibrates, with which it bends.
 class Swing {
  public:
-  void step(const Eigen::VectorXd& goal, double time, const std::optional<estimation::Mode>& mode) {
+  /// @param pace  factor on the mode's frequency.
+  void step(const Eigen::VectorXd& goal, double time, const std::optional<estimation::Mode>& mode,
+            double pace) {
     if (!mode || x_.size() == 0 || time < time_ || time - time_ > kLongestPause) {
       x_ = goal;
       v_.setZero(goal.size());
     } else {
-      const double dt = time - time_, turn = 2 * basics::kPi * mode->frequency;
+      const double dt = time - time_, turn = 2 * basics::kPi * mode->frequency * pace;
       v_ += dt * (turn * turn * (goal - x_) - 2 * mode->damping * turn * v_);
       x_ += dt * v_;
     }
@@ -397,6 +399,9 @@ struct VisualServo::Workspace {
     at_picture = moment = {turn.pressure, turn.pressure};
     commanded = turn.pressure;
     held_back = Eigen::VectorXd::Zero(arm.actuatorCount());
+    for (std::size_t i = 0; i < tracker.rows().size(); ++i) {
+      if (estimation::bends(tracker.rows()[i])) bending.push_back(static_cast<int>(i));
+    }
   }
 
   bool doubts() const { return contact.drift().doubtful; }
@@ -468,7 +473,7 @@ struct VisualServo::Workspace {
   // vibration and derivative shaper (Singer and Seering 1990).
   double shareHeldBack(double since) const {
     const double root = std::sqrt(1 - mode->damping * mode->damping);
-    const double half = 0.5 / (mode->frequency * root);
+    const double half = 0.5 / (mode->frequency * pace * root);
     const double K = std::exp(-mode->damping * basics::kPi / root), all = (1 + K) * (1 + K);
     const auto waits = [&](double begin) {
       return std::clamp(1 - (since - begin) / ramp, 0.0, 1.0);
@@ -506,6 +511,7 @@ struct VisualServo::Workspace {
     target = next;
     held_back = aim.pressure() - commanded;
     ramp = std::max(held_back.cwiseAbs().maxCoeff() / config.slew, kShortestRamp);
+    pace = estimation::paceOf(arm, arm.lengths(arm.clamped(aim.pressure())));
     if (observer.started()) begun_at = observer.time();
     divergence.clear();
     diverged = false;
@@ -572,12 +578,18 @@ struct VisualServo::Workspace {
       if (!observer.at(time, moment)) moment = observer.newest();
       raw = moment.pressure;
       response.apply(time, moment, lag, by_lag);
-      swing.step(arm.lengths(arm.clamped(moment.pressure)), time, mode);
-      later.step(arm.lengths(arm.clamped(moment.pressure + kLagStep * by_lag)), time, mode);
+      const Eigen::VectorXd goal = arm.lengths(arm.clamped(moment.pressure)),
+                            goal_later =
+                                arm.lengths(arm.clamped(moment.pressure + kLagStep * by_lag));
+      const double pace_then = estimation::paceOf(arm, goal);
+      swing.step(goal, time, mode, pace_then);
+      later.step(goal_later, time, mode, pace_then);
+      at_once = (goal_later - goal) / kLagStep;
       return response.learns() ? raw : moment.pressure;
     };
     vibration.moveTo(stamp, at);
-    by_lag = (later.lengths() - swing.lengths()) / kLagStep;
+    by_lag = at_once;
+    bends_by_lag = (later.lengths() - swing.lengths()) / kLagStep;
   }
 
   // Measured twists without what the mode adds to them.
@@ -587,7 +599,8 @@ struct VisualServo::Workspace {
     if (!mode || !step) return out;
     const Eigen::VectorXd swings = step->model.by_lengths * swing.beyond();
     for (std::size_t i = 0; i < tracker.rows().size(); ++i) {
-      out.reshaped()[tracker.rows()[i]] -= swings[static_cast<Eigen::Index>(i)];
+      const int row = tracker.rows()[i];
+      if (estimation::bends(row)) out.reshaped()[row] -= swings[static_cast<Eigen::Index>(i)];
     }
     return out;
   }
@@ -597,17 +610,20 @@ struct VisualServo::Workspace {
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
     const auto& step = tracker.lastStep();
     if (!mode || !step) return out;
-    const Eigen::MatrixXd by_peak =
-        kSwingError * step->model.by_lengths * swing.peak().asDiagonal();
+    Eigen::MatrixXd by_peak = kSwingError * step->model.by_lengths * swing.peak().asDiagonal();
+    for (Eigen::Index i = 0; i < by_peak.rows(); ++i) {
+      if (!estimation::bends(tracker.rows()[static_cast<std::size_t>(i)])) by_peak.row(i).setZero();
+    }
     out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
     return out;
   }
 
   void learnMode(const model::Twists& measured) {
     const auto& step = tracker.lastStep();
-    const Eigen::VectorXd unit = tracker.biasDeviation().cwiseInverse();
-    const Eigen::VectorXd picked = measured.reshaped()(tracker.rows());
-    vibration.compare(unit.cwiseProduct(picked), unit.asDiagonal() * step->model.by_lengths);
+    const Eigen::VectorXd unit = tracker.biasDeviation()(bending).cwiseInverse();
+    const Eigen::VectorXd picked = measured.reshaped()(tracker.rows())(bending);
+    vibration.compare(unit.cwiseProduct(picked),
+                      unit.asDiagonal() * step->model.by_lengths(bending, Eigen::all));
     const auto& found = vibration.mode();
     if (!found) return;
     const bool changed = !mode || std::abs(std::log(found->frequency / mode->frequency)) > 0.02 ||
@@ -669,8 +685,10 @@ struct VisualServo::Workspace {
   bool within_reach = false;  // it did when the target was set
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
-  double at_lag = 0.0;     // of the pressures at the picture [s]
-  Eigen::VectorXd by_lag;  // derivative of the lengths then (n) [m/s]
+  double at_lag = 0.0;                   // of the pressures at the picture [s]
+  Eigen::VectorXd by_lag, bends_by_lag;  // derivatives of the lengths then (n) [m/s]
+  Eigen::VectorXd at_once;               // the first one of the newest moment
+  std::vector<int> bending;              // of the tracker's rows, which are bends
   estimation::ModeEstimator vibration;
   std::optional<estimation::Mode> mode;  // told or found
   Swing swing, later;                    // at the lag, and a little more
@@ -680,6 +698,7 @@ struct VisualServo::Workspace {
   Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
   Eigen::VectorXd held_back;    // of the last step (n) [Pa]
   double ramp = kShortestRamp;  // duration of each part of the step [s]
+  double pace = 1.0;            // of the mode where the step leads
   double begun_at = 0.0;        // [s]
   Eigen::VectorXd lengths;
   Turn turn;
@@ -821,7 +840,8 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                            w.atRest(twists),
                                            covariance + w.swingNoise(),
                                            w.at_lag,
-                                           w.by_lag};
+                                           w.by_lag,
+                                           w.bends_by_lag};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.watch);
   if (!touched && w.contact.load().contact) {

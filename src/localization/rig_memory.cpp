@@ -2,6 +2,11 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <cmath>
+#include <utility>
+
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -15,6 +20,19 @@ constexpr int kMostFailures = 30;
 // Part of what is known that remains after each later picture: a camera that was pushed is followed
 // within some hundred different shapes, while one load, carried for some of them, changes little.
 constexpr double kKept = 0.995;
+
+// Of BaseWatch: pictures a fit, deviations of a move, fits in a row that change its verdict, and
+// the prior of its fits.
+constexpr int kWatchPeriod = 10;
+constexpr double kMovedBeyond = 5.0;
+constexpr int kWatchPatience = 3;
+constexpr BasePrior kAnywhere = {0.5, 1.0};
+
+TwistFitOptions unknownBase(TwistFitOptions options) {
+  options.free_base = true;
+  options.base_prior = kAnywhere;
+  return options;
+}
 
 Matrix inverseOf(const Matrix& covariance) {
   return Eigen::LLT<Matrix>(covariance).solve(Matrix::Identity());
@@ -88,5 +106,40 @@ void RigMemory::conclude() {
 }
 
 void RigMemory::reset() { *this = RigMemory(options_, by_placements_); }
+
+std::string BaseMove::message() const {
+  return basics::format(
+      "the camera or the arm's base is %.0f mm and %.1f deg from where the scene says (%.0f "
+      "standard deviations): fix both, then place the camera anew with helix_arm camera place",
+      1e3 * xi.head<3>().norm(), xi.tail<3>().norm() * 180 / basics::kPi, deviations);
+}
+
+BaseWatch::BaseWatch(TagLayout layout, int sections, const TwistFitOptions& options,
+                     const Matrix& by_placements)
+    : fitter_(std::move(layout), sections, unknownBase(options)),
+      known_((RigEstimate(options).covariance + by_placements).topLeftCorner<6, 6>()) {}
+
+void BaseWatch::see(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB, double focal,
+                    const model::Shape& start, const model::Shape& model) {
+  if (pictures_++ % kWatchPeriod != 0) return;
+  const TwistFit& fit = fitter_.fit(seen, X_CB, focal, start, model);
+  if (fit.status != FitStatus::kConverged) return;
+  const BaseMove now = {
+      fit.rig.mean.head<6>(),
+      std::sqrt(fit.rig.mean.head<6>().dot(
+          Eigen::LLT<Eigen::Matrix<double, 6, 6>>(known_ + fit.rig.covariance.topLeftCorner<6, 6>())
+              .solve(fit.rig.mean.head<6>())))};
+  const bool moved = now.deviations > kMovedBeyond;
+  contradictions_ = moved == move_.has_value() ? 0 : contradictions_ + 1;
+  if (contradictions_ >= kWatchPatience || (moved && move_)) {
+    move_ = moved ? std::optional<BaseMove>(now) : std::nullopt;
+    contradictions_ = 0;
+  }
+}
+
+void BaseWatch::reset() {
+  pictures_ = contradictions_ = 0;
+  move_.reset();
+}
 
 }  // namespace helix_arm::estimation

@@ -361,6 +361,8 @@ class FollowRun {
       out_.states.push_back({time, turn.state});
     }
     out_.pictures = lockstep_.picturesAccepted();
+    const auto& moved = lockstep_.vision().moved();
+    if (moved && !out_.moved) out_.moved = {time, *moved};
   }
 
   void addRow(const follow::Turn& turn, double load_score) {

@@ -195,13 +195,16 @@ void Swing::step(const model::Shape& rest, double dt) {
     rate_ = model::Twists::Zero(6, rest.sectionCount());
     return;
   }
-  const double turn = 2 * basics::kPi * mode_.frequency, decay = mode_.damping * turn;
+  const model::Twists goal = rest.twists(), offset = shape_.twists() - goal;
+  const double pace = length_ / goal.topRows<3>().colwise().norm().sum();
+  const double turn = 2 * basics::kPi * mode_.frequency * pace, decay = mode_.damping * turn;
   const double damped = turn * std::sqrt(1 - mode_.damping * mode_.damping);
   const double c = std::cos(damped * dt), s = std::sin(damped * dt) / damped;
   const double shrinks = std::exp(-decay * dt);
-  const model::Twists goal = rest.twists(), offset = shape_.twists() - goal;
-  const model::Twists moved = shrinks * (c * offset + s * (rate_ + decay * offset));
+  model::Twists moved = shrinks * (c * offset + s * (rate_ + decay * offset));
   rate_ = shrinks * (c * rate_ - s * (decay * rate_ + turn * turn * offset));
+  moved.topRows<4>().setZero();
+  rate_.topRows<4>().setZero();
   shape_ = rest.about(goal + moved);
 }
 
@@ -212,7 +215,7 @@ SimulatedRig::SimulatedRig(const statics::ArmModel& model,
       regulator_(model.arm().actuatorCount(), regulator_config),
       response_(model.arm(), deviation.response),
       dead_time_(deviation.dead_time) {
-  if (deviation.mode) swing_.emplace(*deviation.mode);
+  if (deviation.mode) swing_.emplace(*deviation.mode, model.arm().restLength());
   step(0.0);  // vented
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",

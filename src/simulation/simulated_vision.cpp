@@ -38,6 +38,7 @@ struct SimulatedVision::Workspace {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
       if (const auto& by_placements = localizer_config.rig_by_placements) {
         memory.emplace(localizer_config.fit, *by_placements);
+        base.emplace(nominal.layout, nominal.sections, localizer_config.fit, *by_placements);
       }
     } else {
       simulated.emplace(camera.view, camera.family, camera.body, camera.config);
@@ -50,8 +51,13 @@ struct SimulatedVision::Workspace {
     if (!frozen) observe(shape);
     if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
     if (memory) fitter->know(memory->estimate());
-    const estimation::TwistFit& fit =
-        fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+    const model::Shape start = last.value_or(model);
+    const double focal = nominal.camera.focal();
+    if (base) {
+      base->see(seen, nominal.X_CB, focal, start, model);
+      moved = base->move();
+    }
+    const estimation::TwistFit& fit = fitter->fit(seen, nominal.X_CB, focal, start, model);
     if (memory) memory->learn(fit);
     last.reset();
     if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
@@ -78,6 +84,7 @@ struct SimulatedVision::Workspace {
     if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
     if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
     const vision::Observation& vision = localizer->locate(gray, model);
+    moved = vision.moved;
     if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
     return measured(vision.fit);
   }
@@ -86,10 +93,10 @@ struct SimulatedVision::Workspace {
     cv::Mat picture = simulated->render(shape);
     if (!shift.isZero(0)) {
       const cv::Mat motion = (cv::Mat_<double>(2, 3) << 1, 0, shift.x(), 0, 1, shift.y());
-      cv::Mat moved;
-      cv::warpAffine(picture, moved, motion, picture.size(), cv::INTER_LINEAR,
+      cv::Mat displaced;
+      cv::warpAffine(picture, displaced, motion, picture.size(), cv::INTER_LINEAR,
                      cv::BORDER_REPLICATE);
-      picture = moved;
+      picture = displaced;
     }
     const std::vector<std::uint8_t> jpeg = encoder->encode(picture);
     return !decoder.decode(jpeg.data(), jpeg.size(), gray);
@@ -102,6 +109,8 @@ struct SimulatedVision::Workspace {
   std::normal_distribution<double> normal;
   std::optional<estimation::TwistFitter> fitter;
   std::optional<estimation::RigMemory> memory;
+  std::optional<estimation::BaseWatch> base;
+  std::optional<estimation::BaseMove> moved;
   std::optional<model::Shape> last;
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
   bool frozen = false;
@@ -123,6 +132,7 @@ SimulatedVision::~SimulatedVision() = default;
 SimulatedVision::SimulatedVision(SimulatedVision&&) noexcept = default;
 SimulatedVision& SimulatedVision::operator=(SimulatedVision&&) noexcept = default;
 
+const std::optional<estimation::BaseMove>& SimulatedVision::moved() const { return work_->moved; }
 void SimulatedVision::shift(const Eigen::Vector2d& pixels) { work_->shift = pixels; }
 void SimulatedVision::freeze(bool frozen) { work_->frozen = frozen; }
 

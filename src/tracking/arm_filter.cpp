@@ -13,6 +13,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/correction.hpp"
+#include "helix_arm/tracking/mode_estimator.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -321,11 +322,12 @@ struct ArmFilter::Workspace {
     const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
     if (input.pressure.size() != n || input.variance.size() != n ||
         input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
-        input.covariance.cols() != size) {
+        input.covariance.cols() != size || input.by_lag.size() != input.bends_by_lag.size()) {
       return ObservationFault::kWrongSize;
     }
     if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
-        !input.twists.allFinite() || !input.covariance.allFinite() || !input.by_lag.allFinite()) {
+        !input.twists.allFinite() || !input.covariance.allFinite() || !input.by_lag.allFinite() ||
+        !input.bends_by_lag.allFinite()) {
       return ObservationFault::kNotFinite;
     }
     if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
@@ -428,7 +430,13 @@ Observation ArmFilter::see(const Input& input) {
   step.dt = w.last_time ? input.time - *w.last_time : 0.0;
   step.theta = w.theta();
   if (const auto& lag = w.parameters.lag()) {
-    if (input.by_lag.size() > 0) model->by_theta.col(*lag) = model->by_lengths * input.by_lag;
+    if (input.by_lag.size() > 0) {
+      for (Eigen::Index i = 0; i < w.biasCount(); ++i) {
+        const bool bend = bends(w.rows[static_cast<std::size_t>(i)]);
+        model->by_theta(i, *lag) =
+            model->by_lengths.row(i).dot(bend ? input.bends_by_lag : input.by_lag);
+      }
+    }
     step.theta[*lag] = input.lag;
   }
   step.measured = w.pick(input.twists);

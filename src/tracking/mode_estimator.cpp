@@ -17,7 +17,8 @@ constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 constexpr double kLongestPause = 1.0;  // [s]
 constexpr double kHighPass = 0.7;      // time constant [s]
 constexpr double kMemory = 15.0;       // of the comparison [s]
-// A mode counts if it leaves this part of the misfit that the best hypothesis without one leaves,
+// A mode counts if it leaves this part of the misfit that the best hypothesis without one, or with
+// the strongest damping, leaves,
 // after motion of this many expected errors (root mean square).
 constexpr double kClear = 0.5, kLeastMotion = 0.3;
 constexpr double kLeastPictures = 20.0;
@@ -36,6 +37,12 @@ Vertex vertexOf(double before, double here, double after, double count) {
 }
 
 }  // namespace
+
+double paceOf(const model::Arm& arm, const Eigen::Ref<const Eigen::VectorXd>& lengths) {
+  double rest = 0.0;
+  for (int i = 0; i < arm.actuatorCount(); ++i) rest += arm.actuator(i).contraction.restLength();
+  return rest / lengths.sum();
+}
 
 ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(arm) {
   const int lags = lag_is_known ? 1 : static_cast<int>(kLags.size());
@@ -91,11 +98,12 @@ void ModeEstimator::step(const Eigen::VectorXd& pressure, double dt) {
   for (Eigen::Index i = 0; i < lags_.size(); ++i) {
     // All modes behind this lag; the last one is none.
     const auto turn = turn_.segment(i * modes, modes), damping = damping_.segment(i * modes, modes);
+    const double paced = dt * paceOf(arm_, goal_.col(i).matrix());
     for (Eigen::Index j = 0; j < goal_.rows(); ++j) {
       auto x = x_.col(j).segment(i * modes, modes).array();
       auto v = v_.col(j).segment(i * modes, modes).array();
-      v += dt * turn * (turn * (goal_(j, i) - x) - 2 * damping * v);
-      x += dt * v;
+      v += paced * turn * (turn * (goal_(j, i) - x) - 2 * damping * v);
+      x += paced * v;
       x[modes - 1] = goal_(j, i);
     }
   }
@@ -157,7 +165,7 @@ void ModeEstimator::choose() {
   const Eigen::Index modes = turn_.size() / lags_.size();
   double without = energy_.sum();
   for (Eigen::Index k = modes - 1; k < turn_.size(); k += modes) {
-    without = std::min(without, misfit_[k]);
+    without = std::min(without, misfit_.segment(k - kFrequencies, kFrequencies + 1).minCoeff());
   }
   Eigen::Index best = 0;
   const double least = misfit_.minCoeff(&best);

@@ -4,7 +4,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/localization/rig_memory.hpp"
 #include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
@@ -26,6 +25,7 @@ struct ArmLocalizer::Workspace {
   TagTracker tracker;
   estimation::TwistFitter fitter;
   std::optional<estimation::RigMemory> memory;
+  std::optional<estimation::BaseWatch> base;
   Observation observation;
 
   bool warm = false;                      // the last picture was measured
@@ -45,7 +45,9 @@ struct ArmLocalizer::Workspace {
         tracker(config.detector, config.tracking),
         fitter(view.layout, view.sections, config.fit),
         expected_view(view) {
-    if (config.rig_by_placements) memory.emplace(config.fit, *config.rig_by_placements);
+    if (!config.rig_by_placements) return;
+    memory.emplace(config.fit, *config.rig_by_placements);
+    base.emplace(view.layout, view.sections, config.fit, *config.rig_by_placements);
   }
 
   // Image positions of the tags of the last shape, moved as the model moved.
@@ -100,6 +102,10 @@ struct ArmLocalizer::Workspace {
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
     if (memory) fitter.know(memory->estimate());
+    if (base) {
+      base->see(seen, view.X_CB, focal, start, model);
+      observation.moved = base->move();
+    }
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
@@ -188,6 +194,7 @@ void ArmLocalizer::reset() {
 void ArmLocalizer::forget() {
   reset();
   if (work_->memory) work_->memory->reset();
+  if (work_->base) work_->base->reset();
 }
 
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }

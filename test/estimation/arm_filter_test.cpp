@@ -352,7 +352,7 @@ TEST_F(HelicalArmFilter, LearnsStrokesAndTheLag) {
     ArmFilter::Input input = bench.at(kStep * k, late);
     // The filter is told the pressures without the lag, and how a lag changes the lengths.
     input.pressure = pressure;
-    input.by_lag = (arm.lengths(late) - arm.lengths(pressure)) / kLag;
+    input.by_lag = input.bends_by_lag = (arm.lengths(late) - arm.lengths(pressure)) / kLag;
     filter.see(input);
   }
   EXPECT_NEAR(filter.lag(), kLag, 0.05);

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "helix_arm/localization/twist_fit.hpp"
 
@@ -53,6 +55,40 @@ class RigMemory {
   bool teaches_ = false, held_ = false;
   std::optional<model::Twists> taught_;  // of the last picture that taught
   int failures_ = 0;                     // in a row
+};
+
+/// The camera or the arm's base, where it is not as the scene says.
+struct BaseMove {
+  lie::Vector6 xi = lie::Vector6::Zero();  ///< log of the base seen from the nominal one [m, rad]
+  double deviations = 0.0;                 ///< of what is known of it, by Mahalanobis
+
+  /// What has moved, by how much, and the remedy.
+  std::string message() const;
+};
+
+/// Says that the camera or the arm's base has moved, from fits that know nothing of the base.
+///
+/// With x the base of such a fit, C its covariance, P0 that of the prior and Q that of errors by
+/// placements, x' (C + P0 + Q)^-1 x beyond 25 in three fits in a row is a move.
+class BaseWatch {
+ public:
+  /// Arguments as for TwistFitter and RigMemory.
+  BaseWatch(TagLayout layout, int sections, const TwistFitOptions& options,
+            const RigEstimate::Matrix& by_placements);
+
+  /// A picture; one in ten is fitted. Arguments as for TwistFitter::fit().
+  void see(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB, double focal,
+           const model::Shape& start, const model::Shape& model);
+  /// Nothing as long as camera and base are where they are expected.
+  const std::optional<BaseMove>& move() const { return move_; }
+  void reset();
+
+ private:
+  TwistFitter fitter_;
+  const Eigen::Matrix<double, 6, 6> known_;  // P0 + Q
+  int pictures_ = 0;
+  int contradictions_ = 0;  // fits in a row that contradict `move_`
+  std::optional<BaseMove> move_;
 };
 
 }  // namespace helix_arm::estimation

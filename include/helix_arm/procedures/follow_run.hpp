@@ -102,6 +102,12 @@ struct FollowResult {
   std::vector<FollowState> states;
   std::vector<FollowAlarm> alarms;
   int pictures = 0;  ///< accepted
+  /// The camera or the arm's base, once the pictures showed that it is not where the scene says.
+  struct Move {
+    double time;  ///< [s]
+    estimation::BaseMove base;
+  };
+  std::optional<Move> moved;
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };

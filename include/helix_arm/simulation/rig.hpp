@@ -70,10 +70,12 @@ class TrueArm {
   Eigen::VectorXd stroke_scale_;  // (n)
 };
 
-/// Second-order motion of an arm about its shape at rest.
+/// Second-order motion of an arm's bends about its shape at rest; all else follows at once. The
+/// frequency goes with 1 / length, as at a constant moment for each radian of bend.
 class Swing {
  public:
-  explicit Swing(const SwingMode& mode) : mode_(mode) {}
+  /// @param length  of the arm without pressure, to which the mode's frequency belongs [m].
+  Swing(const SwingMode& mode, double length) : mode_(mode), length_(length) {}
   /// Advances by dt >= 0 [s] while the arm tends to this shape. The first one is where it starts.
   void step(const model::Shape& rest, double dt);
   /// After the first step.
@@ -81,6 +83,7 @@ class Swing {
 
  private:
   SwingMode mode_;
+  double length_;
   model::Shape shape_;
   model::Twists rate_;  // (6 x sections) per second
 };

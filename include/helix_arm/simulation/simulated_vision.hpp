@@ -52,6 +52,8 @@ class SimulatedVision {
   /// A picture of an arm of the true shape; nothing if its shape cannot be measured.
   /// @param model  approximate shape, as the model's.
   std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
+  /// What the pictures so far show of camera and base: see estimation::BaseWatch.
+  const std::optional<estimation::BaseMove>& moved() const;
   /// From now on pictures are displaced by this, as by a camera that has turned [px].
   void shift(const Eigen::Vector2d& pixels);
   /// Whether from now on each picture is the last one again, as of a camera that hangs. Rendered

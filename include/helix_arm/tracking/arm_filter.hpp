@@ -50,13 +50,15 @@ class ArmFilter {
  public:
   /// One measurement with the pressures of its time.
   struct Input {
-    double time = 0.0;            ///< [s]
-    Eigen::VectorXd pressure;     ///< (n) gauge [Pa]
-    Eigen::VectorXd variance;     ///< (n) of the pressures [Pa^2]
-    model::Twists twists;         ///< (6 x sections) mean twists
-    Eigen::MatrixXd covariance;   ///< (6 sections x 6 sections) of the twists
-    double lag = 0.0;             ///< with which `pressure` lags behind the readings [s]
-    Eigen::VectorXd by_lag = {};  ///< (n) derivative of the lengths [m/s]; empty: 0, the arm rests
+    double time = 0.0;           ///< [s]
+    Eigen::VectorXd pressure;    ///< (n) gauge [Pa]
+    Eigen::VectorXd variance;    ///< (n) of the pressures [Pa^2]
+    model::Twists twists;        ///< (6 x sections) mean twists
+    Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections) of the twists
+    double lag = 0.0;            ///< with which `pressure` lags behind the readings [s]
+    /// (n) derivative of the lengths by it [m/s]; empty: 0, the arm rests.
+    Eigen::VectorXd by_lag = {};
+    Eigen::VectorXd bends_by_lag = {};  ///< (n) likewise behind the mode in which the arm bends
   };
   /// The model about the state at a picture. Rows are the measured entries of the twists.
   struct Linearisation {

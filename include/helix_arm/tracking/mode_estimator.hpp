@@ -8,13 +8,20 @@
 
 namespace helix_arm::estimation {
 
-/// The slowest mode of vibration of an arm.
+/// The slowest mode of vibration of an arm: it bends. All else follows at once.
 struct Mode {
-  double frequency;                  ///< undamped, > 0 [Hz]
+  double frequency;                  ///< undamped, of the arm at rest, > 0 [Hz]
   double damping;                    ///< ratio, in (0, 1)
   double frequency_deviation = 0.0;  ///< standard error [Hz]; 0: told, not estimated
   double damping_deviation = 0.0;    ///< likewise
 };
+
+/// Whether a row of the twists [v; w] is a bend, w_y or w_z.
+constexpr bool bends(int row) { return row % 6 > 3; }
+
+/// Factor on the mode's frequency at lengths (n) [m]: that of rest over the present length, since
+/// at a constant moment for each radian of bend the frequency goes with 1 / length.
+double paceOf(const model::Arm& arm, const Eigen::Ref<const Eigen::VectorXd>& lengths);
 
 /// Longest step at which a mode up to 8 Hz is followed to 1 % [s].
 inline constexpr double kSwingStep = 0.01;
@@ -22,11 +29,11 @@ inline constexpr double kSwingStep = 0.01;
 /// Finds the mode of vibration of an arm from pictures of its motion.
 ///
 /// Each hypothesis is a lag that the pressures pass, and a mode that the lengths pass after it. Its
-/// output, by the model's Jacobian and a free gain of each entry of the twists, is compared with
-/// the measured ones; both pass a high-pass filter, so that offsets do not count. The likeliest
-/// mode counts once it explains the motion clearly better than every hypothesis without one.
-/// Frequency and damping are interpolated between hypotheses; their standard errors come from the
-/// curvature of the likelihood.
+/// output, by the model's Jacobian and a free gain of each bend, is compared with the measured
+/// ones; both pass a high-pass filter, so that offsets do not count. The likeliest mode counts once
+/// it explains the motion clearly better than every hypothesis without one. Frequency and damping
+/// are interpolated between hypotheses; their standard errors come from the curvature of the
+/// likelihood.
 ///
 /// Time is a number [s].
 class ModeEstimator {
@@ -40,8 +47,8 @@ class ModeEstimator {
   /// Advances all hypotheses to the time of a picture. A pause of more than a second, or a time
   /// that goes back, starts at rest.
   void moveTo(double time, const Pressures& pressures);
-  /// Compares them with the picture. @param measured  (d) entries of the twists. @param by_lengths
-  ///     (d x n) derivative of the model's. Both in units of the expected errors.
+  /// Compares them with the picture. @param measured  (d) entries of the twists that bend.
+  /// @param by_lengths  (d x n) derivative of the model's. Both in units of the expected errors.
   void compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths);
   void reset();
 

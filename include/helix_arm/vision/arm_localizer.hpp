@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
@@ -31,7 +32,8 @@ struct Observation {
   std::vector<int> unusable_ids;  ///< outside the valid range of the lens distortion; not used
   int by_edges = 0, by_regions = 0;
   bool whole_picture = false;
-  estimation::TwistFit fit;  ///< valid only if the state is kMeasured
+  estimation::TwistFit fit;                   ///< valid only if the state is kMeasured
+  std::optional<estimation::BaseMove> moved;  ///< camera or base; nothing: as expected
 };
 
 /// Measures the shape in pictures: tracks the tags from the positions that the last shape, or the
