@@ -2,7 +2,6 @@
 // behind the arm and a bar that wanders before it.
 #include <cmath>
 #include <cstdio>
-#include <vector>
 
 #include <gtest/gtest.h>
 

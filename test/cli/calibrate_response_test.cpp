@@ -153,20 +153,6 @@ TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   EXPECT_GT(without, 10 * kNoise);
 }
 
-TEST(CalibrateResponse, ANewCurveKeepsTheResponseAndIsOneOfEffectivePressures) {
-  const TemporaryFolder folder;
-  const TemporaryFile data(freeLengths(play()));
-  const std::string out = folder / "calibrated.yaml";
-  const Outcome outcome =
-      calibrate(scenePath("planar_76"), {data.path()},
-                {"--fit", "contraction", "--out", out, "--set",
-                 "contractions.planar_muscle.response={play_kpa: [40], play_weight: [0.6]}"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  EXPECT_TRUE(outcome.json()["response"].is_null());
-  EXPECT_NE(contentOf(out).find("play_kpa: [40]"), std::string::npos) << contentOf(out);
-  EXPECT_LT(cycleError(out, play()), kNoise);
-}
-
 TEST(CalibrateResponse, ASeriesOfTheTipGivesTheLagToEveryCurve) {
   const TemporaryFolder folder;
   const TemporaryFile data(tipSeries(1));

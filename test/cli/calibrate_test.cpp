@@ -69,8 +69,8 @@ TEST(Calibrate, WritesASceneThatPredictsWhatWasMeasured) {
 
   EXPECT_LT(rmsOf(out, data.path()), 1e-3);
   const std::string text = contentOf(out);
-  EXPECT_NE(text.find("sha256"), std::string::npos);
-  EXPECT_NE(text.find("package_version"), std::string::npos);
+  EXPECT_TRUE(has(text, "sha256"));
+  EXPECT_TRUE(has(text, "package_version"));
 }
 
 TEST(Calibrate, CombinationsOfATiltedArmAreGivenAndWritten) {
@@ -117,8 +117,7 @@ TEST(Calibrate, FreeLengthsReplaceTheCurve) {
 
 void expectRefused(const Outcome& outcome, const std::string& word) {
   EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-  EXPECT_NE(outcome.json()["reason"].get<std::string>().find(word), std::string::npos)
-      << outcome.out;
+  EXPECT_TRUE(has(outcome.json()["reason"], word));
 }
 
 TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
@@ -263,7 +262,7 @@ TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
                                 {"--fit", "contraction,stiffness"})["contractions"][0];
   const json in_arm = curve["in_arm"];
   EXPECT_EQ(in_arm["taken"], false);
-  EXPECT_NE(in_arm["reason"].get<std::string>().find("the arm, not the muscle"), std::string::npos);
+  EXPECT_TRUE(has(in_arm["reason"], "the arm, not the muscle"));
   EXPECT_LT(curve["rms_m"].get<double>(), 0.7e-3);
   std::printf("spatial_50: %s\n", in_arm["reason"].get<std::string>().c_str());
 }

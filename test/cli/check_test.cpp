@@ -56,7 +56,7 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
   EXPECT_EQ(runCommand({"check", scene, "--set", device}).exit_code, 0);
   const json result = resultOf({"check", scene, "--set", device, "--probe"}, 1);
   const json finding = foundBy(result, "no_answer");
-  EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
+  EXPECT_TRUE(has(finding["value"], "/tmp/no_such_regulator"));
   EXPECT_TRUE(result["probed"]);
 }
 
@@ -82,8 +82,8 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
                                1);
   const json finding = foundBy(result, "bad_reply");
   EXPECT_EQ(finding["severity"], "fault");
-  EXPECT_NE(finding["culprit"].get<std::string>().find(" at 127.0.0.1:"), std::string::npos);
-  EXPECT_NE(finding["value"].get<std::string>().find("atmosphere_kpa"), std::string::npos);
+  EXPECT_TRUE(has(finding["culprit"], " at 127.0.0.1:"));
+  EXPECT_TRUE(has(finding["value"], "atmosphere_kpa"));
   EXPECT_EQ(finding["remedy"], "check the profile of the regulator");
 }
 
@@ -109,7 +109,7 @@ TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
     const std::string value = finding["value"];
     EXPECT_EQ(value.find("it vented and answered, gauge pressures: muscle_1 "), 0u) << value;
     for (const char* const said : {" kPa, muscle_2 ", " kPa, muscle_3 "}) {
-      EXPECT_NE(value.find(said), std::string::npos) << value;
+      EXPECT_TRUE(has(value, said));
     }
     ASSERT_EQ(result["pressures_pa"].size(), 3u);
     for (const json& pressure : result["pressures_pa"]) EXPECT_LT(std::abs(double(pressure)), 2000);
@@ -126,8 +126,7 @@ TEST(Check, ASupplyThatIsMeasuredIsCompared) {
   const json result = outcome.json();
   ASSERT_FALSE(result["supply_pa"].is_null()) << outcome.out;
   EXPECT_TRUE(findingOf(result, "supply_not_measured").is_null());
-  EXPECT_NE(findingOf(result, "answered")["value"].get<std::string>().find(", supply "),
-            std::string::npos);
+  EXPECT_TRUE(has(findingOf(result, "answered")["value"], ", supply "));
 }
 
 }  // namespace

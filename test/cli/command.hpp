@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "nlohmann/json.hpp"
+#include "support/has.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {

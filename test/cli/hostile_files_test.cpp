@@ -1,12 +1,10 @@
 // The command with foreign files and words: nothing waits, no content is printed, no memory is
 // wasted, and the terminal obeys none of it.
 #include <algorithm>
-#include <filesystem>
 #include <fstream>
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -49,39 +47,6 @@ class HostileFiles : public ::testing::Test {
 
   const TemporaryFolder folder_;
 };
-
-TEST_F(HostileFiles, AFifoOrADeviceIsRefusedAtOnce) {
-  const std::string fifo = folder_ / "fifo";
-  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
-  for (const std::vector<std::string>& call : callsWith(fifo)) {
-    expectCallerError(runCommand(call), "is a FIFO; expected a regular file");
-  }
-  for (const std::vector<std::string>& call : callsWith("/dev/zero")) {
-    expectCallerError(runCommand(call), "is a device; expected a regular file");
-  }
-  ASSERT_EQ(mkfifo((folder_ / "fifo.bag").c_str(), 0600), 0);
-  expectCallerError(runCommand({"calibrate", scenePath("demo"), folder_ / "fifo.bag", "--out",
-                                folder_ / "out.yaml"}),
-                    "is a FIFO; expected a regular file");
-}
-
-TEST_F(HostileFiles, NothingIsRepeatedOfAFileOfSomebodyElse) {
-  const std::string shadow = write("shadow",
-                                   "root:$6$s3cretsalt$hashhash:19000:0:99999:7:::\n"
-                                   "user:$6$s3cretsalt$hashhash:19000:0:99999:7:::\n");
-  const std::string table = write("keys.csv", "s3cret,token\nhashhash,s3cret\n");
-  const std::string keys = write("keys.yaml", "s3cret: hashhash\nname: s3cret\ntags: hashhash\n");
-  for (const std::string& path : {shadow, table, keys}) {
-    for (const std::vector<std::string>& call : callsWith(path)) {
-      const Outcome outcome = runCommand(call);
-      EXPECT_EQ(outcome.exit_code, 2);
-      EXPECT_EQ(outcome.out, "");
-      EXPECT_NE(outcome.err.find(path), std::string::npos) << outcome.err;
-      EXPECT_EQ(outcome.err.find("s3cret"), std::string::npos) << outcome.err;
-      EXPECT_EQ(outcome.err.find("hashhash"), std::string::npos) << outcome.err;
-    }
-  }
-}
 
 TEST_F(HostileFiles, NoCellOfATableIsRepeated) {
   for (const std::vector<std::string>& call : std::vector<std::vector<std::string>>{

@@ -68,8 +68,7 @@ TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
   EXPECT_EQ(outcome.exit_code, 1);
   const nlohmann::json result = outcome.json();
   EXPECT_EQ(result["status"], "unreachable");
-  EXPECT_NE(result["reason"].get<std::string>().find("no inputs within the limits"),
-            std::string::npos);
+  EXPECT_TRUE(has(result["reason"], "no inputs within the limits"));
   EXPECT_NEAR(result["position_error_m"].get<double>(), 0.5 - 0.4269760703, 1e-6);
   EXPECT_NEAR(result["residual"].get<double>(), 0.5 - 0.4269760703, 1e-6);
   ASSERT_EQ(result["active_limits"].size(), 3u);

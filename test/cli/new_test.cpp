@@ -97,7 +97,7 @@ TEST_F(New, TheProfileSaysWhatTheDeviceTakes) {
   write({"--defaults", "--regulator", "generic", "--sections", "2", "--muscles", "4"});
   const io::Scene alicat =
       made({"--defaults", "--regulator", "alicat", "--sections", "8", "--tag-size-m", "0"});
-  EXPECT_NE(regulator::describeChannels(*alicat.regulator).find("V, W, X"), std::string::npos);
+  EXPECT_TRUE(has(regulator::describeChannels(*alicat.regulator), "V, W, X"));
   // A copy of the profile that says what another board has.
   std::string profile = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml");
   profile.replace(profile.find("highest_kpa: 300"), 16, "highest_kpa: 200");
@@ -123,8 +123,7 @@ TEST_F(New, TextsThatYamlReadsOtherwiseAreQuoted) {
     const regulator::Config modbus = regulatorOf({"festo_vtem", "--host", text});
     EXPECT_EQ(std::get<regulator::ModbusConfig>(modbus).host, text);
   }
-  EXPECT_NE(contentOf(out_).find("    host: caf\xc3\xa9\n"), std::string::npos)
-      << "plain where YAML reads it so";
+  EXPECT_TRUE(has(contentOf(out_), "    host: caf\xc3\xa9\n")) << "plain where YAML reads it so";
   for (const char* const name : {"a \"b\".yaml", "a\\b.yaml", "a #b.yaml", "it's.yaml"}) {
     SCOPED_TRACE(name);
     const std::string copy = folder_ / name;
@@ -141,8 +140,7 @@ TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
   for (const std::string& profile : profiles) {
     SCOPED_TRACE(profile);
     EXPECT_EQ(write({"--regulator", profile, "--format", "json"}).json()["regulator"], profile);
-    EXPECT_NE(regulator::describe(*io::loadScene(out_).regulator).find(" " + profile + " at "),
-              std::string::npos);
+    EXPECT_TRUE(has(regulator::describe(*io::loadScene(out_).regulator), " " + profile + " at "));
   }
   const io::Scene alicat = made({"--regulator", "alicat", "--device", "/dev/ttyUSB7"});
   EXPECT_EQ(regulator::describe(*alicat.regulator), "ascii_serial alicat at /dev/ttyUSB7");
@@ -153,7 +151,7 @@ TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
   const std::string copy = folder_ / "my_board.yaml";
   std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
   const io::Scene mine = made({"--regulator", std::filesystem::relative(copy).string()});
-  EXPECT_NE(regulator::describe(*mine.regulator).find(" my_board at "), std::string::npos);
+  EXPECT_TRUE(has(regulator::describe(*mine.regulator), " my_board at "));
 }
 
 // The table of faults in docs/board.md holds for the safety rules that stand there.
@@ -161,10 +159,10 @@ TEST_F(New, TheSceneOfTheBoardHasTheSafetyRulesThatItWasTestedWith) {
   const std::string document = contentOf(HELIX_ARM_SOURCE_DIR "/docs/board.md");
   const std::size_t begin = document.find("\nsafety:\n") + 1;
   const std::string rules = document.substr(begin, document.find("```", begin) - begin);
-  ASSERT_NE(rules.find("target_timeout_s: "), std::string::npos);
+  ASSERT_TRUE(has(rules, "target_timeout_s: "));
   write({"--regulator", "generic"});
   const std::string text = contentOf(out_);
-  ASSERT_NE(text.find("\nsafety:\n"), std::string::npos);
+  ASSERT_TRUE(has(text, "\nsafety:\n"));
   EXPECT_EQ(text.substr(text.find("\nsafety:\n") + 1), rules);
 }
 

@@ -1,12 +1,10 @@
 #include <algorithm>
 #include <csignal>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <sstream>
 
-#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -127,7 +125,7 @@ TEST(RegulatorProbe, TextSaysThatConnectingVents) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   for (const char* part : {"connected, which vents; nothing else was written", "muscle_2 ",
                            "readings per second", "not measured"}) {
-    EXPECT_NE(outcome.out.find(part), std::string::npos) << outcome.out;
+    EXPECT_TRUE(has(outcome.out, part));
   }
   EXPECT_EQ(device.setPoint().maxCoeff(), 0);
 }
@@ -136,15 +134,14 @@ TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
   const int port = freePort();
   const Outcome refused = run(port, {"probe", "--format", "json"});
   EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_NE(refused.json()["reason"].get<std::string>().find("cannot connect: Connection refused"),
-            std::string::npos);
+  EXPECT_TRUE(has(refused.json()["reason"], "cannot connect: Connection refused"));
   EXPECT_TRUE(refused.json()["channels"][0]["pressure_pa"].is_null());
-  EXPECT_NE(refused.err.find("127.0.0.1:" + std::to_string(port)), std::string::npos);
+  EXPECT_TRUE(has(refused.err, "127.0.0.1:" + std::to_string(port)));
   EmulatedDevice device(deviceConfig());
   device.setFault(DeviceFault::kNanText);
   const Outcome broken = run(device.port(), {"probe", "--seconds", "0.1"});
   EXPECT_EQ(broken.exit_code, 1);
-  EXPECT_NE(broken.err.find("muscle_1 gives no reading"), std::string::npos) << broken.err;
+  EXPECT_TRUE(has(broken.err, "muscle_1 gives no reading"));
 }
 
 TEST(RegulatorSet, GoesThereAndVents) {
@@ -181,8 +178,8 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
     kill(command.id(), number);
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
-    EXPECT_NE(command.outputNow().find("interrupted"), std::string::npos) << command.outputNow();
-    EXPECT_NE(command.outputNow().find("state  vented"), std::string::npos);
+    EXPECT_TRUE(has(command.outputNow(), "interrupted"));
+    EXPECT_TRUE(has(command.outputNow(), "state  vented"));
   }
 }
 
@@ -192,7 +189,7 @@ TEST(RegulatorSet, AFaultEndsItWithItsReason) {
   ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
   device.setFault(DeviceFault::kRestart);
   EXPECT_EQ(command.exitCode(), 1);
-  EXPECT_NE(command.outputNow().find("regulator"), std::string::npos) << command.outputNow();
+  EXPECT_TRUE(has(command.outputNow(), "regulator"));
   EXPECT_LT(fullest(device), kEmpty);
 }
 
@@ -213,8 +210,8 @@ TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
       run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1", "--yes", "--set",
                           "safety.follow.time_constant_s=0.4"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_NE(outcome.out.find("\nvents: muscle_1 "), std::string::npos) << outcome.out;
-  EXPECT_EQ(outcome.out.find("fault"), std::string::npos) << outcome.out;
+  EXPECT_TRUE(has(outcome.out, "\nvents: muscle_1 "));
+  EXPECT_FALSE(has(outcome.out, "fault"));
 }
 
 TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
@@ -227,8 +224,8 @@ TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
     ASSERT_EQ(kill(guard, number), 0);
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
-    EXPECT_NE(command.outputNow().find("guard"), std::string::npos) << command.outputNow();
-    EXPECT_NE(command.outputNow().find("state  vented"), std::string::npos) << command.outputNow();
+    EXPECT_TRUE(has(command.outputNow(), "guard"));
+    EXPECT_TRUE(has(command.outputNow(), "state  vented"));
     if (number == SIGSTOP) kill(guard, SIGCONT);
     EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
   }
@@ -238,9 +235,7 @@ TEST(RegulatorSet, WithoutADeviceItSaysWhy) {
   const Outcome outcome = run(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes", "--format",
                                            "json", "--set", "safety.vent_time_s=0.5"});
   EXPECT_EQ(outcome.exit_code, 1);
-  EXPECT_NE(outcome.json()["reason"].get<std::string>().find("Connection refused"),
-            std::string::npos)
-      << outcome.out;
+  EXPECT_TRUE(has(outcome.json()["reason"], "Connection refused"));
   EXPECT_EQ(outcome.json()["state"], "disabled");
 }
 
@@ -253,7 +248,7 @@ TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
   kill(command.id(), SIGINT);
   EXPECT_EQ(command.exitCode(), 1);
   EXPECT_TRUE(eventually([&] { return hasEnded(guard); }, 5.0));
-  EXPECT_EQ(command.outputNow().find("guard"), std::string::npos) << command.outputNow();
+  EXPECT_FALSE(has(command.outputNow(), "guard"));
 }
 
 TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
@@ -265,22 +260,22 @@ TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
   for (const double each : numbersOf(outcome.json()["pressure_pa"])) EXPECT_LE(each, kEmpty);
   EXPECT_LT(fullest(device), kEmpty);
   const std::string text = run(device.port(), {"vent", "--set", "safety.vented_below_kpa=12"}).out;
-  EXPECT_NE(text.find("vented below  12 kPa"), std::string::npos) << text;
+  EXPECT_TRUE(has(text, "vented below  12 kPa"));
 }
 
 TEST(RegulatorVent, WhatCannotBeVentedIsNamed) {
   const Outcome nobody = run(freePort(), {"vent", "--format", "json"});
   EXPECT_EQ(nobody.exit_code, 1);
   EXPECT_EQ(nobody.json()["vented"], false);
-  EXPECT_NE(nobody.err.find("not vented: 127.0.0.1:"), std::string::npos) << nobody.err;
+  EXPECT_TRUE(has(nobody.err, "not vented: 127.0.0.1:"));
   EmulatedDevice device(deviceConfig());
   fill(device);
   device.setFault(DeviceFault::kStuckValue);
   const Outcome stuck = run(device.port(), {"vent", "--set", "safety.vent_time_s=0.3"});
   EXPECT_EQ(stuck.exit_code, 1);
   EXPECT_EQ(stuck.out, "");
-  EXPECT_NE(stuck.err.find("not vented: muscle_1 still has "), std::string::npos) << stuck.err;
-  EXPECT_NE(stuck.err.find("after 0.3 s; shut the supply"), std::string::npos) << stuck.err;
+  EXPECT_TRUE(has(stuck.err, "not vented: muscle_1 still has "));
+  EXPECT_TRUE(has(stuck.err, "after 0.3 s; shut the supply"));
 }
 
 TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
@@ -319,7 +314,7 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
           "guard: the process that moved the arm ended without venting it; modbus_tcp festo_vtem"),
       0u)
       << said;
-  EXPECT_NE(said.find(" is vented, after "), std::string::npos) << said;
+  EXPECT_TRUE(has(said, " is vented, after "));
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
 }
 
@@ -353,7 +348,7 @@ TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
   config.port = port;
   device = std::make_unique<EmulatedDevice>(config);
   EXPECT_EQ(guard.exitCode(), 0);
-  EXPECT_NE(guard.outputNow().find(" is vented"), std::string::npos) << guard.outputNow();
+  EXPECT_TRUE(has(guard.outputNow(), " is vented"));
   EXPECT_GT(device->taken(), 0u);
 }
 
@@ -365,12 +360,11 @@ TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
   guard.endInput();
   EXPECT_EQ(guard.exitCode(), 1);
   const std::string said = guard.outputNow();
-  EXPECT_NE(said.find(" is NOT vented: muscle_1 still has "), std::string::npos) << said;
-  EXPECT_NE(said.find("; the arm may be under pressure: shut the supply, open the relief valve by "
-                      "hand, then `helix_arm regulator " +
-                      scenePath("demo_modbus") + " vent`\n"),
-            std::string::npos)
-      << said;
+  EXPECT_TRUE(has(said, " is NOT vented: muscle_1 still has "));
+  EXPECT_TRUE(has(said,
+                  "; the arm may be under pressure: shut the supply, open the relief valve by "
+                  "hand, then `helix_arm regulator " +
+                      scenePath("demo_modbus") + " vent`\n"));
 }
 
 TEST(RegulatorEmulate, ReplacesTheDevice) {
@@ -431,9 +425,8 @@ TEST(Regulator, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {
   for (const std::vector<std::string>& second : kSecond) {
     const Outcome outcome = run(device.port(), second);
     EXPECT_EQ(outcome.exit_code, 1) << outcome.out;
-    EXPECT_NE(outcome.err.find(" is driven by process "), std::string::npos) << outcome.err;
-    EXPECT_NE(outcome.err.find("(helix_arm); end that one first"), std::string::npos)
-        << outcome.err;
+    EXPECT_TRUE(has(outcome.err, " is driven by process "));
+    EXPECT_TRUE(has(outcome.err, "(helix_arm); end that one first"));
     EXPECT_TRUE(stands()) << "after " << second[0];
   }
   // When it is killed, its guard vents and the device is free for the next program.

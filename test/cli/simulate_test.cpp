@@ -78,23 +78,6 @@ TEST(Simulate, TagPosesAreThoseOfTheTrueTags) {
             1e-3);
 }
 
-TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
-  const TemporaryFolder folder;
-  const std::string noise = "vision.tag_position_noise_m=1e-6";
-  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), {"--count", "3", "--set", noise}).exit_code,
-            0);
-  const json fits = resultOf({"fit", scenePath("demo"), folder / "tag_poses.csv", "--set", noise});
-  const auto truth = tableOf(folder / "truth.csv");
-  ASSERT_EQ(fits["captures"].size(), truth.size());
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    const auto twist = numbersOf(fits["captures"][i]["twist"][0]);
-    EXPECT_NEAR(twist[0], truth[i].at("section_1_vx_m"), 1e-5);
-    EXPECT_NEAR(twist[3], truth[i].at("section_1_wx_rad"), 1e-4);
-    EXPECT_NEAR(twist[4], truth[i].at("section_1_wy_rad"), 1e-4);
-    EXPECT_NEAR(twist[5], truth[i].at("section_1_wz_rad"), 1e-4);
-  }
-}
-
 // A camera of another focal length than the file says: the scene that is written knows it.
 TEST(Simulate, TheWrittenSceneDescribesThePictures) {
   const TemporaryFolder folder;

@@ -73,16 +73,6 @@ TEST(Trade, NothingBeatsARowOfTheFrontier) {
   for (const char* const part : {"model", "curve", "markers"}) EXPECT_GE(on_frontier[part], 1);
 }
 
-TEST(Trade, MorePointsDrawTheCurveBetter) {
-  const json rows = rowsOf("helical_50");
-  // A chord leaves a curve by the square of its length.
-  for (const char* const curve : {"muscles", "base curve"}) {
-    const double coarse = rowOf(rows, curve, "8 points per section")["tip_error_percent"];
-    const double fine = rowOf(rows, curve, "16 points per section")["tip_error_percent"];
-    EXPECT_NEAR(coarse / fine, 4.0, 0.4) << curve;
-  }
-}
-
 TEST(Trade, MeasuresSightOnRenderedPictures) {
   const json rows =
       resultOf({"trade", scenePath("loaded"), "--no-files", "--pictures", "6"})["rows"];

@@ -127,7 +127,7 @@ TEST(Workspace, TheReachIsCertifiedExceptUnderLoad) {
   EXPECT_TRUE(result["outer_bounds_m"].is_null());
   const Outcome text =
       runCommand({"workspace", scenePath("loaded"), "--count", "50", "--tier", "loaded"});
-  EXPECT_NE(text.out.find("tips may reach farther"), std::string::npos) << text.out;
+  EXPECT_TRUE(has(text.out, "tips may reach farther"));
 }
 
 TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
@@ -195,17 +195,17 @@ TEST(Workspace, ResultsGoToStdoutAndProgressToStderr) {
     arguments.insert(arguments.end(), {"--format", format});
     const Outcome outcome = runCommand(arguments);
     EXPECT_EQ(outcome.exit_code, 0);
-    EXPECT_EQ(outcome.out.find(" left"), std::string::npos) << outcome.out;
+    EXPECT_FALSE(has(outcome.out, " left"));
     std::istringstream lines(outcome.err);
     int told = 0;
     for (std::string line; std::getline(lines, line); ++told) {
-      EXPECT_NE(line.find(" %, "), std::string::npos) << line;
-      EXPECT_NE(line.find(" points/s, "), std::string::npos) << line;
+      EXPECT_TRUE(has(line, " %, "));
+      EXPECT_TRUE(has(line, " points/s, "));
     }
     EXPECT_EQ(told, 10) << outcome.err;
-    EXPECT_NE(outcome.err.find("100 %"), std::string::npos);
+    EXPECT_TRUE(has(outcome.err, "100 %"));
   }
-  EXPECT_NE(runCommand(command).out.find("\nreach  "), std::string::npos);
+  EXPECT_TRUE(has(runCommand(command).out, "\nreach  "));
 }
 
 TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
@@ -258,10 +258,9 @@ TEST(Workspace, PointsThatCannotBeDrawnAreToldAndKept) {
   const Outcome outcome = workspace(scenePath("helical_50"),
                                     {"--count", "1", "--out", points, "--png", folder / "p.png"});
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_NE(outcome.err.find("p.png has nothing to draw: the 1 tip is a line or a point; sample "
-                             "more with --count, or leave out --png"),
-            std::string::npos)
-      << outcome.err;
+  EXPECT_TRUE(has(outcome.err,
+                  "p.png has nothing to draw: the 1 tip is a line or a point; sample "
+                  "more with --count, or leave out --png"));
   const nlohmann::json result = outcome.json();
   EXPECT_EQ(result["count"], 1);
   EXPECT_EQ(result["out"], points);
@@ -321,9 +320,7 @@ TEST(Workspace, InterruptedItLeavesWhatWasThere) {
     Process process({HELIX_ARM_COMMAND, "workspace", scenePath("helical_50"), "--out", path,
                      "--count", "10000000000"});
     interrupt(process, signal, folder, 2);
-    EXPECT_NE(process.output().find("of 10000000000 inputs; nothing was written"),
-              std::string::npos)
-        << process.output();
+    EXPECT_TRUE(has(process.output(), "of 10000000000 inputs; nothing was written"));
     EXPECT_EQ(contentOf(path), "old");
     EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.csv"});
   }

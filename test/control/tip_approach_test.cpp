@@ -7,7 +7,6 @@
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::control {
 namespace {
@@ -101,32 +100,6 @@ TEST(TipApproach, IsAskedWithoutAllocations) {
   for (int i = -10; i < 1000; ++i) sum += approach.at(0.1 * i).rotation->sum();
   EXPECT_EQ(counter.count(), 0u);
   EXPECT_TRUE(std::isfinite(sum));
-}
-
-TEST(TipApproach, UnusableArgumentsAreRefused) {
-  const Vector3d zero(0, 0, 0), one(1, 0, 0);
-  const auto refused = [](const Vector3d& from, const Vector3d& to, double most_speed) {
-    return test::refusal([&] { const TipApproach approach(from, to, most_speed); });
-  };
-  EXPECT_EQ(refused(zero, one, 0.1), "accepted");
-  EXPECT_EQ(refused(Vector3d(kNan, 0, 0), one, 0.1),
-            "tip approach: from has x = nan m in its position; expected a finite value of "
-            "magnitude at most 1e+06: give it in m, seen from the arm's base");
-  EXPECT_EQ(refused(zero, Vector3d(0, 0, 2e6), 0.1),
-            "tip approach: to has z = 2e+06 m in its position; expected a finite value of "
-            "magnitude at most 1e+06: give it in m, seen from the arm's base");
-  for (const double speed : {0.0, -0.1, kInfinity, kNan}) {
-    EXPECT_NE(refused(zero, one, speed).find("; expected a finite value > 0 [m/s]"),
-              std::string::npos)
-        << speed;
-  }
-  EXPECT_EQ(refused(zero, one, 1e-6),
-            "tip approach: takes 1.875e+06 s over 1 m at a most_speed of 1e-06 m/s; expected at "
-            "most 1e+06 s: give a larger most_speed");
-  const lie::SE3 mirrored{-Matrix3d::Identity(), zero};
-  EXPECT_EQ(test::refusal([&] { const TipApproach approach(lie::SE3(), mirrored); }),
-            "tip approach: to has a rotation with determinant -1, a mirror image; expected +1: "
-            "check the order and signs of its axes");
 }
 
 }  // namespace

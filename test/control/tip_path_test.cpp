@@ -490,32 +490,5 @@ TEST(TipPathShapes, TheLargestAndTheSmallestAreSoundPaths) {
   }
 }
 
-TEST(TipPathShapes, WhatBreaksARuleIsNamed) {
-  const auto refused = [](const std::function<void(ShapedPath & path)>& spoil) {
-    ShapedPath path = shaped(TipShape::kCircle, 2);
-    spoil(path);
-    return test::refusal([&path] { wayPointsOf(path); });
-  };
-  const std::string culprit = "path shape";
-  const std::string radius = "; expected a value > 0 [m], with the centre within 1e6 m";
-  const std::string period = "; expected at least 4e-4 s, and at most 1e6 s for all turns";
-  EXPECT_EQ(refused([](ShapedPath&) {}), "accepted");
-  EXPECT_EQ(refused([](ShapedPath& p) { p.radius = 0; }), culprit + ": radius is 0" + radius);
-  EXPECT_EQ(refused([](ShapedPath& p) { p.radius = kNan; }), culprit + ": radius is nan" + radius);
-  EXPECT_EQ(refused([](ShapedPath& p) { p.radius = 1e6; }), culprit + ": radius is 1e+06" + radius);
-  EXPECT_EQ(refused([](ShapedPath& p) { p.centre.z() = kInfinity; }),
-            culprit +
-                " has z = inf m in its centre; expected a finite value of magnitude at most "
-                "1e+06: give it in m, seen from the arm's base");
-  for (const double value : {-1.0, 0.0, 3e-4, 6e5, kInfinity, kNan}) {
-    EXPECT_NE(refused([&](ShapedPath& p) { p.period = value; }).find(period), std::string::npos)
-        << value;
-  }
-  for (const int turns : {-1, 0, kMostTurns + 1}) {
-    EXPECT_EQ(refused([&](ShapedPath& p) { p.turns = turns; }),
-              culprit + ": turns is " + std::to_string(turns) + "; expected 1 to 499");
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::control

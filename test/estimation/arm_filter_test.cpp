@@ -9,7 +9,6 @@
 #include <gtest/gtest.h>
 
 #include "estimation/tracked_arm.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::estimation {
@@ -362,23 +361,6 @@ TEST_F(HelicalArmFilter, LearnsStrokesAndTheLag) {
         << i;
   }
   EXPECT_EQ(filter.parameterNames()[static_cast<std::size_t>(filter.factorCount())], "lag");
-}
-
-TEST_F(HelicalArmFilter, RefusesOptionsThatMakeNoSense) {
-  using Options = ArmFilterOptions;
-  test::expectRefusals(
-      Options(), [&](const Options& options) { ArmFilter(model_, options); },
-      {{[](Options& o) { o.hysteresis = -1; }, "the hysteresis is -1"},
-       {[](Options& o) { o.creep = NAN; }, "the creep [s^-1/2] is nan"},
-       {[](Options& o) { o.bias_translation = 0; }, "the bias of v [m] is 0"},
-       {[](Options& o) { o.bias_rotation = 0; }, "the bias of w [rad] is 0"},
-       {[](Options& o) { o.settling_time = 0; }, "the settling time [s] is 0"},
-       {[](Options& o) { o.stiffness_deviation.gamma = 0; }, "K_gamma is 0"},
-       {[](Options& o) { o.length_deviation = 0; }, "lengths is 0"},
-       {[](Options& o) { o.stiffness_correlation(0, 1) = 0.5; }, "not symmetric"},
-       {[](Options& o) { o.stiffness_correlation(0, 1) = o.stiffness_correlation(1, 0) = 1.01; },
-        "not symmetric and positive definite"},
-       {[](Options& o) { o.stiffness_correlation(3, 3) = NAN; }, "with 1 on its diagonal"}});
 }
 
 }  // namespace

@@ -6,7 +6,6 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/has.hpp"
-#include "support/refusal.hpp"
 #include "support/sample_load.hpp"
 
 namespace helix_arm::estimation {
@@ -55,22 +54,6 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   EXPECT_DOUBLE_EQ(found.stiffness->kappa, parameter(found, "K_kappa").value);
   EXPECT_LT(found.rms, 1e-3);
   EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
-}
-
-TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndKeepsItsValue) {
-  const model::Arm known = test::ringArm(test::straightRing());
-  Random random(2);
-  for (const ArmCaptures& data : {curvatures(known, scaled(known, 1.2, 3.0), 0.01, random),
-                                  twists(known, scaled(known, 1.2, 3.0), 1e-3)}) {
-    const Calibration found = calibrated({data});
-    EXPECT_FALSE(parameter(found, "K_gamma").identifiable);
-    EXPECT_EQ(parameter(found, "K_gamma").value, 10.0);
-    EXPECT_EQ(found.stiffness->gamma, 10.0);
-    EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
-    EXPECT_NEAR(parameter(found, "K_kappa").value / known.actuator(0).stiffness.kappa, 1.2, 0.1);
-    ASSERT_FALSE(found.warnings.empty());
-    EXPECT_TRUE(test::has(found.warnings.front(), "K_gamma"));
-  }
 }
 
 TEST(Calibration, TorsionIsFoundFromZeroAndOtherwiseStaysZero) {
@@ -437,13 +420,6 @@ TEST(Calibration, TagsThatAreAllWrongAreNoAnswer) {
   EXPECT_FALSE(found.reason.empty());
 }
 
-TEST(CalibrationOptions, NamesWhatBreaksARule) {
-  CalibrationOptions options;
-  options.corner_noise = -1;
-  EXPECT_EQ(test::refusal([&] { options.validate(); }),
-            "calibration: the corner noise is -1; expected a finite value > 0");
-}
-
 // Corners of a rig of which everything is wrong, at the twelve pressures.
 ArmCaptures wrongRig(double noise, const ArmView& view = test::sampleView(0.8, 1, 8)) {
   const model::Arm known = test::ringArm(test::helicalRing());
@@ -640,20 +616,6 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
   }
 }
 
-TEST(LoadedCalibration, TheWeightDeterminesKEps) {
-  Random random(32);
-  LoadedRig rig;
-  rig.load.K_eps = {600.0};
-  CalibrationOptions options;
-  options.position_noise = 0.002;
-  options.K_gamma = false;
-  options.K_eps = true;
-  const Calibration found = calibrated({rig.poses(0.002, random)}, options);
-  EXPECT_TRUE(parameter(found, "K_eps").identifiable);
-  EXPECT_LT(sigmasOff(found, "K_eps", 600.0), 3.0);
-  EXPECT_GT(sigmasOff(found, "K_eps", 500.0), 3.0);
-}
-
 TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
   // The model is right except for the placement of the base. Then no shape has to change, and the
   // base is found to the last digit. Shapes without sag would leave some of it in the base.
@@ -708,10 +670,8 @@ TEST(LoadedCalibration, ALoadThatNoShapeBalancesIsNamed) {
   }
   const Calibration found = calibrate({data}, {});
   EXPECT_EQ(found.status, CalibrationStatus::kBadData);
-  EXPECT_NE(
-      found.reason.find("capture 1: at 0 kPa the model finds no shape that balances the load"),
-      std::string::npos)
-      << found.reason;
+  EXPECT_TRUE(test::has(found.reason,
+                        "capture 1: at 0 kPa the model finds no shape that balances the load"));
 }
 
 }  // namespace

@@ -3,13 +3,11 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/statics/loaded.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::estimation {
@@ -345,18 +343,6 @@ TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
   EXPECT_TRUE(loadOf(bench).normalised);
   EXPECT_NEAR(loadOf(bench).force.y(), 0.6 / kK_eps, 0.15 / kK_eps);
   EXPECT_LT(std::sqrt(loadOf(bench).covariance(1, 1)), 0.2 / kK_eps);
-}
-
-TEST(LoadForks, OptionsThatAreNoneAreRefused) {
-  using Options = LoadForksOptions;
-  test::expectRefusals(
-      Options(), [](const Options& options) { LoadForks forks(options); },
-      {{[](Options& o) { o.limit = 0; },
-        "contact: the limit of the score is 0; expected a finite value > 0"},
-       {[](Options& o) { o.deviation = -1; },
-        "contact: the deviation of forces [N] is -1; expected a finite value > 0"},
-       {[](Options& o) { o.creep = NAN; },
-        "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0"}});
 }
 
 }  // namespace

@@ -10,9 +10,7 @@
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
-#include "support/refusal.hpp"
 #include "support/sample_view.hpp"
 #include "support/tip_spread.hpp"
 
@@ -208,20 +206,6 @@ TEST(PlacementCovariance, IsNothingBehindTheCamera) {
       placementCovariance(viewOf(view, {}, {}, {}), arm, arm.twists(arm.inputAt(0.5)), {0, 4, 8}));
 }
 
-TEST(PlacementCovariance, RefusesOtherTagsAndShapes) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const PlacedView placed = viewOf(test::sampleView(), {}, {}, {});
-  const model::Shape shape = arm.twists(arm.inputAt(0.5));
-  EXPECT_EQ(test::refusal([&] { placementCovariance(placed, arm, shape, {32}); }),
-            "placed view: the index of a tag is 32; expected one of the layout");
-  EXPECT_EQ(test::refusal([&] {
-              const model::Arm two = test::ringArm(test::helicalRing(), 2);
-              placementCovariance(placed, arm, two.twists(two.inputAt(0.5)), {0});
-            }),
-            "placed view: the number of sections of the shape is 2; expected that of the view and "
-            "of the arm");
-}
-
 TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
   TagLayout layout = test::sampleLayout(1, 4);
   std::swap(layout.tags[0], layout.tags[2]);
@@ -233,17 +217,6 @@ TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
   for (const std::size_t i : {0U, 1U, 3U}) EXPECT_EQ(deviations.tags[i], tag);
   EXPECT_TRUE(deviations.tags[2].isZero(0));
   EXPECT_EQ(deviations.base, base);
-}
-
-TEST(PlacedView, RefusesDeviationsThatMakeNoSense) {
-  test::expectRefusals(
-      viewOf(test::sampleView(), {}, {}, {}), [](const PlacedView& placed) { placed.validate(); },
-      {{[](PlacedView& placed) { placed.deviations.tags.pop_back(); },
-        "placed view: the number of tags with deviations is 31; expected that of the layout"},
-       {[](PlacedView& placed) { placed.deviations.tags[3][1] = -0.001; },
-        "placed view: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0"},
-       {[](PlacedView& placed) { placed.deviations.base[5] = std::nan(""); },
-        "placed view: a placement's deviation [m, rad] is nan; expected a finite value >= 0"}});
 }
 
 // Placing the camera by the tags of an arm at rest.
@@ -279,31 +252,6 @@ TEST(CameraPlacement, CovarianceOfTheCameraIsThatOfItsSmallMotions) {
   }
   const lie::Matrix6 expected = J * covariance * J.transpose();
   EXPECT_TRUE(cameraCovariance(X_WB, X_CB, covariance).isApprox(expected, 1e-5));
-}
-
-TEST(CameraPlacement, BadArgumentsAreRefused) {
-  struct Arguments {
-    std::vector<CornerObservation> seen;
-    double focal;
-    CameraPlacementOptions options;
-  };
-  Bench bench;
-  test::expectRefusals(
-      Arguments{bench.look(0.3), 900, {}},
-      [&](const Arguments& given) {
-        fitCameraPlacement(bench.arm, bench.view.layout, bench.shape, given.seen, given.focal,
-                           bench.view.X_CB, given.options);
-      },
-      {{[](Arguments& bad) { bad.focal = 0; },
-        "camera placement: the focal length [px] is 0; expected a finite value > 0"},
-       {[](Arguments& bad) { bad.options.corner_noise = -1; },
-        "camera placement: the corner noise [px] is -1; expected a finite value > 0"},
-       {[](Arguments& bad) { bad.options.max_iterations = 0; },
-        "camera placement: the number of iterations is 0; expected a value > 0"},
-       {[](Arguments& bad) { bad.seen[0].tag = 99; },
-        "camera placement: the index of a tag is 99; expected one of the layout"},
-       {[](Arguments& bad) { bad.seen[0].direction(0, 0) = std::nan(""); },
-        "is not finite; expected finite directions"}});
 }
 
 TEST(CameraPlacement, CornerErrorIsInPixelsAndInfiniteBehindTheCamera) {

@@ -8,7 +8,6 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "localization/twist_equations.hpp"
-#include "support/refusal.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -243,17 +242,6 @@ TEST_F(TipComplianceTest, AForceThatNoShapeBalancesHasNone) {
   TipCompliance compliance(modelOf(1, 1e-3));
   compliance.moveTo(pressure_, Correction(arm_));
   EXPECT_TRUE(compliance.atTip().isZero(0));
-}
-
-TEST_F(TipComplianceTest, TagsAndViewsOfOtherArmsAreRefused) {
-  TipCompliance compliance(modelOf(), view_, {});
-  EXPECT_EQ(test::refusal([&] {
-              compliance.moveTo(pressure_, Correction(arm_), std::vector<int>{0, 32});
-            }),
-            "compliance of the arm: the index of a tag is 32; expected one of the layout");
-  EXPECT_EQ(test::refusal([&] { TipCompliance(modelOf(2), view_, {}); }),
-            "compliance of the arm: the number of sections in the camera's view is 1; expected as "
-            "many as the arm has");
 }
 
 }  // namespace

@@ -1,7 +1,4 @@
 // Whole arms at the ends of their parameters, against their definitions in 80 digits.
-#include <cmath>
-#include <limits>
-#include <stdexcept>
 
 #include "extremes/extreme_arm.hpp"
 #include "extremes/family.hpp"
@@ -9,14 +6,11 @@
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/high_precision_arm.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::model {
 namespace {
 
 using namespace test;
-
-const double kDenormal = std::numeric_limits<double>::denorm_min();
 
 double lengthOf(const Twists& twists) {
   double length = 0;
@@ -111,40 +105,6 @@ TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   spin(2, 0) = -Real(0.0254);
   spin(3, 0) = 1;
   expectForward({"one muscle aside, K_tau = 0, rank 5", aside}, spin / spin.norm(), 5, 0.0254);
-}
-
-void addCurve(const Twists& twists, const std::string& place, Family& family) {
-  const RealMatrix exact = twists.cast<Real>();
-  const double length = lengthOf(twists), turn = turnOf(twists);
-  const double end = static_cast<double>(twists.cols());
-  family.add(poseError(tipPose(twists), test::poseByDefinition(exact, end), length, turn), place);
-  const auto curve = sampleCurve(twists, 3);
-  for (const CurvePoint<lie::SE3>& point : curve) {
-    family.add(poseError(point.X, test::poseByDefinition(exact, point.s), length, turn), place);
-    EXPECT_TRUE(poseAt(twists, point.s).translation == point.X.translation);
-  }
-}
-
-TEST(Extremes, DenormalTwistsAreThoseOfZero) {
-  Family family("denormal twists", 8, kUnit);
-  ASSERT_EQ(std::fpclassify(kDenormal), FP_SUBNORMAL);
-  for (const double value : {kDenormal, 1e-310, -kDenormal, 3e-308}) {
-    for (int axis = 0; axis < 6; ++axis) {
-      Twists twists = Twists::Zero(6, 3);
-      twists.row(0).setConstant(0.4);
-      twists.row(axis).setConstant(value);
-      if (axis == 0) twists.row(1).setConstant(0.4);
-      addCurve(twists, text("%g in entry %d", value, axis), family);
-      EXPECT_TRUE(tipPose(twists).log().allFinite());
-      EXPECT_FALSE(std::isnan(curvatureOf(twists.col(0))));
-      const Helix helix = helixOf(twists.col(0));
-      EXPECT_FALSE(std::isnan(helix.radius) || std::isnan(helix.pitch) || std::isnan(helix.turns));
-    }
-    const Twists all = Twists::Constant(6, 2, value);
-    const lie::SE3 tip = tipPose(all);
-    EXPECT_TRUE(tip.translation.allFinite() && tip.rotation.isIdentity(kEps));
-    EXPECT_TRUE(tip.log().allFinite());
-  }
 }
 
 TEST(Extremes, InverseFindsWhatForwardReached) {

@@ -118,38 +118,6 @@ TEST(Extremes, DenormalLoadsAreNone) {
   }
 }
 
-TEST(Extremes, LoadsFromNothingToPastWhatTheArmCarries) {
-  Family family("loads 1e-12 to 1e3 of what bends the arm", 1e-6, "of the length");
-  test::Random random(804);
-  int balanced = 0, refused = 0, past = 0;
-  for (int i = 0; i < 300; ++i) {
-    const model::Arm arm =
-        test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
-    const double share = random.logUniform(1e-12, 1e3);
-    Load load = fittingLoad(arm, random);
-    load.gravity *= share;
-    load.points[0].force *= share;
-    load.points[0].moment *= share;
-    const model::Twists twists = arm.twists(test::randomInput(arm, random));
-    const Solution truth = ExactArm(arm, load).solve(twists);
-    const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
-    past += share > 30;
-    EXPECT_TRUE(found.tip.translation.allFinite() && found.shape.pieces().allFinite());
-    EXPECT_FALSE(std::isnan(found.residual));
-    if (share < 1) {
-      EXPECT_TRUE(found.converged() && truth.converged()) << share;
-    }
-    (found.converged() ? balanced : refused)++;
-    if (!truth.converged() || !found.converged()) continue;
-    family.add((found.tip.translation - truth.tip.translation).norm() / arm.restLength(),
-               text("%.3g of it, %d sections", share, arm.sectionCount()));
-  }
-  std::printf("  %d balanced, %d refused\n", balanced, refused);
-  EXPECT_GT(past, 20);
-  EXPECT_GT(balanced, 200);
-  EXPECT_GT(refused, 10);
-}
-
 // A column along x that hardly shortens or shears, pressed at its tip or by its own weight: Euler
 // and Greenhill say where the exact tier's shape leaves the axis, and orders find that shape or say
 // that they did not.

@@ -7,7 +7,6 @@
 #include <functional>
 #include <iostream>
 #include <set>
-#include <sstream>
 #include <thread>
 
 #include <gtest/gtest.h>

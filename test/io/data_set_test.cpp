@@ -4,7 +4,6 @@
 
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
@@ -56,14 +55,6 @@ TEST(DataSet, AFileWithoutATableIsAFault) {
   EXPECT_EQ(faultsOf("# only a comment\n"), " has no header; expected a line of column names");
   EXPECT_EQ(faultsOf("a_m\n"), " has no rows; expected at least one below the header");
   EXPECT_EQ(refusalOf("/nowhere.csv"), "/nowhere.csv cannot be read: No such file or directory");
-}
-
-TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
-  std::string text = "a_m\n";
-  for (int i = 0; i < 250; ++i) text += "x\n";
-  const std::string faults = faultsOf(text);
-  EXPECT_EQ(std::count(faults.begin(), faults.end(), '\n'), 100);
-  EXPECT_TRUE(test::has(faults, " has 150 more faults"));
 }
 
 TEST(DataSet, NoNumberBecomesInfiniteInPascals) {

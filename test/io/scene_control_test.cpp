@@ -1,6 +1,5 @@
 // What a scene says of the pressure path and of the loop over vision; every rule broken once.
 
-#include <cmath>
 #include <fstream>
 
 #include <gtest/gtest.h>

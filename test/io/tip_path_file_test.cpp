@@ -1,7 +1,6 @@
 #include "helix_arm/io/tip_path_file.hpp"
 
 #include <cmath>
-#include <limits>
 
 #include <gtest/gtest.h>
 

@@ -161,16 +161,6 @@ TEST(Links, SectionsBeginBeyondThePlateAndEndBeforeIt) {
             1e-13);
 }
 
-TEST(Links, WhatIsNotRigidIsRefused) {
-  Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
-  section.plate = -0.01;
-  test::expectRefusal("section 1: its plate is -0.01", [&] { Arm({section}); });
-  section.plate = 0;
-  lie::SE3 tool;
-  tool.translation.x() = NAN;
-  test::expectRefusal("tool is not finite", [&] { Arm({section}, tool); });
-}
-
 Twists twist(const Eigen::Vector3d& v, const Eigen::Vector3d& w) {
   Twists g(6, 1);
   g << v, w;
@@ -196,10 +186,6 @@ TEST(Curve, IsNotExtrapolated) {
   for (const double s : {-1e-9, 1.0 + 1e-9, double(NAN)}) {
     EXPECT_THROW(poseAt(g, s), std::invalid_argument) << s;
   }
-}
-
-TEST(Curve, RefusesFewerThanTwoSamples) {
-  EXPECT_THROW(sampleCurve(twist({0.4, 0, 0}, {0, 0, 1}), 1), std::invalid_argument);
 }
 
 TEST(Helix, EveryPointOfTheCurveLiesAtItsRadiusFromItsAxis) {

@@ -326,18 +326,8 @@ TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
 
 TEST(Response, RefusesValuesThatBreakARule) {
   const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
-  Response lag;
-  lag.rise_time = -1;
-  EXPECT_EQ(check(lag), "response: the rise time constant [s] is -1; expected a finite value >= 0");
-  lag.rise_time = 0;
-  lag.fall_time = kNaN;
-  EXPECT_EQ(check(lag),
-            "response: the fall time constant [s] is nan; expected a finite value >= 0");
-  EXPECT_EQ(check(playsOf({{0, 0.1}})), "response: a play [Pa] is 0; expected a finite value > 0");
   EXPECT_EQ(check(playsOf({{2e4, 0.1}, {2e4, 0.1}})),
             "response: the plays [Pa] fall from 20000 to 20000; expected ascending values");
-  EXPECT_EQ(check(playsOf({{2e4, -0.1}})),
-            "response: the weight of a play is -0.1; expected a finite value >= 0");
   EXPECT_EQ(check(playsOf({{2e4, 0.5}, {4e4, 0.46}})),
             "response: the sum of the weights is 0.96; expected at most 0.95");
   EXPECT_EQ(check(playsOf({{2e4, 0.3}, {4e4, 0.65}})), "accepted");

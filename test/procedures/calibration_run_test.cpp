@@ -1,8 +1,6 @@
 #include "helix_arm/procedures/calibration_run.hpp"
 
 #include <cmath>
-#include <limits>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -303,23 +301,6 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
   EXPECT_FALSE(stuck.run.ended());
   stuck.with(stays_late, 5);
   EXPECT_TRUE(stuck.run.ended());
-}
-
-TEST(CalibrationRun, UnusableArgumentsAreRefused) {
-  const double infinity = std::numeric_limits<double>::infinity();
-  const auto refused = [](const Eigen::MatrixXd& plan, const Eigen::VectorXd& rest,
-                          const Eigen::VectorXd& start, const RunRules& rules = kRules) {
-    EXPECT_THROW(CalibrationRun(plan, rest, start, rules), std::invalid_argument);
-  };
-  refused(Eigen::MatrixXd(0, 2), kRest, kRest);
-  refused(twoSteps(), Eigen::Vector3d::Zero(), kRest);
-  refused(twoSteps(), kRest, Eigen::Vector3d::Zero());
-  refused(twoSteps(), Eigen::Vector2d(infinity, 0), kRest);
-  for (const int captures : {0, 6}) refused(twoSteps(), kRest, kRest, {captures, 1e5, 5});
-  for (const double bad : {0.0, -1.0, infinity, std::nan("")}) {
-    refused(twoSteps(), kRest, kRest, {3, bad, 5});
-    refused(twoSteps(), kRest, kRest, {3, 1e5, bad});
-  }
 }
 
 }  // namespace

@@ -10,7 +10,6 @@
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -188,12 +187,6 @@ TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
   const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
   EXPECT_FALSE(placed.success);
   EXPECT_TRUE(test::has(placed.reason, "tags.groups"));
-}
-
-TEST(CameraPlacing, ASceneWithoutCameraOrTagsIsRefused) {
-  const io::Scene planar = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/planar_50.yaml");
-  EXPECT_EQ(test::refusal([&] { placeCamera(planar, modelShape(planar), {{}}); }),
-            "scene planar_50 has no camera; expected a scene with the sections camera and tags");
 }
 
 TEST(CameraStart, HoldsWithFewerThanHalfOfTheTagsMisplaced) {

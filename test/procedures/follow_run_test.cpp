@@ -7,7 +7,6 @@
 
 #include "helix_arm/control/tip_path.hpp"
 #include "support/has.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -182,24 +181,6 @@ TEST(FollowRun, ProgressIsReportedEverySecondAndMayEndTheRun) {
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(told[k], k + 1, 1e-9);
   EXPECT_EQ(result.rows.size(), 300u);
   EXPECT_TRUE(result.figures.steady_rms.empty());
-}
-
-TEST(FollowRun, PlansThatAreNoneAreRefused) {
-  const auto refusal = [](const FollowPlan& plan) {
-    return test::refusal([&plan] { runFollow(demo(), plan); });
-  };
-  EXPECT_EQ(refusal(tipPlan({}, 3)), "follow: expected either tips or a path");
-  FollowPlan both = tipPlan({kLeft}, 3);
-  both.path = circle(4);
-  EXPECT_EQ(refusal(both), "follow: expected either tips or a path");
-  EXPECT_EQ(refusal(tipPlan({kLeft}, std::nan(""))),
-            "follow: the duration [s] is nan; expected a finite value > 0");
-  EXPECT_EQ(refusal(tipPlan({kLeft, kRight}, 1.5)),
-            "follow: the duration [s] is 1.5; expected at least 1 s for each tip");
-  io::Scene blind = demo();
-  blind.camera.reset();
-  EXPECT_EQ(test::refusal([&] { runFollow(blind, tipPlan({kLeft}, 3)); }),
-            "scene demo has no `camera` or no `tags`; the closed loop needs both");
 }
 
 TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {

@@ -1,7 +1,6 @@
 #include "helix_arm/procedures/pressure_plan.hpp"
 
 #include <cmath>
-#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -115,13 +114,6 @@ TEST(PressureTour, NeighbouringSectionsLeadWithDifferentMuscles) {
   tour.row(1).head(2).maxCoeff(&first);
   tour.row(1).tail(2).maxCoeff(&second);
   EXPECT_NE(first, second);
-}
-
-TEST(PressureTour, AnUnusableShareIsRefused) {
-  const model::Arm arm = test::sampleArm();
-  for (const double fraction : {0.0, -0.1, 1.1, std::nan("")}) {
-    EXPECT_THROW(pressureTour(arm, fraction), std::invalid_argument) << fraction;
-  }
 }
 
 }  // namespace

@@ -1,8 +1,6 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 
 #include <cmath>
-#include <cstdio>
-#include <limits>
 #include <random>
 #include <stdexcept>
 
@@ -294,20 +292,6 @@ TEST(SettleWatch, APressureThatIsNoNumberIsNotSettled) {
   Watched arm;
   arm.passAt(2, [](double) { return Eigen::Vector2d(std::nan(""), 2e5); });
   EXPECT_EQ(arm.state().state, SettleState::kPressure);
-}
-
-TEST(SettleWatch, UnusableArgumentsAreRefused) {
-  const double infinity = std::numeric_limits<double>::infinity();
-  EXPECT_THROW(SettleWatch({}, kRules), std::invalid_argument);
-  for (const double bad : {0.0, -1.0, infinity, std::nan("")}) {
-    EXPECT_THROW(SettleWatch({"a"}, {bad, 1, 1, 1}), std::invalid_argument);
-    EXPECT_THROW(SettleWatch({"a"}, {1, bad, 1, 1}), std::invalid_argument);
-    EXPECT_THROW(SettleWatch({"a"}, {1, 1, bad, 1}), std::invalid_argument);
-    EXPECT_THROW(SettleWatch({"a"}, {1, 1, 1, bad}), std::invalid_argument);
-  }
-  SettleWatch watch({"a"}, kRules);
-  EXPECT_THROW(watch.command(0, kSetPoint), std::invalid_argument);
-  EXPECT_THROW(watch.measured(0, kSetPoint), std::invalid_argument);
 }
 
 TagObservation tagAt(int id, double x) { return {id, Eigen::Matrix<double, 2, 4>::Constant(x)}; }

@@ -9,7 +9,6 @@
 #include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
-#include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -25,7 +24,6 @@ using simulation::SerialDeviceConfig;
 using test::eventually;
 using test::has;
 using test::openFiles;
-using test::refusal;
 
 constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
@@ -477,48 +475,6 @@ TEST(AsciiSerialDriver, FilesDoNotLeakOverReconnects) {
   EXPECT_GT(connected, 0);  // a busy machine may miss 20 ms
   driver->close();
   EXPECT_EQ(openFiles(), before);
-}
-
-TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
-  const SerialProfile generic = test::genericProfile();
-  const auto refused = [&](const SerialProfile& profile, std::vector<std::string> addresses,
-                           int channels, const std::string& device = "/dev/ttyUSB0") {
-    return refusal([&] { asciiSerialDriver({profile, device, addresses}, channels); });
-  };
-  EXPECT_EQ(refused(generic, {"0", "1", "2"}, 3), "accepted");
-  EXPECT_EQ(refused(generic, {"0", "1"}, 3),
-            "ascii serial regulator: the number of addresses is 2; expected one per channel, 3");
-  EXPECT_EQ(refused(generic, {"0", "1", "0"}, 3),
-            "ascii serial regulator: address 0 is given twice; expected one per channel");
-  EXPECT_EQ(refused(generic, {"0", "1", "a b"}, 3),
-            "ascii serial regulator: address 2 is \"a b\"; expected a word without spaces");
-  EXPECT_EQ(refused(test::ctrlPProfile(), {"0"}, 1),
-            "ascii serial regulator: the number of addresses is 1; expected none: the profile's "
-            "lines have no {address}");
-  EXPECT_EQ(refused(generic, {}, 0),
-            "ascii serial regulator: the number of channels is 0; expected at least 1");
-  EXPECT_EQ(refused(generic, {"0"}, 1, ""),
-            "ascii serial regulator: device is empty; expected one such as /dev/ttyUSB0");
-  SerialProfile bare = generic;
-  for (std::string* line : {&bare.write, &bare.read, &bare.vent[0], &bare.close[0]}) {
-    line->replace(line->find("{address}"), 9, "");
-  }
-  EXPECT_EQ(refused(bare, {}, 1), "accepted");
-  EXPECT_EQ(refused(bare, {}, 2),
-            "ascii serial regulator: there are 2 channels, but the profile's lines have no "
-            "{address} to tell them apart");
-}
-
-TEST(AsciiSerialDriver, OrdersThatAreNotOfItsChannelsAreRefused) {
-  SerialLine line;
-  auto& [device, driver] = line;
-  driver->connect();
-  const std::uint64_t before = device.taken();
-  EXPECT_THROW(driver->write(ValveOrders(2)), std::invalid_argument);
-  ValveOrders orders = regulate(Eigen::Vector3d::Constant(1e5));
-  orders.set_point[1] = std::nan("");
-  EXPECT_THROW(driver->write(orders), std::invalid_argument);
-  EXPECT_EQ(device.taken(), before);
 }
 
 }  // namespace

@@ -245,15 +245,6 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
   EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
 }
 
-TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
-  Connected at(mpaProfile(), 2, {0, 1});
-  const std::uint64_t before = at.device.taken();
-  EXPECT_THROW(at.driver->write(regulate({1e5})), std::invalid_argument);
-  EXPECT_THROW(at.driver->write(regulate({1e5, std::nan("")})), std::invalid_argument);
-  EXPECT_THROW(readingOf(at.driver, 3), std::invalid_argument);
-  EXPECT_EQ(at.device.taken(), before);
-}
-
 TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
   const auto said = [](const ModbusProfile& profile, std::vector<int> places) {
     return refusal<std::invalid_argument>(

@@ -8,6 +8,7 @@
 #include <sched.h>
 
 #include "support/bounded_child.hpp"
+#include "support/has.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -30,12 +31,10 @@ std::string refusalOf(std::string (*ask)()) {
 TEST(Realtime, ARefusalNamesTheLimitAndItsRemedy) {
   const std::string priority = refusalOf([] { return tryRealtime(kRealtimePriority); });
   EXPECT_EQ(priority.find("real-time priority 40 is refused ("), 0U) << priority;
-  EXPECT_NE(priority.find("`@realtime - rtprio 40` in /etc/security/limits.conf"),
-            std::string::npos)
-      << priority;
+  EXPECT_TRUE(test::has(priority, "`@realtime - rtprio 40` in /etc/security/limits.conf"));
   const std::string memory = refusalOf([] { return lockMemory(); });
   EXPECT_EQ(memory.find("locked memory is refused ("), 0U) << memory;
-  EXPECT_NE(memory.find("`@realtime - memlock unlimited`"), std::string::npos) << memory;
+  EXPECT_TRUE(test::has(memory, "`@realtime - memlock unlimited`"));
 }
 
 TEST(Realtime, NoneIsAskedForWithPriority0) {

@@ -4,7 +4,7 @@
 
 #include "support/allocation_counter.hpp"
 #include "support/eventually.hpp"
-#include "support/expect_refusal.hpp"
+#include "support/refusal.hpp"
 #include "support/scripted_driver.hpp"
 
 namespace helix_arm::regulator {
@@ -193,15 +193,6 @@ TEST(RegulatorIo, OrderingAndTakingDoNotAllocate) {
     io.take(reading);
   }
   EXPECT_EQ(counter.count(), 0u);
-}
-
-TEST(RegulatorIo, RefusesRulesThatCannotBe) {
-  test::expectRefusals<IoRules>(briskRules(), [](const IoRules& rules) { rules.validate(); },
-                                {{[](IoRules& r) { r.period = 0; }, "period"},
-                                 {[](IoRules& r) { r.order_timeout = -1; }, "orders"},
-                                 {[](IoRules& r) { r.longest_back_off = 0.001; }, "longest"},
-                                 {[](IoRules& r) { r.most_bad_replies = 0; }, "bad replies"}});
-  EXPECT_THROW(RegulatorIo(nullptr, kChannels, briskRules()), std::invalid_argument);
 }
 
 TEST(RegulatorIo, RefusesADeviceThatWouldVentBetweenTwoLines) {

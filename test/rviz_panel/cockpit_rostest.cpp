@@ -7,7 +7,6 @@
 #include <QScrollBar>
 #include <QSlider>
 #include <QtTest/QTest>
-#include <cstdio>
 
 #include "helix_arm/SafetyState.h"
 #include "panel_window.hpp"

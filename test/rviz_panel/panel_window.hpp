@@ -18,6 +18,8 @@
 #include <rviz/config.h>
 #include <rviz/panel.h>
 
+#include "support/has.hpp"
+
 namespace helix_arm::test {
 
 /// A panel that is made as rviz makes it, by pluginlib and with its configuration; the test runs

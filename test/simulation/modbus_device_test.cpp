@@ -14,7 +14,6 @@
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -169,28 +168,6 @@ TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
   close(listener);
   ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kNone; }));
   EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{0}));
-}
-
-TEST(ModbusDevice, WhatItCannotBeIsRefused) {
-  EmulatedDevice first(quietDevice(mpaProfile(), 1));
-  ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
-  config.port = first.port();
-  EXPECT_NE(test::refusal<std::runtime_error>([&] {
-              EmulatedDevice second(config);
-            }).find("cannot listen at 127.0.0.1:" + std::to_string(first.port())),
-            std::string::npos);
-  config.port = 0;
-  config.places = 0;
-  EXPECT_NE(test::refusal([&] {
-              EmulatedDevice none(config);
-            }).find("the number of places is 0; expected at least 1"),
-            std::string::npos);
-  config.places = 100000;
-  EXPECT_NE(test::refusal([&] { EmulatedDevice many(config); }).find("registers below 65536"),
-            std::string::npos);
-  config.places = 1;
-  config.activation_time = -1;
-  EXPECT_THROW(EmulatedDevice device(config), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 #include "helix_arm/simulation/plant.hpp"
 
 #include <chrono>
-#include <stdexcept>
 #include <string>
 
 #include <gtest/gtest.h>

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -61,34 +60,6 @@ TEST(TrueArm, PressuresBeyondTheLimitsCountAsTheLimits) {
   const TrueArm truth(arm, {1.1, 0.9, 0.99});
   const Eigen::Vector3d beyond(-1e4, 2e5, 2 * kMaxPressure), at(0, 2e5, kMaxPressure);
   EXPECT_EQ(truth.twists(beyond), truth.twists(at));
-}
-
-TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
-  const model::Arm arm = ringArm(straightRing());
-  const TrueArm truth(arm, {});
-  EXPECT_THROW(truth.twists(Eigen::Vector2d(0, 0)), std::invalid_argument);
-  EXPECT_THROW(truth.twists(Eigen::VectorXd::Zero(4)), std::invalid_argument);
-  EXPECT_THROW(truth.twists(Eigen::Vector3d(0, std::nan(""), 0)), std::out_of_range);
-  for (const double wrong : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
-    for (const ArmDeviation& deviation :
-         {ArmDeviation{wrong, 1, 1}, ArmDeviation{1, wrong, 1}, ArmDeviation{1, 1, wrong},
-          ArmDeviation{1, 1, 1, wrong}}) {
-      EXPECT_THROW(deviation.validate(), std::invalid_argument);
-      EXPECT_THROW(TrueArm(arm, deviation), std::invalid_argument);
-    }
-  }
-  ArmDeviation each;
-  each.length_scales = Eigen::Vector3d(1, 0, 1);
-  EXPECT_THROW(each.validate(), std::invalid_argument);
-  each.length_scales = Eigen::Vector2d(1, 1);
-  EXPECT_THROW(TrueArm(arm, each), std::invalid_argument);
-  ArmDeviation loose;
-  loose.response = model::Response{-1, 0, 0, {}};
-  EXPECT_THROW(loose.validate(), std::invalid_argument);
-  EXPECT_EQ(refusal([] {
-              ArmDeviation{1, -2, 1}.validate();
-            }),
-            "true arm: the factor on K_kappa is -2; expected a finite value > 0");
 }
 
 TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
@@ -388,14 +359,6 @@ TEST(SimulatedRig, WithoutACameraThereIsNoPicture) {
   EXPECT_THROW(rig.render(), std::logic_error);
 }
 
-TEST(SimulatedRig, PartsThatDoNotFitAreRefused) {
-  const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
-  EXPECT_THROW(SimulatedRig(ringArm(straightRing(), 2), kRegulator, {}, setup),
-               std::invalid_argument);
-  EXPECT_THROW(SimulatedRig(ringArm(straightRing()), {0.0}, {}), std::invalid_argument);
-  EXPECT_THROW(SimulatedRig(ringArm(straightRing()), kRegulator, {-1}), std::invalid_argument);
-}
-
 using simulation::deviate;
 using simulation::MountDeviation;
 
@@ -481,23 +444,6 @@ TEST_F(Mounts, TheSeedDecides) {
   const estimation::ArmView d = deviate(view_, arm_, {0, 0, 0.01, 0.1, 3});
   expectSame(d.layout.tags[5].X_ST, a.layout.tags[5].X_ST);
   expectSame(deviate(view_.layout, arm_, first).tags[5].X_ST, a.layout.tags[5].X_ST);
-}
-
-TEST_F(Mounts, InvalidDeviationsAreRefused) {
-  for (const double wrong : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
-    for (const MountDeviation& deviation :
-         {MountDeviation{wrong, 0, 0, 0}, MountDeviation{0, wrong, 0, 0},
-          MountDeviation{0, 0, wrong, 0}, MountDeviation{0, 0, 0, wrong}}) {
-      EXPECT_THROW(deviation.validate(), std::invalid_argument);
-      EXPECT_THROW(deviate(view_, arm_, deviation), std::invalid_argument);
-    }
-  }
-  EXPECT_EQ(refusal([] {
-              MountDeviation{0, 0, -0.5, 0}.validate();
-            }),
-            "true mounts: the deviation of the tags' places [m] is -0.5; expected a finite value "
-            ">= 0");
-  EXPECT_THROW(deviate(view_, ringArm(helicalRing()), {}), std::invalid_argument);
 }
 
 }  // namespace

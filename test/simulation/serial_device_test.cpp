@@ -277,20 +277,6 @@ TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
   EXPECT_TRUE(std::filesystem::is_symlink(config.link));
 }
 
-TEST(SerialDevice, FaultyConfigurationsAreRefused) {
-  const auto refused = [](const SerialDeviceConfig& config) {
-    return refusal([&] { EmulatedDevice device(config); });
-  };
-  EXPECT_EQ(refused(configOf(test::genericProfile(), {"0"}, 2)),
-            "serial device: the number of addresses is 1; expected one per channel if the profile "
-            "has {address}, else none");
-  EXPECT_EQ(refused(configOf(test::ctrlPProfile(), {}, 0)),
-            "serial device: the number of channels is 0; expected at least 1");
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.period = 0;
-  EXPECT_EQ(refused(config), "serial device: the period [s] is 0; expected a value > 0");
-}
-
 TEST(DeviceFault, EveryNameIsItsOwnAndIsUnderstood) {
   std::set<std::string> names;
   for (int i = 0; i < kDeviceFaultCount; ++i) {

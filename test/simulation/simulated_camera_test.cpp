@@ -1,16 +1,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
-#include <string>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 
@@ -278,50 +275,6 @@ TEST(SimulatedCamera, ClutterLooksLikeTagsAndIsNone) {
     ASSERT_EQ(found.size(), 1u) << "seed " << seed;
     EXPECT_EQ(found.front().id, 0);
   }
-}
-
-TEST(SimulatedCamera, EveryRuleOfTheConfigIsNamed) {
-  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
-  const auto refused = [](const std::string& message, auto member, auto value) {
-    SimulatedCameraConfig config;
-    config.*member = value;
-    expectRefusal(message, [&config] { config.validate(); });
-    expectRefusal(message, [&config] { photograph(studio(plainCamera(), {}), config); });
-  };
-  for (const double wrong : {-1e-9, nan, infinity}) {
-    refused("the blur [px] is ", &SimulatedCameraConfig::blur, wrong);
-    refused("the noise [gray levels] is ", &SimulatedCameraConfig::noise, wrong);
-    refused("the bleed [m] is ", &SimulatedCameraConfig::bleed, wrong);
-  }
-  for (const double wrong : {0.0, -1.0, nan, infinity}) {
-    refused("the exposure is ", &SimulatedCameraConfig::exposure, wrong);
-  }
-  refused("the JPEG quality is 0; expected 1 to 100", &SimulatedCameraConfig::jpeg_quality, 0);
-  refused("the JPEG quality is 101", &SimulatedCameraConfig::jpeg_quality, 101);
-  refused("objects in the background is -1", &SimulatedCameraConfig::clutter, -1);
-  refused("occluders is -1", &SimulatedCameraConfig::occluders, -1);
-  EXPECT_NO_THROW(SimulatedCameraConfig{}.validate());
-}
-
-TEST(SimulatedCamera, WhatCannotBeDrawnIsRefused) {
-  const vision::TagFamily family("16h5");
-  estimation::ArmView view = studio(plainCamera(), {kBefore});
-  expectRefusal("the arm's radius [m] is 0",
-                [&] { SimulatedCamera(view, family, ArmBody{{0.0}}, {}); });
-  view.layout.tags[0].id = family.count();
-  expectRefusal("the id of a tag is 30", [&] { SimulatedCamera(view, family, {}, {}); });
-  view.layout.tags[0].id = 0;
-  view.camera.fx = 0;
-  expectRefusal("fx", [&] { SimulatedCamera(view, family, {}, {}); });
-  view.camera = plainCamera();
-  SimulatedCameraConfig config;
-  config.bleed = kTagSize / 6 / 2;  // half a cell of this family
-  expectRefusal("less than half a cell", [&] { SimulatedCamera(view, family, {}, config); });
-  SimulatedCamera camera(view, family, {}, {});
-  expectRefusal("the number of sections is 2",
-                [&] { camera.render(model::Twists(model::Twists::Zero(6, 2))); });
-  expectRefusal("not finite",
-                [&] { camera.render(model::Twists(model::Twists::Constant(6, 1, std::nan("")))); });
 }
 
 // Where the simulated camera draws the tags: it is the truth of every figure of accuracy.

@@ -7,7 +7,6 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"
 
@@ -146,20 +145,6 @@ TEST(CorrectedModel, AllocatesNothingWhereOnlyOffsetAndLengthsChange) {
     solver.toPosition(target, start);
   }
   EXPECT_EQ(counter.count(), 0u);
-}
-
-TEST(CorrectedModel, RefusesAnInvalidCorrection) {
-  CorrectedModel corrected{ArmModel(kArms[0])};
-  test::expectRefusals(
-      Correction(kArms[0]), [&](const Correction& correction) { corrected.set(correction); },
-      {{[](Correction& c) { c.offset.setZero(6, 2); }, "sections of the offset is 2"},
-       {[](Correction& c) { c.offset(0, 0) = NAN; }, "the offset is not finite"},
-       {[](Correction& c) { c.length_scale.setOnes(2); }, "number of length scales is 2"},
-       {[](Correction& c) { c.length_scale[1] = 0; }, "a length scale is 0"},
-       {[](Correction& c) { c.stiffness_factors.gamma = NAN; }, "K_gamma is nan"},
-       {[](Correction& c) { c.stiffness_factors.kappa = -1; }, "K_kappa is -1"},
-       {[](Correction& c) { c.stiffness_factors.tau = 0; }, "K_tau is 0"},
-       {[](Correction& c) { c.K_eps_factor = 0; }, "K_eps is 0"}});
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 #include "helix_arm/statics/exact.hpp"
 
 #include <cmath>
-#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -9,7 +8,6 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "statics/arms_under_load.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -130,38 +128,6 @@ TEST(ExactArm, MomentAcrossAStraightArmBendsItIntoAnArc) {
       EXPECT_NEAR(solution.shape.twists()(5, 0), angle, 1e-10);
       EXPECT_NEAR(solution.shape.twists()(0, 0), l, 1e-10);
     }
-  }
-}
-
-// Deflection of a straight, horizontal arm over that of a beam (Timoshenko, first order), less one,
-// by the exact tier; the finest order of the loaded one finds the same.
-double beamExcess(double tip_force, double weight) {
-  const test::Ring ring = test::straightRing();
-  const model::Arm arm = test::ringArm(ring);
-  const double l = arm.freeLength(0), K_eps = 700.0;
-  const double EI = K_eps * stiffnessOf(ring).bending, GA = K_eps * stiffnessOf(ring).shear;
-  Load load = weightlessLoad(arm, K_eps);
-  load.gravity = {0, 0, -10};
-  load.mass = {weight / 10};
-  load.points.push_back(tipLoad(arm, {0, 0, -tip_force}));
-  ExactOptions options;
-  options.tolerance = 1e-13;
-  const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
-  EXPECT_TRUE(solution.converged());
-  const Solution loaded = LoadedArm(arm, load, kMostOrder).solve(unpressurised(arm));
-  EXPECT_TRUE(loaded.converged());
-  EXPECT_LT(apart(loaded.tip, solution.tip), 1e-6 * -solution.tip.translation.z());
-  const double beam =
-      tip_force * (l * l * l / (3 * EI) + l / GA) + weight * (l * l * l / (8 * EI) + l / (2 * GA));
-  return -solution.tip.translation.z() / beam - 1;
-}
-
-TEST(ExactArm, SmallDeflectionsAreThoseOfABeamToTheSquareOfTheLoad) {
-  for (const auto& [force, weight] : {std::pair{0.2, 0.0}, std::pair{0.0, 0.5}}) {
-    const double whole = beamExcess(force, weight), half = beamExcess(force / 2, weight / 2);
-    EXPECT_GT(std::abs(whole), 1e-5);
-    EXPECT_NEAR(whole / half, 4.0, 0.02);
-    EXPECT_LT(std::abs(beamExcess(force / 100, weight / 100)), 1e-6);
   }
 }
 
@@ -385,29 +351,6 @@ TEST(ExactArm, HopelessLoadsNeverPassForBalanced) {
     refused += !solution.converged();
   }
   EXPECT_GT(refused, 5);
-}
-
-TEST(ExactArm, RefusesWhatBreaksARule) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  const Load load = weightlessLoad(arm);
-  const auto with = [&](const ExactOptions& options) {
-    return test::refusal([&] { ExactArm(arm, load, options); });
-  };
-  EXPECT_EQ(with({}), "accepted");
-  EXPECT_EQ(with({0.0, 60, 8}), "exact tier: tolerance is 0; expected 1e-13 to 1e-2");
-  EXPECT_EQ(with({1e-9, 0, 8}), "exact tier: max_iterations is 0; expected at least 1");
-  EXPECT_EQ(with({1e-9, 60, 0}), "exact tier: pieces_per_section is 0; expected 1 to 128");
-  EXPECT_EQ(with({1e-9, 60, 65}),
-            "exact tier: the number of pieces of all sections is 130; expected at most 128; lower "
-            "pieces_per_section");
-  Load short_of_mass = load;
-  short_of_mass.mass.pop_back();
-  EXPECT_NE(test::refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
-  const ExactArm exact(arm, load);
-  EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Zero(6, 1)); }),
-            "exact tier: the number of unloaded twists is 1; expected one per section");
-  EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Constant(6, 2, std::nan(""))); }),
-            "exact tier: a twist of the unloaded arm is not finite");
 }
 
 }  // namespace

@@ -554,16 +554,5 @@ TEST(LoadedJacobian, HoldsNearABucklingLoad) {
   }
 }
 
-TEST(LoadedJacobian, ForcesAndDisplacementsAreReciprocal) {
-  Random random(306);
-  const model::Arm arm = variedArm(2, 3, true, random);
-  Load load = test::randomLoad(2, random);
-  for (PointLoad& point : load.points) point.moment.setZero();  // it has no potential
-  const ArmModel model(arm, std::nullopt, load, kExactTier);
-  const auto by_force =
-      jacobianAt(model, innerInput(arm, random)).by_load->tip.topLeftCorner<3, 3>().eval();
-  EXPECT_LT((by_force - by_force.transpose()).norm(), 1e-9 * by_force.norm());
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

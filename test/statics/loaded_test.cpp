@@ -9,7 +9,6 @@
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "statics/arms_under_load.hpp"
 #include "support/allocation_counter.hpp"
-#include "support/expect_refusal.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -211,30 +210,6 @@ TEST(Loaded, IsComparedWithAFinerSolutionWithoutTheHeap) {
   const test::AllocationCounter counter;
   loaded.tip(twists);
   EXPECT_EQ(counter.count(), 0u);
-}
-
-TEST(Loaded, RefusesWhatItCannotSolve) {
-  const model::Arm arm = test::softHelicalArm();
-  const Load load = test::weight(Posture::kHanging, 0.2, 800);
-  EXPECT_THROW(LoadedArm(arm, load, kLeastOrder - 1), std::invalid_argument);
-  EXPECT_THROW(LoadedArm(arm, load, kMostOrder + 1), std::invalid_argument);
-  Load crowded = load;
-  for (int i = 1; i <= kMaxInnerPoints + 1; ++i) {
-    crowded.points.push_back({});
-    crowded.points.back().s = i / (kMaxInnerPoints + 2.0);
-  }
-  EXPECT_THROW(LoadedArm(arm, crowded, 5), std::invalid_argument);
-  Load one_point = load;
-  one_point.points.resize(1);
-  test::expectRefusals(one_point, [&](const Load& bad) { LoadedArm(arm, bad, 5); },
-                       {{[](Load& bad) { bad.mass = {}; }, ""},
-                        {[](Load& bad) { bad.K_eps.assign(2, 1000); }, ""},
-                        {[](Load& bad) { bad.mass = {-0.1}; }, ""},
-                        {[](Load& bad) { bad.K_eps = {0.0}; }, ""},
-                        {[](Load& bad) { bad.gravity.x() = std::nan(""); }, ""},
-                        {[](Load& bad) { bad.points[0].section = 1; }, ""},
-                        {[](Load& bad) { bad.points[0].s = 1.1; }, ""},
-                        {[](Load& bad) { bad.points[0].mass = -1; }, ""}});
 }
 
 }  // namespace

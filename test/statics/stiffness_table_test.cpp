@@ -50,18 +50,6 @@ TEST(StiffnessTable, TwistAndComplianceAreTheEquilibriumOfThatStiffness) {
   }
 }
 
-TEST(StiffnessTable, WhatItNeedsIsRefused) {
-  const model::Arm arm = test::softHelicalArm();
-  EXPECT_THROW(LoadedArm(arm, loadWith(kTable), 5).solve(arm.twists(arm.inputAt(0.1))),
-               std::invalid_argument);
-  EXPECT_THROW(ExactArm(arm, loadWith(kTable)).solve(arm.twists(arm.inputAt(0.1))),
-               std::invalid_argument);
-  Load bad = loadWith(StiffnessTable{{0, 0}, {1, 2}});
-  test::expectRefusal("ascending", [&] { bad.validate(1); });
-  bad = loadWith(StiffnessTable{{0, 1}, {0.5, 2}});
-  EXPECT_THROW(bad.validate(1), std::invalid_argument);
-}
-
 // Compliance of the tip by its definition: small forces along and against each axis.
 class Compliance {
  public:

@@ -28,14 +28,6 @@ TEST(TaperedTiers, WithoutLoadTheClosedFormIsTheExactTier) {
   }
 }
 
-TEST(TaperedTiers, TwistsAloneAreRefused) {
-  const model::Arm arm = test::taperedArm();
-  const Load load = test::weight(test::Posture::kHorizontal, 0.1, 900);
-  const model::Twists twists = arm.twists(arm.inputAt(0.5));
-  EXPECT_THROW(LoadedArm(arm, load, 5).solve(twists), std::invalid_argument);
-  EXPECT_THROW(ExactArm(arm, load).solve(twists), std::invalid_argument);
-}
-
 TEST(TaperedTiers, TheInverseCloses) {
   const ArmModel model(test::taperedArm(kTilt));
   InverseSolver solver(model);

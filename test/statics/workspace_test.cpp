@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "statics/arms_under_load.hpp"
-#include "support/refusal.hpp"
 #include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
@@ -188,22 +186,6 @@ TEST(Workspace, InputsWithoutBalanceAreLeftOutAndCounted) {
   EXPECT_LE(sensitive.count(), points.count());
   EXPECT_EQ(sensitive.count() + sensitive.unbalanced, kCount);
   EXPECT_TRUE(sensitive.sensitivity.allFinite());
-}
-
-TEST(Workspace, SensitivityPerKpaIsRefusedToTendons) {
-  model::Section section;
-  model::Actuator actuator = test::softHelicalArm().actuator(0);
-  actuator.name = "cable";
-  actuator.drive = model::Drive::kTendon;
-  actuator.contraction = model::Contraction::tendon(0.3, 0.01, 5);
-  actuator.limits = {0, 5};
-  section.actuators = {actuator};
-  const ArmModel model{model::Arm({section})};
-  EXPECT_EQ(Workspace(model).sample(0, 10).count(), 10);
-  EXPECT_EQ(test::refusal([&] {
-              Workspace(model, {1, true});
-            }),
-            "sensitivity: it is per kPa, and cable is a tendon; leave it out");
 }
 
 constexpr std::uint64_t kSeed = 1;

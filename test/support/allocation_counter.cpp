@@ -1,7 +1,6 @@
 #include "support/allocation_counter.hpp"
 
 #include <cstdlib>
-#include <cstring>
 
 namespace {
 thread_local std::size_t allocations = 0;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::test {
@@ -13,7 +14,7 @@ template <class Exception = std::invalid_argument>
 void expectRefusal(const std::string& words, const std::function<void()>& call) {
   const std::string message = refusal<Exception>(call);
   EXPECT_NE(message, "accepted") << "expected " << words;
-  EXPECT_NE(message.find(words), std::string::npos) << message << "\n  expected " << words;
+  EXPECT_TRUE(has(message, words));
 }
 
 /// Values that break one rule each, made from one that breaks none, and the words that say so.

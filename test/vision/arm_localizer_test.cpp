@@ -203,14 +203,5 @@ TEST_F(ArmLocalizerTest, PicturesOfAnotherSizeOrTypeAreRefused) {
   EXPECT_THROW(localizer.locate(cv::Mat::zeros(720, 1280, CV_8UC3), twists), std::invalid_argument);
 }
 
-TEST_F(ArmLocalizerTest, ConfigurationsThatMakeNoSenseAreRefused) {
-  LocalizerConfig config;
-  config.min_tags = 1;
-  EXPECT_THROW(ArmLocalizer(view_, config), std::invalid_argument);
-  estimation::ArmView view = view_;
-  view.camera.fx = 0;
-  EXPECT_THROW(ArmLocalizer(view, {}), std::invalid_argument);
-}
-
 }  // namespace
 }  // namespace helix_arm::vision

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <iostream>
-#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -11,7 +10,6 @@
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/board_studio.hpp"
 #include "support/has.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -204,13 +202,6 @@ TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
   }
 }
 
-TEST(CameraCalibration, OptionsOutOfRangeAreRefused) {
-  EXPECT_EQ(test::refusal([] {
-              calibrateCamera(kBoard.parts(), {1280, 720}, {}, {3});
-            }),
-            "camera calibration: the number of coefficients is 3; expected 0, 2, 4, 5 or 8");
-}
-
 TEST(BoardObservation, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
   const auto tag = [](int id, int hamming) {
     return TagDetection{id, hamming, 50, estimation::Corners::Constant(100)};
@@ -303,15 +294,6 @@ TEST(TagBoard, IdsCountRowByRowFromTheTopLeftCornersAreThoseOfTheBorder) {
   last << 0.02, 0.04, 0.04, 0.02, -0.025, -0.025, -0.005, -0.005;
   EXPECT_TRUE(board.corners(7).isApprox(first, 1e-12)) << board.corners(7);
   EXPECT_TRUE(board.corners(12).isApprox(last, 1e-12)) << board.corners(12);
-}
-
-TEST(TagBoard, OtherIdsAreRefused) {
-  const TagBoard board;
-  for (const int id : {board.first_id - 1, board.first_id + board.count()}) {
-    EXPECT_FALSE(board.has(id));
-    EXPECT_EQ(test::refusal<std::out_of_range>([&] { board.corners(id); }),
-              "tag id is " + std::to_string(id) + "; the board has 557 to 586");
-  }
 }
 
 TEST(TagBoard, TheShippedOneHasTheLastTagsOfItsFamily) {

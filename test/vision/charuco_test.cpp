@@ -105,17 +105,9 @@ TEST(CharucoBoard, WhatBreaksARuleIsSaid) {
     return test::refusal([&board] { board.validate(); });
   };
   EXPECT_EQ(refusal({}), "accepted");
-  EXPECT_EQ(refusal({2, 9}), "ChArUco board: the number of squares across is 2; expected 3 to 100");
-  EXPECT_EQ(refusal({7, 101}),
-            "ChArUco board: the number of squares down is 101; expected 3 to 100");
   EXPECT_EQ(refusal({3, 4}),
             "ChArUco board: 3 x 4 squares have 6 inner corners; expected 8 or more");
   EXPECT_EQ(refusal({3, 5}), "accepted");
-  EXPECT_EQ(refusal({7, 9, -0.1}),
-            "ChArUco board: the side of a square [m] is -0.1; expected a finite value > 0");
-  EXPECT_EQ(refusal({7, 9, 0.02, 0.02}),
-            "ChArUco board: the side of a marker [m] is 0.02; expected a value above 0 and below "
-            "that of a square, 0.02");
   EXPECT_EQ(refusal({7, 9, 0.02, 0.006}), "accepted");
   EXPECT_EQ(refusal({7, 9, 0.02, 0.0059}),
             "ChArUco board: the side of a marker [m] is 0.0059; expected 0.006 or more, 0.3 of the "

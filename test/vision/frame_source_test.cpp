@@ -358,21 +358,5 @@ TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
   EXPECT_TRUE(has(frame.fault, "it does not open as a camera"));
 }
 
-TEST(WebcamConfig, EveryRuleIsNamed) {
-  const auto refused = [](const auto& change, const std::string& message) {
-    WebcamConfig config;
-    change(config);
-    EXPECT_TRUE(has(refusal([&] { FrameSource::webcam(config); }), message));
-  };
-  refused([](WebcamConfig& c) { c.device = ""; }, "webcam device is empty");
-  refused([](WebcamConfig& c) { c.width = 0; }, "webcam size is 0 x 720; expected > 0 px");
-  refused([](WebcamConfig& c) { c.fourcc = "H264"; },
-          "webcam fourcc is \"H264\"; expected one of MJPG YUYV UYVY GREY");
-  refused([](WebcamConfig& c) { c.fps = 0; }, "webcam fps is 0");
-  refused([](WebcamConfig& c) { c.focus = -1; }, "webcam focus is -1");
-  refused([](WebcamConfig& c) { c.exposure = -1; }, "webcam exposure is -1");
-  refused([](WebcamConfig& c) { c.reconnect_after = -1; }, "webcam reconnect_after is -1");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "jpeg_pictures.hpp"
+#include "support/has.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -123,10 +124,10 @@ TEST(Jpeg, TruncatedPictureWithAnEndPutToItIsRefused) {
 TEST(Jpeg, AFileThatIsNotAJpegIsRefusedWithItsReason) {
   cv::Mat gray;
   EXPECT_EQ(JpegDecoder().decode(nullptr, 0, gray), "no data; expected a JPEG");
-  EXPECT_NE(faultOf(Bytes(1000, 0)).find("not a valid JPEG header"), std::string::npos);
-  EXPECT_NE(faultOf({0xff, 0xd8, 0xff, 0xd9}).find("claims 0 x 0 px"), std::string::npos);
+  EXPECT_TRUE(has(faultOf(Bytes(1000, 0)), "not a valid JPEG header"));
+  EXPECT_TRUE(has(faultOf({0xff, 0xd8, 0xff, 0xd9}), "claims 0 x 0 px"));
   const cv::Mat cmyk(48, 64, CV_8UC4, cv::Scalar(1, 2, 3, 4));
-  EXPECT_NE(faultOf(jpegOf(cmyk, TJPF_CMYK, TJSAMP_444)).find("CMYK"), std::string::npos);
+  EXPECT_TRUE(has(faultOf(jpegOf(cmyk, TJPF_CMYK, TJSAMP_444)), "CMYK"));
 }
 
 // A header may claim any size; memory is for what the data can hold.
@@ -143,10 +144,8 @@ TEST(Jpeg, ClaimedSizesThatCannotBeAreRefused) {
   ASSERT_EQ(faultOf(claim(bytes, 64, 48)), "");
   EXPECT_NE(faultOf(claim(bytes, 0, 48)), "");
   EXPECT_NE(faultOf(claim(bytes, 64, 0)), "");
-  EXPECT_NE(faultOf(claim(bytes, 65000, 65000)).find("claims 65000 x 65000 px; expected"),
-            std::string::npos);
-  EXPECT_NE(faultOf(claim(bytes, 5000, 5000)).find("claims 5000 x 5000 px, which"),
-            std::string::npos);
+  EXPECT_TRUE(has(faultOf(claim(bytes, 65000, 65000)), "claims 65000 x 65000 px; expected"));
+  EXPECT_TRUE(has(faultOf(claim(bytes, 5000, 5000)), "claims 5000 x 5000 px, which"));
   EXPECT_NE(faultOf(claim(bytes, 64, 200)), "");
   // The flattest picture there is takes more than a bit a block, and passes.
   const cv::Mat flat(2000, 3000, CV_8UC1, cv::Scalar(90));
@@ -182,8 +181,7 @@ Bytes withScans(const Bytes& bytes, int count) {
 TEST(Jpeg, ScansAreCountedBeforeTheyAreDecoded) {
   const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_420, 90, TJFLAG_PROGRESSIVE);
   ASSERT_EQ(faultOf(bytes), "");
-  EXPECT_EQ(faultOf(withScans(bytes, JpegDecoder::kMaxScans)).find(" scans; expected"),
-            std::string::npos);
+  EXPECT_FALSE(has(faultOf(withScans(bytes, JpegDecoder::kMaxScans)), " scans; expected"));
   for (const int count : {JpegDecoder::kMaxScans + 1, 490}) {
     EXPECT_EQ(faultOf(withScans(bytes, count)), "a JPEG of " + std::to_string(count) +
                                                     " scans; expected at most " +
@@ -228,15 +226,6 @@ TEST(Jpeg, TablesOfTheLastPictureAreNotUsed) {
   cv::Mat gray;
   ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
   EXPECT_TRUE(decoder.decode(no_quantisation.data(), no_quantisation.size(), gray));
-}
-
-TEST(Jpeg, PicturesThatCannotBeEncodedAreRefused) {
-  EXPECT_THROW(JpegEncoder(0), std::invalid_argument);
-  EXPECT_THROW(JpegEncoder(101), std::invalid_argument);
-  JpegEncoder encoder(90);
-  EXPECT_THROW(encoder.encode(cv::Mat()), std::invalid_argument);
-  EXPECT_THROW(encoder.encode(colourPicture(8, 8)), std::invalid_argument);
-  EXPECT_THROW(encoder.encode(cv::Mat(1, 65501, CV_8UC1, cv::Scalar(0))), std::runtime_error);
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -457,14 +456,6 @@ TEST(Tracking, PicturesMayBeTiny) {
     EXPECT_TRUE(edges.track(high, {{3, corners, true}}).tags.empty());
     EXPECT_TRUE(edges.track(wide, {{3, corners, true}}).tags.empty());
   }
-}
-
-TEST(Tracking, ColourPicturesAreRefused) {
-  TagTracker edges = tracker();
-  const cv::Mat colour(100, 100, CV_8UC3, cv::Scalar(0, 0, 0));
-  EXPECT_THROW(edges.track(colour, {{3, squareCorners(50, 50, 30, 0), true}}),
-               std::invalid_argument);
-  EXPECT_THROW(edges.search(colour), std::invalid_argument);
 }
 
 TEST(Tracking, TagsAtTheBorderOfThePicture) {
