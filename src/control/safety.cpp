@@ -53,14 +53,6 @@ static_assert(kCauses.back().name != nullptr, "each cause has a row, in the orde
 const Cause& rowOf(SafetyCause cause) { return kCauses[static_cast<std::size_t>(cause)]; }
 bool isGrave(SafetyCause cause) { return rowOf(cause).grave; }
 
-void requirePositive(const char* what, double value) {
-  basics::requirePositive("safety rules", what, value);
-}
-
-void requireNotNegative(const char* what, double value) {
-  basics::requireNotNegative("safety rules", what, value);
-}
-
 void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules& rules) {
   basics::require(!channels.empty(), "safety core: no channels; expected at least one");
   for (const ChannelRules& channel : channels) {
@@ -87,20 +79,21 @@ const char* nameOf(SafetyCause cause) { return rowOf(cause).name; }
 const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
 
 void SafetyRules::validate() const {
-  basics::requireValue(target_timeout > 0, "safety rules", "target_timeout [s]", target_timeout,
+  constexpr char kCulprit[] = "safety rules";
+  basics::requireValue(target_timeout > 0, kCulprit, "target_timeout [s]", target_timeout,
                        "a value > 0");
-  requirePositive("reading_timeout [s]", reading_timeout);
-  requireNotNegative("trip_margin [Pa]", trip_margin);
-  requireNotNegative("spike_time [s]", spike_time);
-  if (min_supply) requirePositive("min_supply [Pa]", *min_supply);
-  requirePositive("follow_tolerance [Pa]", follow_tolerance);
-  requirePositive("follow_time [s]", follow_time);
-  requirePositive("time_constant [s]", time_constant);
-  requirePositive("fall_time_constant [s]", fallTimeConstant());
-  requirePositive("leak_drop [Pa]", leak_drop);
-  requireNotNegative("hold_time [s]", hold_time);
-  requirePositive("vented_below [Pa]", vented_below);
-  requirePositive("vent_time [s]", vent_time);
+  basics::requirePositive(kCulprit, "reading_timeout [s]", reading_timeout);
+  basics::requireNotNegative(kCulprit,
+                             {{"trip_margin [Pa]", trip_margin}, {"spike_time [s]", spike_time}});
+  if (min_supply) basics::requirePositive(kCulprit, "min_supply [Pa]", *min_supply);
+  basics::requirePositive(kCulprit, {{"follow_tolerance [Pa]", follow_tolerance},
+                                     {"follow_time [s]", follow_time},
+                                     {"time_constant [s]", time_constant},
+                                     {"fall_time_constant [s]", fallTimeConstant()},
+                                     {"leak_drop [Pa]", leak_drop}});
+  basics::requireNotNegative(kCulprit, "hold_time [s]", hold_time);
+  basics::requirePositive(kCulprit,
+                          {{"vented_below [Pa]", vented_below}, {"vent_time [s]", vent_time}});
 }
 
 SafetyCore::SafetyCore(std::vector<ChannelRules> channels, const SafetyRules& rules)
