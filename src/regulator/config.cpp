@@ -81,7 +81,8 @@ std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
         auto driver = modbusTcpDriver(modbus);
         const std::size_t slots = modbus.slots.size();
         basics::require(slots == static_cast<std::size_t>(channels), "a regulator of ", slots,
-                        " channels for ", channels, " actuators; expected one channel per actuator");
+                        " channels for ", channels,
+                        " actuators; expected one channel per actuator");
         return driver;
       });
 }
