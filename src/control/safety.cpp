@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <sstream>
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::control {
 namespace {
@@ -53,14 +53,6 @@ static_assert(kCauses.back().name != nullptr, "each cause has a row, in the orde
 const Cause& rowOf(SafetyCause cause) { return kCauses[static_cast<std::size_t>(cause)]; }
 bool isGrave(SafetyCause cause) { return rowOf(cause).grave; }
 
-void requirePositive(const char* what, double value) {
-  basics::requirePositive("safety rules", what, value);
-}
-
-void requireNotNegative(const char* what, double value) {
-  basics::requireNotNegative("safety rules", what, value);
-}
-
 void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules& rules) {
   basics::require(!channels.empty(), "safety core: no channels; expected at least one");
   for (const ChannelRules& channel : channels) {
@@ -87,20 +79,21 @@ const char* nameOf(SafetyCause cause) { return rowOf(cause).name; }
 const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
 
 void SafetyRules::validate() const {
-  basics::requireValue(target_timeout > 0, "safety rules", "target_timeout [s]", target_timeout,
+  constexpr char kCulprit[] = "safety rules";
+  basics::requireValue(target_timeout > 0, kCulprit, "target_timeout [s]", target_timeout,
                        "a value > 0");
-  requirePositive("reading_timeout [s]", reading_timeout);
-  requireNotNegative("trip_margin [Pa]", trip_margin);
-  requireNotNegative("spike_time [s]", spike_time);
-  if (min_supply) requirePositive("min_supply [Pa]", *min_supply);
-  requirePositive("follow_tolerance [Pa]", follow_tolerance);
-  requirePositive("follow_time [s]", follow_time);
-  requirePositive("time_constant [s]", time_constant);
-  requirePositive("fall_time_constant [s]", fallTimeConstant());
-  requirePositive("leak_drop [Pa]", leak_drop);
-  requireNotNegative("hold_time [s]", hold_time);
-  requirePositive("vented_below [Pa]", vented_below);
-  requirePositive("vent_time [s]", vent_time);
+  basics::requirePositive(kCulprit, "reading_timeout [s]", reading_timeout);
+  basics::requireNotNegative(kCulprit,
+                             {{"trip_margin [Pa]", trip_margin}, {"spike_time [s]", spike_time}});
+  if (min_supply) basics::requirePositive(kCulprit, "min_supply [Pa]", *min_supply);
+  basics::requirePositive(kCulprit, {{"follow_tolerance [Pa]", follow_tolerance},
+                                     {"follow_time [s]", follow_time},
+                                     {"time_constant [s]", time_constant},
+                                     {"fall_time_constant [s]", fallTimeConstant()},
+                                     {"leak_drop [Pa]", leak_drop}});
+  basics::requireNotNegative(kCulprit, "hold_time [s]", hold_time);
+  basics::requirePositive(kCulprit,
+                          {{"vented_below [Pa]", vented_below}, {"vent_time [s]", vent_time}});
 }
 
 SafetyCore::SafetyCore(std::vector<ChannelRules> channels, const SafetyRules& rules)
@@ -368,14 +361,20 @@ void SafetyCore::endFault() {
     setState(SafetyState::kVented, fault.cause, fault.channel, fault.value, fault.limit);
     return;
   }
-  bool overdue = false;
-  for (int i = 0; i < count(); ++i) {
-    overdue = overdue || (orders_.valve[i] == Valve::kVent && !watch_[i].empty(now_, rules_) &&
-                          now_ - vents_since_[i] > rules_.vent_time);
-  }
+  const bool overdue = overdueChannel() >= 0;
   if (overdue == report_.vent_overdue) return;
   report_.vent_overdue = overdue;
   ++report_.changes;
+}
+
+int SafetyCore::overdueChannel() const {
+  for (int i = 0; i < count(); ++i) {
+    if (orders_.valve[i] == Valve::kVent && !watch_[i].empty(now_, rules_) &&
+        now_ - vents_since_[i] > rules_.vent_time) {
+      return i;
+    }
+  }
+  return -1;
 }
 
 bool SafetyCore::allVentAndEmpty() const {
@@ -393,9 +392,6 @@ std::string tell(const std::string& what, double from, double to, const char* un
   return text.str();
 }
 
-// A channel that vents is the safest, one that is closed the least safe.
-int risk(FaultAction action) { return static_cast<int>(action); }
-
 std::string loosened(const ChannelRules& from, const ChannelRules& to) {
   if (to.limits.upper > from.limits.upper) {
     return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
@@ -411,7 +407,8 @@ std::string loosened(const ChannelRules& from, const ChannelRules& to) {
   if (to.slew > from.slew) {
     return tell("safety.slew_kpa_s", 1e-3 * from.slew, 1e-3 * to.slew, "kPa/s");
   }
-  if (risk(to.action) > risk(from.action)) {
+  // A channel that vents is the safest, one that is closed the least safe.
+  if (to.action > from.action) {
     return "safety.fault_action of " + from.name + " would go from " + nameOf(from.action) +
            " to " + nameOf(to.action);
   }
@@ -466,14 +463,9 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
 
 namespace {
 
-constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
+using basics::format;
 
-template <class... Arguments>
-std::string format(const char* pattern, Arguments... arguments) {
-  char text[400];
-  std::snprintf(text, sizeof text, pattern, arguments...);
-  return text;
-}
+constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
 
 std::string readingAge(const char* who, double silence) {
   if (std::isinf(silence)) return format("%s has not been read yet", who);
@@ -632,21 +624,17 @@ std::string SafetyCore::ventText() const {
 }
 
 std::string SafetyCore::overdueText() const {
-  if (!report_.vent_overdue) return {};
-  for (int i = 0; i < count(); ++i) {
-    const bool due = now_ - vents_since_[i] > rules_.vent_time;
-    if (orders_.valve[i] != Valve::kVent || watch_[i].empty(now_, rules_) || !due) continue;
-    const char* const name = channels_[i].name.c_str();
-    const double silence = watch_[i].silence(now_);
-    return "; " +
-           (silence > rules_.reading_timeout
-                ? readingAge(name, silence)
-                : format("%s still reads %.1f kPa", name, 1e-3 * reading_[i])) +
-           format(", %.1f s after it began to vent (safety.vent_time_s is %g)",
-                  now_ - vents_since_[i], rules_.vent_time) +
-           (link_up_ ? ": shut the supply and open the relief valve by hand" : "");
-  }
-  return {};
+  const int i = overdueChannel();
+  if (!report_.vent_overdue || i < 0) return {};
+  const char* const name = channels_[i].name.c_str();
+  const double silence = watch_[i].silence(now_);
+  return "; " +
+         (silence > rules_.reading_timeout
+              ? readingAge(name, silence)
+              : format("%s still reads %.1f kPa", name, 1e-3 * reading_[i])) +
+         format(", %.1f s after it began to vent (safety.vent_time_s is %g)",
+                now_ - vents_since_[i], rules_.vent_time) +
+         (link_up_ ? ": shut the supply and open the relief valve by hand" : "");
 }
 
 std::string SafetyText::line(SafetyState state) const {

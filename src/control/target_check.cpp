@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <sstream>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
@@ -78,12 +78,10 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
 }
 
 std::string warningText(const std::string& what, double largest, const std::string& taker) {
-  char text[256];
-  std::snprintf(text, sizeof text,
-                "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures "
-                "in Pa, so 200 kPa are 200000",
-                what.c_str(), largest, taker.c_str());
-  return text;
+  return basics::format(
+      "all pressures of %s are at most %g Pa, which looks like kPa; %s gauge pressures in Pa, so "
+      "200 kPa are 200000",
+      what.c_str(), largest, taker.c_str());
 }
 
 }  // namespace

@@ -6,12 +6,11 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "serial_port.hpp"
 
 namespace helix_arm::regulator {
 namespace {
-
-using Clock = SerialPort::Clock;
 
 // Margin for the watchdog of a device, whose clock and line may differ from ours.
 constexpr double kWatchdogShare = 0.8;
@@ -21,11 +20,7 @@ const SerialProfile& valid(const SerialProfile& profile) {
   return profile;
 }
 
-Clock::duration spanOf(double seconds) {
-  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
-}
-
-Clock::time_point after(double seconds) { return Clock::now() + spanOf(seconds); }
+double after(double seconds) { return steadyNow() + seconds; }
 
 std::string milliseconds(double seconds) {
   return std::to_string(std::llround(seconds * 1e3)) + " ms";
@@ -166,9 +161,9 @@ class AsciiSerialDriver : public Driver {
   struct Channel {
     std::string address;
     State state = State::kUnknown;
-    std::optional<double> sent;           // set point [device units]; absent unless it regulates
-    std::vector<double> readings;         // not yet returned by read() [Pa]
-    SerialPort::Clock::time_point heard;  // time of the last reading
+    std::optional<double> sent;    // set point [device units]; absent unless it regulates
+    std::vector<double> readings;  // not yet returned by read() [Pa]
+    double heard = 0;              // time of the last reading
   };
 
   void ready() {
@@ -184,7 +179,7 @@ class AsciiSerialDriver : public Driver {
                  after(profile_.timeout));
     }
     if (lines_.read) awaitQuiet();
-    last_line_ = Clock::now();
+    last_line_ = steadyNow();
     vent();
     if (lines_.read) {
       ask();
@@ -195,14 +190,14 @@ class AsciiSerialDriver : public Driver {
 
   // A late answer from before must not be taken for the first one of this connection.
   void awaitQuiet() {
-    const Clock::time_point deadline = after(3 * profile_.timeout);
-    Clock::time_point quiet = after(profile_.timeout);
-    while (Clock::now() < quiet) {
+    const double deadline = after(3 * profile_.timeout);
+    double quiet = after(profile_.timeout);
+    while (steadyNow() < quiet) {
       // Also waits for the rest of a line that has begun.
       const std::optional<std::string> line =
           port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
       if (port_.discardInput() || line) quiet = after(profile_.timeout);
-      if (Clock::now() >= deadline) {
+      if (steadyNow() >= deadline) {
         throw LinkError(device_ + " keeps sending, but its profile " + profile_.name +
                         " says that it only answers requests; switch off its streaming, or use "
                         "another profile");
@@ -211,9 +206,9 @@ class AsciiSerialDriver : public Driver {
   }
 
   void awaitReading() {
-    const Clock::time_point deadline = after(3 * profile_.timeout);
+    const double deadline = after(3 * profile_.timeout);
     std::exception_ptr error;
-    while (Clock::now() < deadline) {
+    while (steadyNow() < deadline) {
       try {
         if (listen(deadline)) return;
       } catch (const BadReply&) {  // the first line may be incomplete
@@ -228,12 +223,12 @@ class AsciiSerialDriver : public Driver {
   // Sends a line and notes what the answer holds, if one is due.
   void exchange(const LineFormat& command, const std::optional<LineFormat>& reply, Channel& channel,
                 const LineFields& values = {}) {
-    const Clock::time_point deadline = after(profile_.timeout);
+    const double deadline = after(profile_.timeout);
     if (lines_.read) port_.discardInput();
     const std::string line = command.line(channel.address, values);
     port_.send(sentLine(profile_, line) + profile_.terminator, deadline);
     noteSilence();
-    last_line_ = Clock::now();
+    last_line_ = steadyNow();
     if (!reply) return;
     const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
     if (!answer && !port_.unfinished().empty()) {
@@ -257,8 +252,7 @@ class AsciiSerialDriver : public Driver {
 
   // Remembered until all channels are vented, since the first line after a silence may be a vent.
   void noteSilence() {
-    const std::chrono::duration<double> silence = Clock::now() - last_line_;
-    lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
+    lapsed_ = lapsed_ || steadyNow() - last_line_ > kWatchdogShare * profile_.watchdog;
   }
 
   // A device that has vented by itself would jump to the set point of the next line.
@@ -268,7 +262,7 @@ class AsciiSerialDriver : public Driver {
     });
     if (vented) {
       lapsed_ = false;
-      last_line_ = Clock::now();
+      last_line_ = steadyNow();
     }
     noteSilence();
     if (!lapsed_) return;
@@ -303,7 +297,7 @@ class AsciiSerialDriver : public Driver {
     std::vector<double> readings;
     for (const double number : fields.pressures) readings.push_back(reading(number));
     channel.readings = std::move(readings);
-    channel.heard = Clock::now();
+    channel.heard = steadyNow();
   }
 
   double numberOf(double pressure) const {
@@ -374,12 +368,12 @@ class AsciiSerialDriver : public Driver {
 
   // Reads the lines that have arrived, waiting for the first until the deadline. Returns whether
   // one of them was a reading.
-  bool listen(Clock::time_point deadline) {
+  bool listen(double deadline) {
     const auto channels = static_cast<std::size_t>(count_);
     bool heard = false;
     std::exception_ptr error;
     for (std::optional<std::string> line = port_.receiveLine(profile_.terminator, deadline); line;
-         line = port_.receiveLine(profile_.terminator, Clock::time_point())) {
+         line = port_.receiveLine(profile_.terminator, 0)) {
       if (line->find_first_not_of("\r\n \t") == std::string::npos) continue;
       try {
         const std::string text = receivedLine(profile_, *line);
@@ -401,7 +395,7 @@ class AsciiSerialDriver : public Driver {
 
   void ask() {
     // Readings in answers to a write are valid only for this time.
-    const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
+    const double oldest = steadyNow() - profile_.timeout;
     forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
       if (channel.heard > oldest && !channel.readings.empty()) return;
       channel.readings.clear();
@@ -411,9 +405,9 @@ class AsciiSerialDriver : public Driver {
   }
 
   void overhear() {
-    if (listen(Clock::time_point())) return;
+    if (listen(0)) return;
     const Channel& all = channels_.front();
-    if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
+    if (!all.readings.empty() || steadyNow() < all.heard + profile_.timeout) return;
     if (!port_.unfinished().empty()) {
       throw BadReply(device_ + " has not completed a line for " + milliseconds(profile_.timeout) +
                      ": \"" + basics::quoted(port_.unfinished()) + "\"");
@@ -429,8 +423,8 @@ class AsciiSerialDriver : public Driver {
   std::vector<Channel> channels_;  // a single one if one line serves all channels
   std::optional<double> supply_;   // not yet returned by read() [Pa]
   SerialPort port_;
-  SerialPort::Clock::time_point last_line_;  // sent
-  bool lapsed_ = false;  // the device's watchdog may have expired since it vented
+  double last_line_ = 0;  // when it was sent [s]
+  bool lapsed_ = false;   // the device's watchdog may have expired since it vented
 };
 
 }  // namespace

@@ -9,6 +9,10 @@
 
 namespace helix_arm::regulator {
 
+/// Driver of a simulated regulator. It follows the steady clock and its link never fails.
+/// @throws std::invalid_argument as SimulatedRegulator.
+std::unique_ptr<Driver> simulatedDriver(const SimulatedRegulatorConfig& config, int channels);
+
 /// Driver of a regulator on a serial line that uses lines of text, as its profile says.
 ///
 /// One command is outstanding at a time; input received before it was sent is not taken as its

@@ -19,8 +19,6 @@
 namespace helix_arm::regulator {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr int kBetweenPolls = 5;  // [ms]
 
 [[noreturn]] void fail(const std::string& what, int error) {
@@ -110,8 +108,8 @@ void GuardProcess::dismiss() {
   // Fails only if the guard has just ended.
   send(line_, &kDismissal, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
   shutdown(line_, SHUT_WR);
-  const auto deadline = Clock::now() + std::chrono::duration<double>(kDismissTime);
-  while (!hasEnded() && Clock::now() < deadline) poll(nullptr, 0, kBetweenPolls);
+  const double deadline = steadyNow() + kDismissTime;
+  while (!hasEnded() && steadyNow() < deadline) poll(nullptr, 0, kBetweenPolls);
   pid_ = -1;
 }
 

@@ -38,24 +38,30 @@ namespace {
 constexpr char kPrefix[] = "helix_arm regulator ";
 constexpr std::size_t kLongestName = 80;
 
-struct Name {
-  sockaddr_un address{};
-  socklen_t size = 0;
-
-  explicit Name(const std::string& device) {
-    const std::string text = kPrefix + device.substr(0, kLongestName);
-    static_assert(sizeof kPrefix + kLongestName < sizeof address.sun_path);
-    address.sun_family = AF_UNIX;
-    std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: an abstract socket
-    size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + text.size());
+struct SocketAddress {
+  SocketAddress(const void* address, std::size_t length)
+      : size(static_cast<socklen_t>(std::min(length, sizeof storage))) {
+    std::memcpy(&storage, address, size);
   }
-  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&address); }
+  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+
+  sockaddr_storage storage{};
+  socklen_t size;
 };
+
+SocketAddress lockOf(const std::string& device) {
+  const std::string text = kPrefix + device.substr(0, kLongestName);
+  sockaddr_un address{};
+  static_assert(sizeof kPrefix + kLongestName < sizeof address.sun_path);
+  address.sun_family = AF_UNIX;
+  std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: an abstract socket
+  return {&address, offsetof(sockaddr_un, sun_path) + 1 + text.size()};
+}
 
 int makeSocket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0); }
 
 // Describes the process that listens on the socket.
-std::string holderOf(const Name& name) {
+std::string holderOf(const SocketAddress& name) {
   const int caller = makeSocket();
   ucred holder{};
   socklen_t size = sizeof holder;
@@ -76,15 +82,14 @@ std::string holderOf(const Name& name) {
 constexpr std::size_t kMostAddresses = 3;
 
 // Returns 0 on success, otherwise errno.
-int connectWithin(int socket, const sockaddr* address, socklen_t size, double timeout) {
-  if (connect(socket, address, size) == 0) return 0;
+int connectWithin(int socket, const SocketAddress& address, double timeout) {
+  if (connect(socket, address.get(), address.size) == 0) return 0;
   if (errno != EINPROGRESS) return errno;
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout);
+  const double end = steadyNow() + timeout;
   for (;;) {
-    const double left =
-        std::chrono::duration<double>(end - std::chrono::steady_clock::now()).count();
+    const double left = std::max(end - steadyNow(), 0.0);
     pollfd waited{socket, POLLOUT, 0};
-    const int ready = poll(&waited, 1, static_cast<int>(std::ceil(1e3 * std::max(left, 0.0))));
+    const int ready = poll(&waited, 1, static_cast<int>(std::ceil(1e3 * left)));
     if (ready == 0) return ETIMEDOUT;
     if (ready < 0 && errno == EINTR) continue;
     if (ready < 0) return errno;
@@ -182,7 +187,7 @@ std::string hex(int word) { return basics::format("0x%04x", word); }
 std::optional<std::string> DeviceLock::take(const std::string& device) {
   if (socket_ >= 0 && device == device_) return std::nullopt;
   release();
-  const Name name(device);
+  const SocketAddress name = lockOf(device);
   const int mine = makeSocket();
   if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
   if (bind(mine, name.get(), name.size) != 0) {
@@ -218,20 +223,20 @@ class TcpLink {
   /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
   /// device.
   int open(double timeout) {
-    std::vector<Address> addresses = resolve(timeout);
-    if (addresses.size() > kMostAddresses) addresses.resize(kMostAddresses);
+    const std::vector<SocketAddress> addresses = resolve(timeout);
+    const std::size_t most = std::min(addresses.size(), kMostAddresses);
     int error = EADDRNOTAVAIL;
-    for (const Address& address : addresses) {
+    for (std::size_t i = 0; i < most; ++i) {
+      const SocketAddress& address = addresses[i];
       claim(address);
-      const int family = address.get()->sa_family;
-      const int socket = ::socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+      const int socket =
+          ::socket(address.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
       if (socket < 0) {
         error = errno;
         continue;
       }
       // libmodbus waits with select(), which cannot handle larger descriptors.
-      error = socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout)
-                                  : EMFILE;
+      error = socket < FD_SETSIZE ? connectWithin(socket, address, timeout) : EMFILE;
       if (error == 0) {
         const int on = 1;
         setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
@@ -252,18 +257,12 @@ class TcpLink {
   const std::string& place() const { return place_; }
 
  private:
-  struct Address {
-    sockaddr_storage storage{};
-    socklen_t size = 0;
-
-    const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
-  };
   struct Resolved {
-    std::vector<Address> addresses;
+    std::vector<SocketAddress> addresses;
     std::string error;
   };
 
-  std::vector<Address> resolve(double timeout) {
+  std::vector<SocketAddress> resolve(double timeout) {
     const auto look = [](const std::string& host, const std::string& port, int flags) {
       Resolved resolved;
       addrinfo hints{};
@@ -277,10 +276,7 @@ class TcpLink {
       }
       const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, freeaddrinfo);
       for (const addrinfo* entry = found; entry != nullptr; entry = entry->ai_next) {
-        Address address;
-        address.size = std::min<socklen_t>(entry->ai_addrlen, sizeof address.storage);
-        std::memcpy(&address.storage, entry->ai_addr, address.size);
-        resolved.addresses.push_back(address);
+        resolved.addresses.emplace_back(entry->ai_addr, entry->ai_addrlen);
       }
       return resolved;
     };
@@ -311,7 +307,7 @@ class TcpLink {
   }
 
   /// @throws LinkError if another program drives the device at this address.
-  void claim(const Address& address) {
+  void claim(const SocketAddress& address) {
     char host[NI_MAXHOST] = "";
     getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
     const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);

@@ -47,19 +47,17 @@ double steadyNow() {
 }
 
 void IoRules::validate() const {
-  const auto positive = [](const char* what, double value) {
-    basics::requirePositive("regulator I/O", what, value);
-  };
-  positive("the period [s]", period);
-  positive("the timeout of orders [s]", order_timeout);
-  positive("the first back-off [s]", first_back_off);
+  constexpr char kCulprit[] = "regulator I/O";
+  basics::requirePositive(kCulprit, {{"the period [s]", period},
+                                     {"the timeout of orders [s]", order_timeout},
+                                     {"the first back-off [s]", first_back_off}});
   basics::requireValue(std::isfinite(longest_back_off) && longest_back_off >= first_back_off,
-                       "regulator I/O", "the longest back-off [s]", longest_back_off,
+                       kCulprit, "the longest back-off [s]", longest_back_off,
                        "at least the first");
-  basics::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
+  basics::requireValue(most_bad_replies >= 1, kCulprit, "the number of bad replies",
                        most_bad_replies, "at least 1");
-  positive("the pressure that is none [Pa]", vented_below);
-  basics::requireNotNegative("regulator I/O", "the time to vent [s]", vent_time);
+  basics::requirePositive(kCulprit, "the pressure that is none [Pa]", vented_below);
+  basics::requireNotNegative(kCulprit, "the time to vent [s]", vent_time);
 }
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 
 #include <fcntl.h>
@@ -15,13 +16,13 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
-constexpr std::chrono::milliseconds kLastWords(200);
+constexpr double kLastWords = 0.2;  // [s]
 constexpr const char* kUnplugged =
     "hung up: it was unplugged or switched off; check its cable and power";
 
@@ -72,10 +73,8 @@ bool isPseudoTerminal(int file) {
 }
 
 // Rounded up: poll() with 0 ms before the deadline would spin.
-int millisecondsTo(SerialPort::Clock::time_point deadline) {
-  const auto left =
-      std::chrono::ceil<std::chrono::milliseconds>(deadline - SerialPort::Clock::now());
-  return static_cast<int>(std::clamp<std::int64_t>(left.count(), 0, 60000));
+int millisecondsTo(double deadline) {
+  return static_cast<int>(std::ceil(1e3 * std::clamp(deadline - steadyNow(), 0.0, 60.0)));
 }
 
 }  // namespace
@@ -140,14 +139,14 @@ void SerialPort::close() noexcept {
 
 // The last line may be a vent.
 void SerialPort::awaitSent() const noexcept {
-  const auto end = Clock::now() + kLastWords;
+  const double end = steadyNow() + kLastWords;
   int waiting = 0;
-  while (ioctl(file_, TIOCOUTQ, &waiting) == 0 && waiting > 0 && Clock::now() < end) {
+  while (ioctl(file_, TIOCOUTQ, &waiting) == 0 && waiting > 0 && steadyNow() < end) {
     poll(nullptr, 0, 1);
   }
 }
 
-bool SerialPort::awaitInput(Clock::time_point deadline) const {
+bool SerialPort::awaitInput(double deadline) const {
   pollfd line{file_, POLLIN, 0};
   const int ready = poll(&line, 1, millisecondsTo(deadline));
   if (ready < 0 && errno != EINTR) fail(std::string("cannot be polled: ") + std::strerror(errno));
@@ -172,7 +171,7 @@ bool SerialPort::discardInput() {
   bool any = !input_.empty();
   if (file_ < 0) fail("is not open");
   // A device that never stops sending exceeds the longest line, which is refused below.
-  for (std::size_t taken = 0; taken < 16 * kLongestLine && awaitInput(Clock::time_point());) {
+  for (std::size_t taken = 0; taken < 16 * kLongestLine && awaitInput(0);) {
     const std::size_t count = takeInput();
     if (count == 0) break;
     taken += count;
@@ -183,7 +182,7 @@ bool SerialPort::discardInput() {
   return any;
 }
 
-void SerialPort::send(const std::string& bytes, Clock::time_point deadline) {
+void SerialPort::send(const std::string& bytes, double deadline) {
   if (file_ < 0) fail("is not open");
   for (std::size_t sent = 0; sent < bytes.size();) {
     const ssize_t count = ::write(file_, bytes.data() + sent, bytes.size() - sent);
@@ -199,14 +198,13 @@ void SerialPort::send(const std::string& bytes, Clock::time_point deadline) {
     pollfd line{file_, POLLOUT, 0};
     const int ready = poll(&line, 1, millisecondsTo(deadline));
     if (ready > 0 && (line.revents & POLLOUT) == 0) fail(kUnplugged);
-    if (ready <= 0 && Clock::now() >= deadline) {
+    if (ready <= 0 && steadyNow() >= deadline) {
       fail("accepts no more lines; check its cable, and that it is switched on");
     }
   }
 }
 
-std::optional<std::string> SerialPort::receiveLine(const std::string& terminator,
-                                                   Clock::time_point deadline) {
+std::optional<std::string> SerialPort::receiveLine(const std::string& terminator, double deadline) {
   if (file_ < 0) fail("is not open");
   for (;;) {
     const std::size_t end = input_.find(terminator);
@@ -223,7 +221,7 @@ std::optional<std::string> SerialPort::receiveLine(const std::string& terminator
     }
     if (awaitInput(deadline)) {
       takeInput();
-    } else if (Clock::now() >= deadline) {
+    } else if (steadyNow() >= deadline) {
       return std::nullopt;
     }
   }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <chrono>
 #include <optional>
 #include <string>
 
@@ -9,14 +8,12 @@ namespace helix_arm::regulator {
 /// Whether SerialPort::open() knows this rate: 1200 to 2000000.
 bool isStandardBaud(int baud);
 
-/// A serial line with deadlines.
+/// A serial line with deadlines, as steadyNow() [s].
 ///
 /// Once the device is gone, every call except close() and isOpen() throws LinkError naming the
 /// device, the cause and the remedy.
 class SerialPort {
  public:
-  using Clock = std::chrono::steady_clock;
-
   SerialPort() = default;
   ~SerialPort();
   SerialPort(const SerialPort&) = delete;
@@ -33,18 +30,18 @@ class SerialPort {
   /// @return whether there was any.
   bool discardInput();
   /// @throws LinkError also if the line does not accept it in time.
-  void send(const std::string& bytes, Clock::time_point deadline);
+  void send(const std::string& bytes, double deadline);
   /// The next line, without its terminator; nothing if the deadline passes first. An incomplete
   /// line is kept.
   /// @throws BadReply if the line exceeds kLongestLine; that much is dropped.
-  std::optional<std::string> receiveLine(const std::string& terminator, Clock::time_point deadline);
+  std::optional<std::string> receiveLine(const std::string& terminator, double deadline);
   /// The incomplete line received so far.
   const std::string& unfinished() const { return input_; }
 
  private:
   void claim();
   void awaitSent() const noexcept;
-  bool awaitInput(Clock::time_point deadline) const;
+  bool awaitInput(double deadline) const;
   std::size_t takeInput();
   [[noreturn]] void fail(const std::string& cause) const;
 

@@ -1,5 +1,4 @@
 #include <Eigen/Geometry>
-#include <numeric>
 #include <random>
 
 #include "helix_arm/simulation/camera.hpp"
@@ -14,19 +13,7 @@ constexpr double kLeastTilt = 0.25, kMostTilt = 0.75;  // [rad]
 constexpr double kTurn = 0.3;                          // part of the tilt about the optical axis
 constexpr double kScatter = 0.05;                      // of the place, as a part of the picture
 
-}  // namespace
-
-double CardPrint::width() const { return std::accumulate(across.begin(), across.end(), 0.0); }
-
-double CardPrint::height() const { return std::accumulate(down.begin(), down.end(), 0.0); }
-
-CardPrint tagPrint(const vision::TagFamily& family, int id, double size) {
-  CardPrint print{family.cells(id), {}, {}, size / family.borderCells()};
-  print.across.assign(static_cast<std::size_t>(print.cells.cols), 1.0);
-  print.down.assign(static_cast<std::size_t>(print.cells.rows), 1.0);
-  return print;
-}
-
+// A board with a white edge; the unit is a square.
 CardPrint charucoPrint(const vision::CharucoBoard& board) {
   const int bits = vision::markerDictionary(board.dictionary).bits + 2;
   const int cells = bits + 2;  // of a square: those of a marker and what is around it
@@ -58,6 +45,8 @@ CardPrint charucoPrint(const vision::CharucoBoard& board) {
   }
   return print;
 }
+
+}  // namespace
 
 std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count, std::uint32_t seed) {
   std::mt19937_64 generator(seed);

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <utility>
 
@@ -334,8 +335,9 @@ class TagPainter {
                                     *std::min_element(print.down.begin(), print.down.end()));
       basics::requireValue(bleed < 0.5 * least * print.unit, kSimulatedCamera, "the bleed [m]",
                            bleed, "less than half a cell of what is printed");
-      cards_.push_back(
-          {TagPattern(print, bleed / print.unit), print.unit, print.width(), print.height()});
+      cards_.push_back({TagPattern(print, bleed / print.unit), print.unit,
+                        std::accumulate(print.across.begin(), print.across.end(), 0.0),
+                        std::accumulate(print.down.begin(), print.down.end(), 0.0)});
     }
   }
 
@@ -497,13 +499,17 @@ const ArmView& checked(const ArmView& view, const ArmBody& body,
   return view;
 }
 
+// Each tag with its white border; the unit is a cell.
 std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
                                 const vision::TagFamily& family) {
   std::vector<CardPrint> prints;
   for (const estimation::TagPlacement& tag : layout.tags) {
     basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
                          "one that the family of the tags has");
-    prints.push_back(tagPrint(family, tag.id, layout.size));
+    CardPrint print{family.cells(tag.id), {}, {}, layout.size / family.borderCells()};
+    print.across.assign(static_cast<std::size_t>(print.cells.cols), 1.0);
+    print.down.assign(static_cast<std::size_t>(print.cells.rows), 1.0);
+    prints.push_back(std::move(print));
   }
   return prints;
 }

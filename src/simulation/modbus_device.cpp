@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -183,24 +182,17 @@ class ModbusEmulation : public Emulation {
 
   // Whether a request touches only registers that the device has.
   bool allows(int function, int first, int count) const {
-    const auto inside = [](int number, int from, int size) {
-      return number >= from && number < from + size;
+    const auto inside = [this](int number, int base, int stride) {
+      return number >= base && number < base + slots() * stride;
     };
-    const auto isOutput = [&](int number) {
-      return inside(number, profile_.output_base, slots() * profile_.output_stride);
-    };
-    const auto isInput = [&](int number) {
-      return inside(number, profile_.input_base, slots() * profile_.input_stride) ||
-             number == profile_.supply;
-    };
-    const bool writes = function == kWriteOne || function == kWriteMany;
+    const bool of_inputs = function == (profile_.input_registers ? kReadInputs : kReadHolding);
+    const bool of_outputs =
+        function == kReadHolding || function == kWriteOne || function == kWriteMany;
     for (int number = first; number < first + count; ++number) {
-      const bool input = isInput(number), output = isOutput(number);
-      const bool allowed =
-          (function == kReadInputs && input && profile_.input_registers) ||
-          (function == kReadHolding && (output || (input && !profile_.input_registers))) ||
-          (writes && output);
-      if (!allowed) return false;
+      const bool input =
+          inside(number, profile_.input_base, profile_.input_stride) || number == profile_.supply;
+      const bool output = inside(number, profile_.output_base, profile_.output_stride);
+      if (!(input && of_inputs) && !(output && of_outputs)) return false;
     }
     return count > 0;
   }

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include "emulation.hpp"
 #include "helix_arm/basics/requirement.hpp"

@@ -10,7 +10,7 @@
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/drivers.hpp"
 #include "simulated_board.hpp"
-#include "simulation/pseudo_terminal.hpp"
+#include "simulation/emulation.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

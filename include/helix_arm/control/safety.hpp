@@ -343,6 +343,7 @@ class SafetyCore {
   void endHold();
   void endFault();
   bool allVentAndEmpty() const;
+  int overdueChannel() const;  // the first that still has pressure after vent_time; -1 if none
   std::string guardRefusal() const;
   std::string supplyRefusal(double now) const;
   std::string channelRefusal(int i, double now) const;

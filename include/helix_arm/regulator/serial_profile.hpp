@@ -46,7 +46,6 @@ class LineFormat {
   /// @throws std::invalid_argument describing the fault in the text.
   explicit LineFormat(const std::string& text, LineStyle style = {});
 
-  const std::string& text() const { return text_; }
   /// Whether it has a field, for example has("{address}").
   bool has(std::string_view field) const;
 

@@ -6,8 +6,6 @@
 #include <optional>
 #include <random>
 
-#include "helix_arm/regulator/driver.hpp"
-
 namespace helix_arm::regulator {
 
 /// Pneumatic fault behind a simulated regulator.
@@ -83,27 +81,6 @@ class SimulatedRegulator {
   Eigen::VectorXd pressure_;
   std::mt19937_64 generator_;
   std::normal_distribution<double> normal_;
-};
-
-/// Driver of a simulated regulator. It follows the steady clock and its link never fails.
-class SimulatedDriver : public Driver {
- public:
-  /// @throws std::invalid_argument as SimulatedRegulator.
-  SimulatedDriver(int channels, const SimulatedRegulatorConfig& config);
-
-  void connect() override;
-  void write(const control::ValveOrders& orders) override;
-  void read(Pressures& pressures) override;
-  void vent() override;
-  void close() noexcept override {}
-
- private:
-  void catchUp();
-
-  SimulatedRegulator regulator_;
-  std::vector<control::Valve> valve_;
-  Eigen::VectorXd set_point_;
-  double time_;  ///< time up to which it was simulated, steady clock [s]
 };
 
 }  // namespace helix_arm::regulator

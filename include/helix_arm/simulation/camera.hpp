@@ -20,19 +20,7 @@ struct CardPrint {
   std::vector<double> across;  ///< width of each column of cells [units]
   std::vector<double> down;    ///< height of each row [units]
   double unit = 0;             ///< [m]
-
-  double width() const;   ///< [units]
-  double height() const;  ///< [units]
 };
-
-/// A tag with its white border; the unit is a cell.
-/// @param size  side of the square that a detector finds [m].
-/// @throws std::out_of_range on an unknown id.
-CardPrint tagPrint(const vision::TagFamily& family, int id, double size);
-
-/// A board with a white edge; the unit is a square.
-/// @param board  valid.
-CardPrint charucoPrint(const vision::CharucoBoard& board);
 
 /// Renders the tags and the body of an arm as a webcam sees them: with lens distortion, blur,
 /// noise, exposure, clutter and occluders.

@@ -1,4 +1,4 @@
-#include <Eigen/Geometry>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -115,6 +115,11 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
+ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
+  node.setCallbackQueue(&queue);
+  return node;
+}
+
 // Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
 // clock of the rules.
 double ageOf(const ros::Time& stamp) {
@@ -207,13 +212,11 @@ class PressureLoop {
     if (path_.io() != nullptr) {
       measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
     } else {
-      ros::NodeHandle other = node;
-      other.setCallbackQueue(&reading_queue_);
+      ros::NodeHandle other = onQueue(node, reading_queue_);
       reading_subscriber_ =
           listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this);
     }
-    ros::NodeHandle below("~");
-    below.setCallbackQueue(&queue_);
+    ros::NodeHandle below = onQueue(ros::NodeHandle("~"), queue_);
     enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
     rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
     vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
@@ -556,12 +559,10 @@ class ShapePublisher {
         scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
     if (commanded.converged()) handle_->follow(commanded.tip);
   }
-  /// The state of the arm, drawn above its base from the next drawing on.
-  void tell(const control::SafetyReport& report, const std::string& reason) {
+  /// Draws the shape at the last reading, with the state of the arm above its base, or removes it
+  /// if that reading is stale or has no shape.
+  void draw(const control::SafetyReport& report, const std::string& reason) {
     markers_.tell(report, reason);
-  }
-  /// Draws the shape at the last reading, or removes it if that is stale or has no shape.
-  void draw() {
     if (!measures() || !solution_.converged()) {
       if (drawn_) {
         marker_publisher_.publish(markers_.remove(ros::Time::now()));
@@ -868,11 +869,6 @@ bool answer(Response& response, const Body& body) {
   return true;
 }
 
-ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
-  node.setCallbackQueue(&queue);
-  return node;
-}
-
 /// Serves a node's `~forward` and `~inverse`: the model of its scene, for batches.
 ///
 /// Calls are served one after the other in a thread of their own, so that a large batch delays
@@ -1126,8 +1122,7 @@ class PressureCommandNode : public Node {
   void onDraw(const ros::SteadyTimerEvent&) {
     if (options_.handle) shapes_.moveHandle(loop_->goal());
     const PressureLoop::Snapshot path = loop_->snapshot();
-    shapes_.tell(path.report, path.reason);
-    shapes_.draw();
+    shapes_.draw(path.report, path.reason);
   }
 
   /// WARN if the loop was slower than wanted since the last call.
