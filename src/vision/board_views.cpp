@@ -2,17 +2,18 @@
 #include <cmath>
 #include <cstring>
 #include <map>
-#include <sstream>
 
 #include <opencv2/aruco.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
+using basics::messageOf;
 using Markers = std::vector<MarkerObservation>;
 
 // RMS distance of the corners that both show [px]; nothing if they share too few.
@@ -78,16 +79,12 @@ std::map<int, Outlook> outlooksOf(const CharucoBoard& board,
                                   const std::vector<MarkerObservation>& markers) {
   std::map<int, Outlook> outlooks;
   auto seen = markers.begin();
-  int id = 0;
-  for (int square = 0; square < board.columns * board.rows; ++square) {
+  const int squares = board.columns * board.rows;
+  for (int square = 0; square < squares && seen != markers.end(); ++square) {
     const int column = square % board.columns, row = square / board.columns;
-    if (!board.isWhite(column, row)) continue;
-    while (seen != markers.end() && seen->id < id) ++seen;
-    if (seen == markers.end()) break;
-    if (seen->id == id) {
-      outlooks.emplace(id, outlookOf(board.markerCorners(column, row), seen->corners));
-    }
-    ++id;
+    if (!board.isWhite(column, row) || board.markerIn(column, row) != seen->id) continue;
+    outlooks.emplace(seen->id, outlookOf(board.markerCorners(column, row), seen->corners));
+    ++seen;
   }
   return outlooks;
 }
@@ -178,10 +175,8 @@ std::string otherDictionary(const CharucoBoard& board, const std::vector<cv::Mat
   }
   if (best == nullptr || most.size() < kLeastMarkers || most.size() <= 2 * own_markers) return "";
   const MarkerDictionary& other = smallestWith(most.back().id, *best);
-  std::ostringstream text;
-  text << "they show " << most.size() << " markers of " << other.name << " and " << own_markers
-       << " of " << board.dictionary << ": give --dictionary " << other.name;
-  return text.str();
+  return messageOf("they show ", most.size(), " markers of ", other.name, " and ", own_markers,
+                   " of ", board.dictionary, ": give --dictionary ", other.name);
 }
 
 bool showTagBoard(const std::vector<cv::Mat>& pictures) {
@@ -230,31 +225,28 @@ Fitting fitting(const CharucoBoard& given, const Markers& markers) {
 }
 
 std::string otherSquares(const CharucoBoard& board, const Markers& markers) {
-  const Fitting found = fitting(board, markers);
-  std::ostringstream text;
-  text << "they show " << markers.size() << " markers of " << board.dictionary << ", up to number "
-       << markers.back().id << ", ";
-  if (found.corners < kLeastAgreeing) {
-    text << "but hardly any beside each other: show the board wholly and in focus";
-    return text.str();
+  const auto [seen, corners] = fitting(board, markers);
+  const std::string shown = messageOf("they show ", markers.size(), " markers of ",
+                                      board.dictionary, ", up to number ", markers.back().id, ", ");
+  if (corners < kLeastAgreeing) {
+    return shown + "but hardly any beside each other: show the board wholly and in focus";
   }
-  const bool enough = markers.back().id < board.count();
-  if (found.board.columns != board.columns || !enough) {
-    text << "which lie as on a board of " << found.board.columns << " squares across and "
-         << found.board.rows << " or more down, not of " << board.columns << " x " << board.rows
-         << ": count its squares, and give --squares ACROSS,DOWN";
-  } else if (found.board.legacy_pattern != board.legacy_pattern) {
-    text << "on a board with a " << (found.board.legacy_pattern ? "white" : "black")
-         << " top left square: " << (board.legacy_pattern ? "leave out" : "give")
-         << " --legacy-pattern";
-  } else if (found.board.marker_size != board.marker_size) {
-    text << "which are about " << found.board.marker_size / found.board.square_size
-         << " of a square wide, not " << board.marker_size / board.square_size
-         << ": measure both, and give --square-size-m and --marker-size-m";
-  } else {
-    text << "but its squares are too small or blurred: hold it closer and in focus";
+  if (seen.columns != board.columns || markers.back().id >= board.count()) {
+    return messageOf(shown, "which lie as on a board of ", seen.columns, " squares across and ",
+                     seen.rows, " or more down, not of ", board.columns, " x ", board.rows,
+                     ": count its squares, and give --squares ACROSS,DOWN");
   }
-  return text.str();
+  if (seen.legacy_pattern != board.legacy_pattern) {
+    return messageOf(shown, "on a board with a ", seen.legacy_pattern ? "white" : "black",
+                     " top left square: ", board.legacy_pattern ? "leave out" : "give",
+                     " --legacy-pattern");
+  }
+  if (seen.marker_size != board.marker_size) {
+    return messageOf(shown, "which are about ", seen.marker_size / seen.square_size,
+                     " of a square wide, not ", board.marker_size / board.square_size,
+                     ": measure both, and give --square-size-m and --marker-size-m");
+  }
+  return shown + "but its squares are too small or blurred: hold it closer and in focus";
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 #include "helix_arm/vision/charuco_board.hpp"
 
-#include <cmath>
 #include <stdexcept>
 
 #include <opencv2/aruco.hpp>

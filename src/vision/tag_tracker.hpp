@@ -37,10 +37,6 @@ class TagTracker {
   /// @throws std::invalid_argument naming the value and its rule.
   TagTracker(const DetectorConfig& config, TrackingMode mode);
   ~TagTracker();
-  TagTracker(TagTracker&&) noexcept;
-  TagTracker& operator=(TagTracker&&) noexcept;
-
-  const TagFamily& family() const;
 
   /// @param gray      (CV_8UC1); an empty picture has no tags.
   /// @param expected  if empty, the whole picture is searched. Corners may have any values. Tags
