@@ -1,6 +1,5 @@
 
 #include <actionlib/server/action_server.h>
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
@@ -9,10 +8,7 @@
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -20,14 +16,10 @@
 #include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
-#include "ros_bridge/common/ros_time.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -764,11 +756,11 @@ class VisualServoNode : public Node {
                   seen.tags.has_value());
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
-    publisher_.publishLoad(seen.stamp, loop_);
+    publisher_.publishLoad(seen.stamp);
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
-      action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
+      action_.picture(seen.stamp, tip, publisher_.tipCovariance(view()));
     }
   }
 
@@ -784,7 +776,7 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
-    publisher_.publishLoad(stamp_, loop_);
+    publisher_.publishLoad(stamp_);
     response.success = true;
     response.message =
         "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -831,7 +823,7 @@ class VisualServoNode : public Node {
     loop_ = std::move(loop);
     targets_.adopt();
     matcher_.clear();
-    publisher_.publishLoad(stamp_, loop_);
+    publisher_.publishLoad(stamp_);
   }
 
   void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
@@ -892,9 +884,7 @@ class VisualServoNode : public Node {
     action_.abandon(reason);
   }
 
-  LoopPublisher::View view() {
-    return {stamp_, loop_, last_picture_, commander(), reason(), pictures_};
-  }
+  LoopPublisher::View view() { return {stamp_, last_picture_, commander(), reason()}; }
 
   std::string commander() {
     if (action_.wants()) return names::kFollowTipPath;
@@ -970,6 +960,8 @@ class VisualServoNode : public Node {
   LoopPublisher publisher_{
       node_,
       scene_,
+      loop_,
+      pictures_,
       frames_.baseFrame(),
       options_.rate,
       options_.draw_rate,
