@@ -28,11 +28,10 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/names.hpp"
 

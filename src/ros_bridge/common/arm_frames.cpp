@@ -8,7 +8,6 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "log.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_time.hpp"
 

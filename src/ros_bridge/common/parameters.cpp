@@ -4,12 +4,12 @@
 #include <cmath>
 #include <sstream>
 
+#include "diagnostics.hpp"
 #include "file_access.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "log.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -24,8 +24,10 @@ std::optional<std::string> filePath(const std::string& given, const std::string&
 }
 
 void ParameterReader::fault(const std::string& name, const Value& value, const std::string& rule) {
-  faults_.push_back(value.valid() ? messageOf("~", name, " is ", value, "; expected ", rule)
-                                  : messageOf("~", name, " is missing; expected ", rule));
+  std::ostringstream given;
+  if (value.valid()) ::operator<<(given << "is ", value);  // those of messages hide it
+  faults_.push_back(
+      messageOf("~", name, " ", value.valid() ? given.str() : "is missing", "; expected ", rule));
 }
 
 template <class T>

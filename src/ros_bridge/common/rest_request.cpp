@@ -3,8 +3,8 @@
 #include <ros/node_handle.h>
 #include <std_srvs/Trigger.h>
 
+#include "diagnostics.hpp"
 #include "helix_arm/basics/quote.hpp"
-#include "log.hpp"
 #include "ros_bridge/names.hpp"
 #include "run_node.hpp"
 

@@ -16,9 +16,9 @@
 #include <unistd.h>
 
 #include "client_watch.hpp"
+#include "diagnostics.hpp"
 #include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "log.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_time.hpp"
 

@@ -18,7 +18,6 @@
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 

@@ -4,7 +4,6 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/ros_time.hpp"
 #include "ros_bridge/names.hpp"
 

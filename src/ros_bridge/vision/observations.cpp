@@ -6,7 +6,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
