@@ -52,14 +52,9 @@ class CameraSource : public FrameSource {
       open_ = true;
     }
     std::string fault;
-    switch (device_->read(frame.gray, fault)) {
-      case VideoDevice::Read::kPicture:
-        return FrameStatus::kFrame;
-      case VideoDevice::Read::kBroken:
-        return fail(frame, name_ + ": " + fault);
-      case VideoDevice::Read::kGone:
-        break;
-    }
+    const VideoDevice::Read read = device_->read(frame.gray, fault);
+    if (read == VideoDevice::Read::kPicture) return FrameStatus::kFrame;
+    if (read == VideoDevice::Read::kBroken) return fail(frame, name_ + ": " + fault);
     return lose(frame, fault);
   }
 

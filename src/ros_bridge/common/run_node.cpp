@@ -153,14 +153,8 @@ class ClockGate {
 };
 
 const char* textOf(Reply answer) {
-  switch (answer) {
-    case Reply::kFailure:
-      return "was restarted and does not know this node";
-    case Reply::kHangs:
-      return "does not answer: it hangs, or is cut off";
-    default:
-      return "is gone";
-  }
+  if (answer == Reply::kFailure) return "was restarted and does not know this node";
+  return answer == Reply::kHangs ? "does not answer: it hangs, or is cut off" : "is gone";
 }
 
 /// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
