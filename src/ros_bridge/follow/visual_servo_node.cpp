@@ -18,7 +18,6 @@
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -422,8 +421,8 @@ class FollowAction {
       loop_.hold();
       return;
     }
-    if (client_.isGone()) {
-      end({Result::CLIENT_LOST, client_.whyGone()});
+    if (client_.present().isGone()) {
+      end({Result::CLIENT_LOST, client_.present().whyGone()});
       endHold();
     } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
       end({Result::NOT_ENABLED, other->message});
@@ -535,13 +534,13 @@ class FollowAction {
 
   void discardCandidate() {
     checker_.discard();
-    client_.releaseNext();
+    client_.next().release();
     candidate_.reset();
   }
 
   void takeCandidate() {
-    if (candidate_ && client_.nextIsGone()) {
-      reject(*candidate_, {Result::CLIENT_LOST, client_.whyNextGone()});
+    if (candidate_ && client_.next().isGone()) {
+      reject(*candidate_, {Result::CLIENT_LOST, client_.next().whyGone()});
       discardCandidate();
     }
     auto decided = checker_.take();
@@ -626,7 +625,7 @@ class FollowAction {
     hold_time_ = run_->goal.hold.value_or(usual);
     if (run_->follows) hold_since_ = ros::SteadyTime::now();
     run_.reset();
-    client_.release();
+    client_.present().release();
   }
 
   bool isHeld() const {
