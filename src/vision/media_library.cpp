@@ -127,20 +127,18 @@ class VideoFile : public FrameSource {
   FrameStatus next(Frame& frame) override {
     if (through_) return FrameStatus::kEnd;
     begin(frame, path_ + "#" + std::to_string(number_));
-    if (!capture_.isOpened() && !open()) {
-      through_ = true;
+    through_ = true;  // unless a picture comes
+    if (!capture_.isOpened() && !open())
       return fail(frame, path_ + ": it is damaged or not a video");
-    }
     if (const auto fault = sizeFault(size_, expected_)) {
-      through_ = true;
       if (expected_ && size_ != *expected_) frame.wrong_size = size_;
       return fail(frame, path_ + ": " + *fault);
     }
     if (!capture_.read(raw_) || raw_.empty()) {
-      through_ = true;
       if (frame.number > 0) return FrameStatus::kEnd;
       return fail(frame, path_ + ": the video holds no pictures");
     }
+    through_ = false;
     if (!packets_) {
       if (raw_.size() != size_) return failSize(frame, raw_.size());
       cv::cvtColor(raw_, frame.gray, cv::COLOR_BGR2GRAY);

@@ -30,7 +30,6 @@
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/names.hpp"
 

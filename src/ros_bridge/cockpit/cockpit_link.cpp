@@ -22,7 +22,6 @@
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -129,78 +128,22 @@ void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
   } else if (fault == "other_commander") {
     if (!waits_since_) waits_since_ = now;
   } else if (fault != "stale") {  // the next one may be in time
-    end(message);
-    refused_ = true;
+    end(message, true);
   }
 }
 
 bool HeldGoal::turn(double now) {
-  if (goal_ == CockpitGoal::kNone) return false;
   if (now - last_look_ > kBlind) {
     end("the hold ended: the window did not respond");
-    return false;
+  } else if (now - answered_at_ > kUnanswered) {
+    end("the hold ended: nothing answers its targets; is the node that takes them alive?", true);
+  } else if (waits_since_ && now - *waits_since_ > kPatience) {
+    end("another commander keeps the arm: " + answer_, true);
   }
-  if (now - answered_at_ > kUnanswered) {
-    end("the hold ended: nothing answers its targets; is the node that takes them alive?");
-    refused_ = true;
-    return false;
-  }
-  if (waits_since_ && now - *waits_since_ > kPatience) {
-    const std::string why = answer_;
-    end("another commander keeps the arm: " + why);
-    refused_ = true;
-    return false;
-  }
-  return true;
+  return goal_ != CockpitGoal::kNone;
 }
 
 namespace {
-
-/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
-/// that are up. Blocks.
-///
-/// @param ns  resolved namespace of the arm's nodes.
-CallAnswer useLastCalibration(const std::string& ns) {
-  CallAnswer out;
-  const std::string node = ros::names::append(ns, names::kCalibrationNode);
-  std::string folder;
-  ros::param::get(ros::names::append(node, "out_folder"), folder);
-  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
-  if (folder.empty()) folder = defaultFolder();
-  Save save;
-  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
-  const std::string save_name = ros::names::append(node, names::kSave);
-  if (!ros::service::call(save_name, save)) {
-    out.message = save_name + " is not there or does not answer";
-    out.answered = false;
-    return out;
-  }
-  if (!save.response.success) {
-    out.message = "not written: " + shownText(save.response.message);
-    return out;
-  }
-  std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
-                           names::kCalibrationNode}) {
-    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
-    if (!ros::service::exists(name, false)) continue;
-    Reload reload;
-    reload.request.scene = save.request.path;
-    const bool called = ros::service::call(name, reload);
-    if (!called || !reload.response.success) {
-      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
-                    " is not loaded by " + user + ": " +
-                    (called ? shownText(reload.response.message) : "no answer");
-      return out;
-    }
-    users += (users.empty() ? "" : ", ") + std::string(user);
-  }
-  out.success = !users.empty();
-  out.message = out.success ? save.request.path + " is used by " + users
-                            : save.request.path + " is written, but no node is up that loads it";
-  return out;
-}
 
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
@@ -224,6 +167,43 @@ CallAnswer called(const std::string& name, Service service) {
     return noAnswer("", name + " is not there or does not answer");
   }
   return {"", service.response.success != 0, shownText(service.response.message)};
+}
+
+/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
+///
+/// @param ns  resolved namespace of the arm's nodes.
+CallAnswer useLastCalibration(const std::string& ns) {
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  CallAnswer saved = called(ros::names::append(node, names::kSave), save);
+  if (saved.answered && !saved.success) saved.message = "not written: " + saved.message;
+  if (!saved.success) return saved;
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const CallAnswer loaded = called(name, reload);
+    if (!loaded.success) {
+      return {"", false,
+              save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                  " is not loaded by " + user + ": " +
+                  (loaded.answered ? loaded.message : "no answer")};
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  return {"", !users.empty(),
+          save.request.path + (users.empty() ? " is written, but no node is up that loads it"
+                                             : " is used by " + users)};
 }
 
 constexpr std::size_t kMostChannels = 64;
@@ -535,12 +515,6 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
   }
   return true;
 }
-
-// What the thread of an attempt, which may outlive the builder, shares with it.
-struct LinkBuilder::Attempt {
-  std::string ns;  ///< resolved
-  std::atomic<bool> cancelled{false}, silent{false};
-};
 
 void LinkBuilder::begin(const std::string& ns) {
   const auto next = std::make_shared<Attempt>();

@@ -98,11 +98,13 @@ class HeldGoal {
     tip_ = position;
   }
   /// @param why  shown to the user; may be empty.
-  void end(const std::string& why) {
+  /// @param refused  whether its targets are not taken.
+  void end(const std::string& why, bool refused = false) {
     if (goal_ == CockpitGoal::kNone) return;
     goal_ = CockpitGoal::kNone;
     answer_ = why;
-    refused_ = short_of_ = false;
+    refused_ = refused;
+    short_of_ = false;
     waits_since_.reset();
   }
 
@@ -167,8 +169,6 @@ class CockpitLink {
     client_.reset();
     subscribers_.clear();
   }
-  CockpitLink(const CockpitLink&) = delete;
-  CockpitLink& operator=(const CockpitLink&) = delete;
 
   /// The present moment; also tells that somebody still looks.
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
@@ -284,11 +284,8 @@ class CockpitLink {
 /// for a link must not wait for one that is gone or hangs. No function waits.
 class LinkBuilder {
  public:
-  LinkBuilder() = default;
   /// What is under way ends in its own time.
   ~LinkBuilder() { cancel(); }
-  LinkBuilder(const LinkBuilder&) = delete;
-  LinkBuilder& operator=(const LinkBuilder&) = delete;
 
   /// Begins to connect to the arm of this namespace as soon as the master answers, in place of any
   /// other arm.
@@ -310,7 +307,12 @@ class LinkBuilder {
   static void end(std::unique_ptr<CockpitLink> link);
 
  private:
-  struct Attempt;
+  /// What its thread, which may outlive the builder, shares with it.
+  struct Attempt {
+    std::string ns;  ///< resolved
+    std::atomic<bool> cancelled{false}, silent{false};
+  };
+
   std::shared_ptr<Attempt> attempt_;                ///< the last one; null if it was given up on
   std::future<std::unique_ptr<CockpitLink>> made_;  ///< by it; not valid once it was taken
 };

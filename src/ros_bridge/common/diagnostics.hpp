@@ -45,8 +45,6 @@ class LogThread {
   LogThread();
   /// Returns once the waiting lines are written.
   ~LogThread();
-  LogThread(const LogThread&) = delete;
-  LogThread& operator=(const LogThread&) = delete;
 
   /// Queues a line. Thread-safe. If too many are waiting the line is lost, and the log says so.
   void write(LogLevel level, std::string line) HELIX_ARM_EXCLUDES(mutex_);

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <tuple>
 #include <type_traits>
@@ -13,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include <actionlib_msgs/GoalID.h>
+#include <actionlib_msgs/GoalStatusArray.h>
 #include <boost/array.hpp>
 #include <boost/make_shared.hpp>
 #include <ros/message_event.h>
@@ -22,6 +25,7 @@
 #include <ros/steady_timer.h>
 
 #include "diagnostics.hpp"
+#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -79,6 +83,36 @@ class CheckedStream {
   std::uint8_t* data_;
   std::uint64_t left_;
 };
+
+// How the servers and clients of actions read what the other side sends: a server makes the
+// Serializer of its goals a GoalSerializer.
+
+/// Serializer of a message by its fields, which reads it with the checks of all other messages
+/// (CheckedStream).
+template <class Message, auto... fields>
+struct CheckedSerializer {
+  template <class Stream>
+  static void read(Stream& stream, Message& message) {
+    if constexpr (std::is_same_v<Stream, CheckedStream>) {
+      (stream.next(message.*fields), ...);
+    } else {
+      CheckedStream checked(stream.getData(), stream.getLength());
+      checked.next(message);
+      stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
+    }
+  }
+  template <class Stream>
+  static void write(Stream& stream, const Message& message) {
+    (stream.next(message.*fields), ...);
+  }
+  static std::uint32_t serializedLength(const Message& message) {
+    return (ros::serialization::serializationLength(message.*fields) + ...);
+  }
+};
+
+/// Of the goals of an action.
+template <class Goal>
+using GoalSerializer = CheckedSerializer<Goal, &Goal::header, &Goal::goal_id, &Goal::goal>;
 
 // Guarded callbacks for all nodes: no message can end a node.
 //
@@ -245,3 +279,29 @@ ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double p
 }
 
 }  // namespace helix_arm::ros_bridge
+
+namespace ros::serialization {
+
+// actionlib subscribes by itself, and nothing catches what its callbacks throw. A goal or
+// cancellation whose stamp would make them throw is therefore refused while it is read.
+template <>
+struct Serializer<actionlib_msgs::GoalID>
+    : helix_arm::ros_bridge::CheckedSerializer<
+          actionlib_msgs::GoalID, &actionlib_msgs::GoalID::stamp, &actionlib_msgs::GoalID::id> {
+  template <class Stream>
+  static void read(Stream& stream, actionlib_msgs::GoalID& goal) {
+    CheckedSerializer::read(stream, goal);
+    if (helix_arm::ros_bridge::isSound(goal.stamp)) return;
+    throw std::runtime_error("its stamp is " + std::to_string(goal.stamp.sec) + " s and " +
+                             std::to_string(goal.stamp.nsec) + " ns; expected less than 2^31 s");
+  }
+};
+
+// A client gets the states of all goals: an array, which may claim any length.
+template <>
+struct Serializer<actionlib_msgs::GoalStatusArray>
+    : helix_arm::ros_bridge::CheckedSerializer<actionlib_msgs::GoalStatusArray,
+                                               &actionlib_msgs::GoalStatusArray::header,
+                                               &actionlib_msgs::GoalStatusArray::status_list> {};
+
+}  // namespace ros::serialization

@@ -130,8 +130,6 @@ class ClockGate {
     spinner_.start();
   }
   ~ClockGate() { spinner_.stop(); }
-  ClockGate(const ClockGate&) = delete;
-  ClockGate& operator=(const ClockGate&) = delete;
 
  private:
   void onClock(const rosgraph_msgs::Clock::ConstPtr& message) {

@@ -216,7 +216,7 @@ bool isEmpty(const geometry_msgs::Quaternion& q) {
 /// target_status, when the loop has tried it. For the thread of the node's callback queue.
 class LoopTargets {
  public:
-  /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
+  /// @param scene   As TargetAdmission's.
   /// @param frames  Outlives this.
   LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames)
       : scene_(scene),
@@ -232,8 +232,8 @@ class LoopTargets {
     aimTip(TargetSender(target.header.stamp), target);
   }
 
-  /// Follows a change of the scene. Whoever holds the lease keeps it.
-  void adopt() { admission_.adopt(); }
+  /// Of these targets, and of a commander that sends no messages.
+  TargetAdmission& admission() { return admission_; }
 
   /// The present target, base frame; nothing where its sender was silent for
   /// safety.target_timeout_s.
@@ -253,11 +253,6 @@ class LoopTargets {
   /// Who sent it; empty without a target.
   const std::string& commander() const { return commander_; }
 
-  /// Grants or renews the lease of a commander that sends no messages, or says who holds it.
-  std::optional<control::Refusal> claim(const std::string& commander) {
-    return admission_.claim(commander);
-  }
-
   /// Answers the messages that wait for it: the loop commands the target.
   void answer(const TargetSolution& solution) {
     for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
@@ -275,9 +270,6 @@ class LoopTargets {
 
   /// The arm was enabled: whoever was brought to rest may command again.
   void enabled() { rested_.release(); }
-
-  /// As TargetAdmission::status().
-  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
 
  private:
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
@@ -396,10 +388,6 @@ class FollowAction {
     server_->start();
   }
 
-  ~FollowAction() = default;
-  FollowAction(const FollowAction&) = delete;
-  FollowAction& operator=(const FollowAction&) = delete;
-
   /// A goal runs, or waits for its start or for the arm.
   bool runs() const { return run_.has_value(); }
   /// The arm is to be commanded: a goal runs, or its last place is held.
@@ -424,7 +412,7 @@ class FollowAction {
     if (client_.present().isGone()) {
       end({Result::CLIENT_LOST, client_.present().whyGone()});
       endHold();
-    } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    } else if (const auto other = targets_.admission().claim(names::kFollowTipPath)) {
       end({Result::NOT_ENABLED, other->message});
     } else if (const auto refusal = link_.refusal()) {
       end({Result::NOT_ENABLED, refusal->message});
@@ -559,7 +547,7 @@ class FollowAction {
                                    *goal.hold, longestHold())});
       return;
     }
-    if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    if (const auto other = targets_.admission().claim(names::kFollowTipPath)) {
       reject(next, {Result::NOT_ENABLED, other->message});
       return;
     }
@@ -681,12 +669,10 @@ struct VisualServoOptions {
 /// VisualServoOptions.
 ///
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
-/// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
-/// safety.target_timeout lets go of the arm, which then vents, unless somebody else commands it. A
-/// running goal counts as a commander as long as the node that sent it answers (ClientWatch). Where
-/// somebody else asks pressure_command for rest, goals, holds and targets end. After the hold of a
-/// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
-/// enables the arm, except that a target may enable a simulated one.
+/// that moves the arm. Whoever sends no target for safety.target_timeout, by a steady clock, lets
+/// go of the arm, which then vents, unless somebody else commands it. Where somebody else asks
+/// pressure_command for rest, goals, holds and targets end. After the hold of a goal, and where the
+/// node is asked to end, it asks pressure_command for rest.
 ///
 /// All of it runs in the main thread, except that goals are read and their paths checked in others.
 class VisualServoNode : public Node {
@@ -800,9 +786,9 @@ class VisualServoNode : public Node {
   }
 
   void onDiagnose(const ros::SteadyTimerEvent&) {
-    diagnostics_.publish(
-        ros::this_node::getName(), scene_.name,
-        {pictures_.loop(loop_, reason()), pictures_.correction(loop_), targets_.status()});
+    diagnostics_.publish(ros::this_node::getName(), scene_.name,
+                         {pictures_.loop(loop_, reason()), pictures_.correction(loop_),
+                          targets_.admission().status()});
   }
 
   void adopt(io::Scene next) {
@@ -819,7 +805,7 @@ class VisualServoNode : public Node {
     }
     scene_ = std::move(next);
     loop_ = std::move(loop);
-    targets_.adopt();
+    targets_.admission().adopt();
     matcher_.clear();
     publisher_.publishLoad(stamp_);
   }
