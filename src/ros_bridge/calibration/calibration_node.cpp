@@ -29,7 +29,6 @@
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/names.hpp"
 

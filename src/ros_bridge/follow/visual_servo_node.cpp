@@ -16,7 +16,6 @@
 #include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 

@@ -11,7 +11,6 @@
 #include "observations.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/file_access.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"
