@@ -1,5 +1,3 @@
-#include "edge_lock.hpp"
-
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -7,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
 

@@ -18,9 +18,9 @@
 #include <apriltag/tagStandard41h12.h>
 #include <apriltag/tagStandard52h13.h>
 
-#include "edge_lock.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/camera.hpp"
+#include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
 namespace {

@@ -5,8 +5,6 @@
 #include <cstddef>
 #include <limits>
 
-#include "edge_lock.hpp"
-
 namespace helix_arm::vision {
 namespace {
 

@@ -182,11 +182,6 @@ class MasterWatch {
   Ticker ticker_{kPeriod, [this] { return ask(); }};
 };
 
-int report(const std::exception& error, ExitCode code) {
-  logFatal("%s", error.what());
-  return code;
-}
-
 constexpr double kLongestWait = 0.1;  // for a callback [s]
 constexpr double kLastLines = 1.0;  // longest wait for the last lines of a log that is blocked [s]
 
@@ -220,12 +215,11 @@ int guarded(const std::function<int()>& body) {
   } catch (const NothingToDo& reason) {
     logInfo("%s", reason.what());
     return kDone;
-  } catch (const io::DocumentError& error) {
-    return report(error, kBadConfiguration);
-  } catch (const std::invalid_argument& error) {
-    return report(error, kBadConfiguration);
   } catch (const std::exception& error) {
-    return report(error, kFailed);
+    logFatal("%s", error.what());
+    const bool of_document = dynamic_cast<const io::DocumentError*>(&error) != nullptr;
+    const bool of_value = dynamic_cast<const std::invalid_argument*>(&error) != nullptr;
+    return of_document || of_value ? kBadConfiguration : kFailed;
   }
 }
 
