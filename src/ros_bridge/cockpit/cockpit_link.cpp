@@ -108,21 +108,17 @@ std::vector<CallAnswer> CallDesk::take() {
 }
 
 void HeldGoal::begin(double now, CockpitGoal goal) {
-  if (goal_ == CockpitGoal::kNone) waits_since_.reset();
-  if (goal_ != goal) answered_at_ = now;  // a slider that is dragged on is no answer
-  goal_ = goal;
+  if (!holds()) waits_since_.reset();
+  if (state_.goal != goal) answered_at_ = now;  // a slider that is dragged on is no answer
   last_look_ = now;
-  answer_.clear();
-  refused_ = short_of_ = false;
+  note(goal, "", false);
 }
 
 void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
-                          const std::string& message) {
-  if (goal_ == CockpitGoal::kNone) return;
+                          const std::string& message, bool short_of) {
+  if (!holds()) return;
   answered_at_ = now;
-  answer_ = message;
-  refused_ = dropped;
-  short_of_ = false;
+  note(state_.goal, message, dropped, short_of);
   if (!dropped) {
     waits_since_.reset();
   } else if (fault == "other_commander") {
@@ -138,9 +134,9 @@ bool HeldGoal::turn(double now) {
   } else if (now - answered_at_ > kUnanswered) {
     end("the hold ended: nothing answers its targets; is the node that takes them alive?", true);
   } else if (waits_since_ && now - *waits_since_ > kPatience) {
-    end("another commander keeps the arm: " + answer_, true);
+    end("another commander keeps the arm: " + state_.answer, true);
   }
-  return goal_ != CockpitGoal::kNone;
+  return holds();
 }
 
 namespace {
@@ -309,11 +305,7 @@ CockpitView CockpitLink::view() {
     if (loop_.last.has_predicted) out.loop->predicted_sd = loop_.last.predicted_sd;
     if (budget_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_.last.predicted_sd;
   }
-  out.goal = held_.goal();
-  out.held = held_.pressures();
-  out.answer = held_.answer();
-  out.refused = held_.refused();
-  out.short_of = held_.shortOf();
+  static_cast<CockpitHold&>(out) = held_.state();
   out.calibration.there = there;
   out.calibration.is_loaded = is_loaded;
   return out;
@@ -383,8 +375,7 @@ void CockpitLink::emergencyStop(bool engage) {
 void CockpitLink::hold(bool on) {
   {
     const basics::MutexLock lock(mutex_);
-    const bool holds = held_.goal() != CockpitGoal::kNone;
-    if (holds == on || (on && !command_.isFresh())) return;
+    if (held_.holds() == on || (on && !command_.isFresh())) return;
     if (on) {
       held_.holdPressures(now(), command_.last.pressure);
       return send();
@@ -396,8 +387,9 @@ void CockpitLink::hold(bool on) {
 
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
   const basics::MutexLock lock(mutex_);
+  const CockpitHold& held = held_.state();
   std::vector<double> goal =
-      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.last.pressure;
+      held.goal == CockpitGoal::kPressures ? held.held : command_.last.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
   held_.holdPressures(now(), std::move(goal));
@@ -405,19 +397,20 @@ void CockpitLink::setPressure(std::size_t channel, double pressure) {
 }
 
 void CockpitLink::send() {
-  if (held_.goal() == CockpitGoal::kPressures) {
+  const CockpitHold& held = held_.state();
+  if (held.goal == CockpitGoal::kPressures) {
     PressureArray target;
     target.header.stamp = ros::Time::now();
     target.name = command_.last.name;
-    target.pressure = held_.pressures();
+    target.pressure = held.held;
     pressure_publisher_.publish(target);
-  } else if (held_.goal() == CockpitGoal::kTip) {
+  } else if (held.goal == CockpitGoal::kTip) {
     TipTarget target;
     target.header.stamp = ros::Time::now();
     target.mode = TipTarget::POSITION;
-    target.pose.position.x = held_.tip()[0];
-    target.pose.position.y = held_.tip()[1];
-    target.pose.position.z = held_.tip()[2];
+    target.pose.position.x = held.tip[0];
+    target.pose.position.y = held.tip[1];
+    target.pose.position.z = held.tip[2];
     target.pose.orientation.w = 1.0;
     tip_publisher_.publish(target);
   }
@@ -492,12 +485,12 @@ bool CockpitLink::onSafety(const SafetyState& message) {
 
 bool CockpitLink::onStatus(const TargetStatus& message) {
   const char* const topic =
-      held_.goal() == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
+      held_.state().goal == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
   if (message.commander != ros::this_node::getName() || message.topic != topic) return false;
   const bool reached = message.outcome == TargetStatus::REACHED;
   held_.noteAnswer(now(), message.outcome == TargetStatus::DROPPED, message.fault,
-                   reached ? "reached" : shownText(message.message));
-  if (message.outcome == TargetStatus::UNREACHABLE) held_.noteShort();
+                   reached ? "reached" : shownText(message.message),
+                   message.outcome == TargetStatus::UNREACHABLE);
   return true;
 }
 

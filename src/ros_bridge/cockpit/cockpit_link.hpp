@@ -90,30 +90,23 @@ class HeldGoal {
   /// (n) gauge [Pa]
   void holdPressures(double now, std::vector<double> pressure) {
     begin(now, CockpitGoal::kPressures);
-    pressures_ = std::move(pressure);
+    state_.held = std::move(pressure);
   }
   /// base frame [m]
   void holdTip(double now, const std::array<double, 3>& position) {
     begin(now, CockpitGoal::kTip);
-    tip_ = position;
+    state_.tip = position;
   }
   /// @param why  shown to the user; may be empty.
   /// @param refused  whether its targets are not taken.
   void end(const std::string& why, bool refused = false) {
-    if (goal_ == CockpitGoal::kNone) return;
-    goal_ = CockpitGoal::kNone;
-    answer_ = why;
-    refused_ = refused;
-    short_of_ = false;
+    if (!holds()) return;
+    note(CockpitGoal::kNone, why, refused);
     waits_since_.reset();
   }
 
-  CockpitGoal goal() const { return goal_; }
-  const std::vector<double>& pressures() const { return pressures_; }
-  const std::array<double, 3>& tip() const { return tip_; }
-  const std::string& answer() const { return answer_; }
-  bool refused() const { return refused_; }
-  bool shortOf() const { return short_of_; }  ///< the target is out of reach
+  const CockpitHold& state() const { return state_; }
+  bool holds() const { return state_.goal != CockpitGoal::kNone; }
 
   /// The window is alive.
   void look(double now) { last_look_ = now; }
@@ -124,20 +117,22 @@ class HeldGoal {
   /// An answer to one of its targets.
   /// @param dropped  whether it was dropped.
   /// @param fault    of a dropped target: other_commander, stale, ...
-  void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message);
-  /// The target that was just answered is out of reach; what is nearest to it is commanded.
-  void noteShort() { short_of_ = goal_ != CockpitGoal::kNone; }
+  /// @param short_of  the target is out of reach; what is nearest to it is commanded.
+  void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message,
+                  bool short_of = false);
   /// Ends the goal if a deadline has passed. @return whether a target is to be sent now.
   bool turn(double now);
 
  private:
   void begin(double now, CockpitGoal goal);
+  void note(CockpitGoal goal, const std::string& answer, bool refused, bool short_of = false) {
+    state_.goal = goal;
+    state_.answer = answer;
+    state_.refused = refused;
+    state_.short_of = short_of;
+  }
 
-  CockpitGoal goal_ = CockpitGoal::kNone;
-  std::vector<double> pressures_;
-  std::array<double, 3> tip_{};
-  std::string answer_;
-  bool refused_ = false, short_of_ = false;
+  CockpitHold state_;
   double last_look_ = 0;
   double answered_at_ = 0;             ///< or begun [s]
   std::optional<double> waits_since_;  ///< for another commander
