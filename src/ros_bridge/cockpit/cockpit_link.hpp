@@ -119,12 +119,37 @@ class HeldGoal {
   /// @param fault    of a dropped target: other_commander, stale, ...
   /// @param short_of  the target is out of reach; what is nearest to it is commanded.
   void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message,
-                  bool short_of = false);
+                  bool short_of = false) {
+    if (!holds()) return;
+    answered_at_ = now;
+    note(state_.goal, message, dropped, short_of);
+    if (!dropped) {
+      waits_since_.reset();
+    } else if (fault == "other_commander") {
+      if (!waits_since_) waits_since_ = now;
+    } else if (fault != "stale") {  // the next one may be in time
+      end(message, true);
+    }
+  }
   /// Ends the goal if a deadline has passed. @return whether a target is to be sent now.
-  bool turn(double now);
+  bool turn(double now) {
+    if (now - last_look_ > kBlind) {
+      end("the hold ended: the window did not respond");
+    } else if (now - answered_at_ > kUnanswered) {
+      end("the hold ended: nothing answers its targets; is the node that takes them alive?", true);
+    } else if (waits_since_ && now - *waits_since_ > kPatience) {
+      end("another commander keeps the arm: " + state_.answer, true);
+    }
+    return holds();
+  }
 
  private:
-  void begin(double now, CockpitGoal goal);
+  void begin(double now, CockpitGoal goal) {
+    if (!holds()) waits_since_.reset();
+    if (state_.goal != goal) answered_at_ = now;  // a slider that is dragged on is no answer
+    last_look_ = now;
+    note(goal, "", false);
+  }
   void note(CockpitGoal goal, const std::string& answer, bool refused, bool short_of = false) {
     state_.goal = goal;
     state_.answer = answer;

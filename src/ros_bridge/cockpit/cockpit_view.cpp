@@ -1,7 +1,6 @@
 #include "cockpit_view.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>

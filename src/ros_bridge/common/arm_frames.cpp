@@ -9,7 +9,6 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -28,6 +27,14 @@ lie::SE3 poseOf(const geometry_msgs::Transform& transform) {
   const auto& q = transform.rotation;
   const auto& p = transform.translation;
   return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
+}
+
+// Whether frames with this stamp would break tf for its listeners: they keep 10 s, and ignore
+// everything older than their newest frame by more than that. True for stamps far ahead of ROS
+// time, as from a sender whose clock is wrong.
+bool endsTf(const ros::Time& stamp) {
+  constexpr double kFarAhead = 9;  // [s]
+  return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
 
 }  // namespace
@@ -63,11 +70,6 @@ void CurveFrames::send(const model::Shape& shape, const ros::Time& stamp, const 
   }
   out.push_back(transform(names_.base, names_.tip, X_BS * model::tipPose(shape), stamp));
   tf_.sendTransform(out);
-}
-
-bool endsTf(const ros::Time& stamp) {
-  constexpr double kFarAhead = 9;  // [s]
-  return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
 
 FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)

@@ -40,14 +40,9 @@ struct FrameNames {
 geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
                                                const lie::SE3& X);
 
-/// Whether frames with this stamp would break tf for its listeners: they keep 10 s, and ignore
-/// everything older than their newest frame by more than that. True for stamps at least 9 s ahead
-/// of ROS time, as from a sender whose clock is wrong.
-bool endsTf(const ros::Time& stamp);
-
 /// Sends to tf base -> every frame on the curve, and base -> tip, each stamp once, since tf would
 /// warn of repeated ones. All have the base as parent, so that errors do not accumulate. Frames
-/// that would break tf (endsTf()) are not sent, with a warning.
+/// that would break tf, since their stamps are far ahead, are not sent, with a warning.
 class CurveFrames {
  public:
   /// @param what, it  What is stamped and how it is referred to, such as "pictures are" and "them".

@@ -20,7 +20,6 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -28,7 +28,7 @@
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/ros_time.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -5,7 +5,6 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -206,11 +206,6 @@ bool areEqual(const follow::Target& a, const follow::Target& b) {
                   : std::get<model::Twists>(a) == std::get<model::Twists>(b);
 }
 
-// All zero, as in a message whose orientation was not set.
-bool isEmpty(const geometry_msgs::Quaternion& q) {
-  return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
-}
-
 /// The target that messages ask the loop for, until their sender falls silent. Each is answered on
 /// target_status, when the loop has tried it. For the thread of the node's callback queue.
 class LoopTargets {
@@ -279,7 +274,9 @@ class LoopTargets {
     const geometry_msgs::PoseStamped& pose = *event.getMessage();
     TipTarget target;
     target.header = pose.header;
-    target.mode = isEmpty(pose.pose.orientation) ? TipTarget::POSITION : TipTarget::POSE;
+    const geometry_msgs::Quaternion& q = pose.pose.orientation;
+    const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
+    target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
     target.pose = pose.pose;
     aimTip({names::kTipPose, event}, target);
   }

@@ -10,8 +10,6 @@
 #include "helix_arm/vision/frame_source.hpp"
 #include "observations.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
