@@ -10,16 +10,6 @@
 
 namespace helix_arm::vision {
 
-bool hasClosedBorder(const TagFamily& family) {
-  const int within = family.borderCells() - 2;
-  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
-}
-
-TagCells cellsOf(const TagFamily& family, int id) {
-  const int first = family.quietCells(), size = family.borderCells();
-  return family.cells(id)(cv::Rect(first, first, size, size));
-}
-
 namespace {
 
 using Eigen::Vector2d;

@@ -22,10 +22,16 @@ using TagCells = cv::Mat_<std::uint8_t>;
 
 /// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be
 /// found by their edges.
-bool hasClosedBorder(const TagFamily& family);
+inline bool hasClosedBorder(const TagFamily& family) {
+  const int within = family.borderCells() - 2;
+  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
+}
 
 /// @throws std::out_of_range on an unknown id.
-TagCells cellsOf(const TagFamily& family, int id);
+inline TagCells cellsOf(const TagFamily& family, int id) {
+  const int first = family.quietCells(), size = family.borderCells();
+  return family.cells(id)(cv::Rect(first, first, size, size));
+}
 
 /// Finds one tag by the edges of its border and verifies it: the border is black all around, the
 /// bits are the tag's, and the edges between its cells agree with the corners.

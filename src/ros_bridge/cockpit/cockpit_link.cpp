@@ -1,13 +1,11 @@
 #include "cockpit_link.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
 #include <thread>
 
-#include <ros/master.h>
 #include <ros/names.h>
 #include <ros/param.h>
 #include <ros/service.h>
@@ -25,11 +23,6 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
-
-template <class Result>
-bool isReady(const std::future<Result>& result) {
-  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
 
 CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
@@ -89,22 +82,6 @@ void CallDesk::look() {
     }
     it = ended ? calls_.erase(it) : std::next(it);
   }
-}
-
-void CallDesk::tell(CallAnswer answer, const std::string& remedy) {
-  if (!answer.success) answer.remedy = remedy;
-  answers_.push_back(std::move(answer));
-}
-
-bool CallDesk::waits(const std::string& what) {
-  look();
-  return std::any_of(calls_.begin(), calls_.end(),
-                     [&](const Running& one) { return one.what == what && !one.given_up; });
-}
-
-std::vector<CallAnswer> CallDesk::take() {
-  look();
-  return std::exchange(answers_, {});
 }
 
 namespace {
@@ -500,18 +477,6 @@ void LinkBuilder::cancel() {
   if (attempt_) attempt_->cancelled = true;
   attempt_.reset();
   if (made_.valid()) elsewhere([made = std::move(made_)] { made.wait(); });
-}
-
-std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  return made_.valid() && isReady(made_) ? made_.get() : nullptr;
-}
-
-std::string LinkBuilder::connectingTo() const {
-  return made_.valid() && !isReady(made_) ? attempt_->ns : "";
-}
-
-std::string LinkBuilder::silentMaster() const {
-  return attempt_ && attempt_->silent ? ros::master::getURI() : "";
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <functional>
 #include <future>
@@ -13,6 +15,7 @@
 #include <actionlib/client/simple_action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
+#include <ros/master.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <ros/steady_timer.h>
@@ -29,6 +32,11 @@
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+template <class Result>
+bool isReady(const std::future<Result>& result) {
+  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
 
 /// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
 /// those that do not answer in time.
@@ -52,9 +60,16 @@ class CallDesk {
   /// @param remedy   of its answer, however the call fails.
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
   /// Whether a call of this name waits for its answer; one that was given up on does not.
-  bool waits(const std::string& what);
+  bool waits(const std::string& what) {
+    look();
+    return std::any_of(calls_.begin(), calls_.end(),
+                       [&](const Running& one) { return one.what == what && !one.given_up; });
+  }
   /// The answers since the last time: one per call that has ended or was given up on.
-  std::vector<CallAnswer> take();
+  std::vector<CallAnswer> take() {
+    look();
+    return std::exchange(answers_, {});
+  }
 
  private:
   struct Running {
@@ -67,7 +82,10 @@ class CallDesk {
 
   /// Takes the answers of calls that have ended, and gives up on those that are late.
   void look();
-  void tell(CallAnswer answer, const std::string& remedy);
+  void tell(CallAnswer answer, const std::string& remedy) {
+    if (!answer.success) answer.remedy = remedy;
+    answers_.push_back(std::move(answer));
+  }
 
   std::list<Running> calls_;  ///< also those given up on
   std::vector<CallAnswer> answers_;
@@ -316,12 +334,16 @@ class LinkBuilder {
 
   /// The link once it is there, once; null otherwise.
   /// @throws what its constructor threw.
-  std::unique_ptr<CockpitLink> take();
+  std::unique_ptr<CockpitLink> take() {
+    return made_.valid() && isReady(made_) ? made_.get() : nullptr;
+  }
 
   /// Resolved namespace of the arm to which a connection is under way; empty if there is none.
-  std::string connectingTo() const;
+  std::string connectingTo() const { return made_.valid() && !isReady(made_) ? attempt_->ns : ""; }
   /// URI of the ROS master if that connection waits for it; empty otherwise.
-  std::string silentMaster() const;
+  std::string silentMaster() const {
+    return attempt_ && attempt_->silent ? ros::master::getURI() : "";
+  }
 
   /// Ends a link.
   static void end(std::unique_ptr<CockpitLink> link);

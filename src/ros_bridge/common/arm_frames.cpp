@@ -8,7 +8,6 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -38,12 +37,6 @@ bool endsTf(const ros::Time& stamp) {
 }
 
 }  // namespace
-
-FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix,
-                       const std::string& shape, int count)
-    : world(world_frame), base(prefix + names::kBaseFrame), tip(prefix + shape + names::kTipFrame) {
-  for (int k = 0; k < count; ++k) curve.push_back(prefix + shape + std::to_string(k));
-}
 
 geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
                                                const lie::SE3& X) {

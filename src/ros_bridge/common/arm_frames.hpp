@@ -15,6 +15,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -30,8 +31,13 @@ struct FrameNames {
   /// tree.
   /// @param shape   of the curve's frames: names::kModelFrames or names::kMeasuredFrames.
   /// @param count   number of frames on the curve, >= 2.
-  FrameNames(const std::string& world, const std::string& prefix, const std::string& shape,
-             int count);
+  FrameNames(const std::string& world_frame, const std::string& prefix, const std::string& shape,
+             int count)
+      : world(world_frame),
+        base(prefix + names::kBaseFrame),
+        tip(prefix + shape + names::kTipFrame) {
+    for (int k = 0; k < count; ++k) curve.push_back(prefix + shape + std::to_string(k));
+  }
 };
 
 /// world -> a frame that does not move: the arm's base, or the camera.

@@ -6,11 +6,8 @@
 #include <exception>
 #include <sstream>
 
-#include <diagnostic_msgs/DiagnosticArray.h>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -173,21 +170,6 @@ diagnostic_msgs::DiagnosticStatus makeStatus(
   out.message = message;
   for (const auto& [key, value] : values) addValue(out, key, value);
   return out;
-}
-
-DiagnosticsPublisher::DiagnosticsPublisher(ros::NodeHandle& node)
-    : publisher_(node.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)) {}
-
-void DiagnosticsPublisher::publish(const std::string& node, const std::string& scene,
-                                   std::vector<diagnostic_msgs::DiagnosticStatus> statuses) {
-  diagnostic_msgs::DiagnosticArray msg;
-  msg.header.stamp = ros::Time::now();
-  msg.status = std::move(statuses);
-  for (auto& status : msg.status) {
-    status.name = statusName(node, status.name);
-    status.hardware_id = scene;
-  }
-  publisher_.publish(msg);
 }
 
 std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {

@@ -7,12 +7,13 @@
 #include <utility>
 #include <vector>
 
-#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/console.h>
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
 #include "helix_arm/basics/mutex.hpp"
+#include "ros_bridge/names.hpp"
 
 /// What a node tells: lines of ROS's log, warnings of faults, and diagnostics.
 namespace helix_arm::ros_bridge {
@@ -81,10 +82,20 @@ diagnostic_msgs::DiagnosticStatus makeStatus(
 /// Publishes the statuses of a node on /diagnostics.
 class DiagnosticsPublisher {
  public:
-  explicit DiagnosticsPublisher(ros::NodeHandle& node);
+  explicit DiagnosticsPublisher(ros::NodeHandle& node)
+      : publisher_(node.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)) {}
   /// @param node  its name. @param scene  name of the scene.
   void publish(const std::string& node, const std::string& scene,
-               std::vector<diagnostic_msgs::DiagnosticStatus> statuses);
+               std::vector<diagnostic_msgs::DiagnosticStatus> statuses) {
+    diagnostic_msgs::DiagnosticArray msg;
+    msg.header.stamp = ros::Time::now();
+    msg.status = std::move(statuses);
+    for (auto& status : msg.status) {
+      status.name = statusName(node, status.name);
+      status.hardware_id = scene;
+    }
+    publisher_.publish(msg);
+  }
 
  private:
   ros::Publisher publisher_;

@@ -195,11 +195,6 @@ ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::
       adopt_(std::move(adopt)),
       server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
 
-ReloadServer::File ReloadServer::file() const {
-  const basics::MutexLock lock(mutex_);
-  return file_;
-}
-
 std::string ReloadServer::allowed(const std::string& scene) const {
   if (scene.empty()) return file().path;
   if (scene == first_path_) return scene;

@@ -162,7 +162,10 @@ class ReloadServer {
   struct File {
     std::string path, sha256;
   };
-  File file() const HELIX_ARM_EXCLUDES(mutex_);
+  File file() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return file_;
+  }
 
  private:
   bool onReload(Reload::Request& request, Reload::Response& response) HELIX_ARM_EXCLUDES(mutex_);
