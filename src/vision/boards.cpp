@@ -405,11 +405,6 @@ void Coverage::add(const BoardObservation& observation) {
   }
 }
 
-double Coverage::fraction() const {
-  const auto seen = std::count(seen_.begin(), seen_.end(), true);
-  return static_cast<double>(seen) / (kColumns * kRows);
-}
-
 std::string Coverage::emptiest() const {
   const char* const kAcross[] = {"left", "", "right"};
   const char* const kDown[] = {"top", "", "bottom"};

@@ -152,10 +152,6 @@ int TagDetector::leastSide() const {
          std::max(kTile, kernelSize(config_.quad_sigma));
 }
 
-std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray) {
-  return detect(gray, cv::Rect({0, 0}, gray.size()));
-}
-
 std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rect& region) {
   if (gray.empty()) return {};
   require(gray.type() == CV_8UC1, "the picture is of type ", cv::typeToString(gray.type()),

@@ -99,8 +99,8 @@ double pressureOf(const PressureArray& array, const std::string& name) {
              : array.pressure[static_cast<std::size_t>(found - array.name.begin())];
 }
 
-// Names of the calls that are not asked again while they wait.
-constexpr char kEnableCall[] = "Enable", kReleaseCall[] = "Release", kUseCall[] = "Use it";
+// Names of calls that are not asked again while they wait.
+constexpr char kReleaseCall[] = "Release", kUseCall[] = "Use it";
 
 template <class Service>
 CallAnswer called(const std::string& name, Service service) {
@@ -297,10 +297,6 @@ void CockpitLink::askUnlessOvertaken(const char* what, std::atomic<std::uint64_t
   });
 }
 
-void CockpitLink::enable() {
-  askUnlessOvertaken(kEnableCall, &Asked::vents, triggers(names::kEnable), triggers(names::kVent));
-}
-
 void CockpitLink::vent() {
   ++asked_->vents;
   desk_.ask("Vent", kCallLimit, triggers(names::kVent));
@@ -318,15 +314,14 @@ void CockpitLink::emergencyStop(bool engage) {
 }
 
 void CockpitLink::hold(bool on) {
-  {
-    const basics::MutexLock lock(mutex_);
-    if (held_.holds() == on || (on && !command_.isFresh())) return;
-    if (on) {
-      held_.holdPressures(now(), command_.last.pressure);
-      return send();
-    }
-    held_.end("let go: the arm ramps down to rest");
+  basics::MutexLock lock(mutex_);
+  if (held_.holds() == on || (on && !command_.isFresh())) return;
+  if (on) {
+    held_.holdPressures(now(), command_.last.pressure);
+    return send();
   }
+  held_.end("let go: the arm ramps down to rest");
+  lock.unlock();
   desk_.ask("Let go", kCallLimit, triggers(names::kRest));
 }
 
@@ -363,15 +358,13 @@ void CockpitLink::send() {
 
 void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   if (!client_->isServerConnected()) return;
-  std::uint64_t run = 0;
-  {
-    const basics::MutexLock lock(mutex_);
-    if (seen_.calibration.running) return;
-    seen_.calibration = {};
-    seen_.calibration.running = true;
-    calibrator_seen_ = now();
-    run = ++runs_;
-  }
+  basics::MutexLock start(mutex_);
+  if (seen_.calibration.running) return;
+  seen_.calibration = {};
+  seen_.calibration.running = true;
+  calibrator_seen_ = now();
+  const std::uint64_t run = ++runs_;
+  start.unlock();
   RunCalibrationGoal goal;
   goal.fit = fit;
   goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();

@@ -215,7 +215,9 @@ class CockpitLink {
   std::vector<CallAnswer> takeAnswers() { return desk_.take(); }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
-  void enable();
+  void enable() {
+    askUnlessOvertaken("Enable", &Asked::vents, triggers(names::kEnable), triggers(names::kVent));
+  }
   void vent() HELIX_ARM_EXCLUDES(mutex_);
   void emergencyStop(bool engage) HELIX_ARM_EXCLUDES(mutex_);
   /// True: holds the present command. False: lets go of the arm, which ramps down to rest.

@@ -212,7 +212,7 @@ class GuardedService : public ros::ServiceCallbackHelper {
  public:
   using Callback = std::function<bool(const std::string& caller, Request&, Response&)>;
 
-  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log)
+  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log = {})
       : guard_("a call of " + service, std::move(log)), callback_(std::move(callback)) {}
 
   bool call(ros::ServiceCallbackHelperCallParams& params) override {
@@ -300,8 +300,7 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
         } else {
           return (owner->*callback)(request, response);
         }
-      },
-      FaultGuard::Log());
+      });
   return node.advertiseService(options);
 }
 

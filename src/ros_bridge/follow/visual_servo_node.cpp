@@ -864,11 +864,9 @@ class VisualServoNode : public Node {
     action_.abandon(reason);
   }
 
-  LoopPublisher::View view() { return {stamp_, last_picture_, commander(), reason()}; }
-
-  std::string commander() {
-    if (action_.wants()) return names::kFollowTipPath;
-    return targets_.commander();
+  LoopPublisher::View view() {
+    return {stamp_, last_picture_, action_.wants() ? names::kFollowTipPath : targets_.commander(),
+            reason()};
   }
 
   std::string reason() {

@@ -317,15 +317,6 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const Observatio
               report.account + "; calibration: " + calibration_);
 }
 
-void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
-                                        const std::string& tip_text) {
-  const basics::MutexLock lock(mutex_);
-  if (!measured()) return;
-  marker_publisher_.publish(markers_.draw(measurement.stamp, view_, measurement.view.layout,
-                                          measurement.observation.fit, measurement.modelShape(),
-                                          tip_text));
-}
-
 void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
   if (closed_) return;
   const bool was_measured = measured();

@@ -168,7 +168,13 @@ class VisionStatusPublisher {
   }
   /// Shows a measured shape. Nothing is shown once another state was entered.
   void drawMarkers(const Measurement& measurement, const std::string& tip_text)
-      HELIX_ARM_EXCLUDES(mutex_);
+      HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (!measured()) return;
+    marker_publisher_.publish(markers_.draw(measurement.stamp, view_, measurement.view.layout,
+                                            measurement.observation.fit, measurement.modelShape(),
+                                            tip_text));
+  }
   /// The state from now on: one of VisionStatus.
   void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
