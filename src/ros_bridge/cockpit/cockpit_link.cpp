@@ -149,7 +149,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
 
 constexpr std::size_t kMostChannels = 64;
 
-bool isSound(const PressureArray& array) {
+bool isWhole(const PressureArray& array) {
   return !array.name.empty() && array.name.size() == array.pressure.size() &&
          array.name.size() <= kMostChannels;
 }
@@ -409,12 +409,12 @@ void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result
 }
 
 bool CockpitLink::onCommand(const PressureArray& message) {
-  if (!isSound(message)) return false;
+  if (!isWhole(message)) return false;
   if (message.name != command_.last.name) held_.end("the arm has other actuators now");
   return true;
 }
 
-bool CockpitLink::onReading(const PressureArray& message) { return isSound(message); }
+bool CockpitLink::onReading(const PressureArray& message) { return isWhole(message); }
 
 bool CockpitLink::onSafety(const SafetyState& message) {
   held_.noteState(message.state == SafetyState::ENABLED, shownText(message.reason));

@@ -9,13 +9,11 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
+using Goal = FollowTipPathGoal;
+using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
 using Result = FollowTipPathResult;
 
 constexpr double kMemory = 2.0;  // of moments; pictures are younger [s]
-
-using Goal = FollowTipPathGoal;
-using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
-
 constexpr char kJoint[] = "tip";
 constexpr double kLatestStart = 60.0;  // ahead of now [s]
 
