@@ -15,7 +15,7 @@ function(expect_fault file line)
 endfunction()
 
 foreach(planted "\"ros/ros.h\"" "<ceres/ceres.h>" "\"../io/document.hpp\"" "<yaml-cpp/yaml.h>"
-    "\"helix_arm/model/arm.hpp\"" "\"helix_arm/ArmShape.h\"" "\"ros_bridge/common/log.hpp\"")
+    "\"helix_arm/model/arm.hpp\"" "\"helix_arm/ArmShape.h\"" "\"ros_bridge/common/diagnostics.hpp\"")
   expect_fault(src/lie/se3.cpp "#include ${planted}")
 endforeach()
 expect_fault(src/ros_bridge/vision/observations.cpp "#include \"ros_bridge/pressure/target_admission.hpp\"")

@@ -30,7 +30,7 @@ MASTER_PERIOD, MASTER_PATIENCE, MASTER_MISSES = 1.0, 2.0, 3  # [s], [s]
 END_PATIENCE, LOST_PATIENCE = 5.0, 1.0  # until a node that cannot end in order exits at once [s]
 END_OF_TIME = 2**31  # [s]
 MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
-TITLES = ("# recorded of scene ", "# recorded run of ")  # in which tables of this package begin, as in file_access.hpp
+TITLES = ("# recorded of scene ", "# recorded run of ")  # in which tables of this package begin, as in parameters.hpp
 COULD_NOT_END = (b"this node could not end in time and exits at once: the ROS master does not answer (run rosnode cleanup once it "
                  b"does), a callback does not return, or the log is blocked\n")
 

@@ -66,7 +66,7 @@ class SeriesPlayer:
 
 
 class CommandTrace:
-    """Follows this node's targets and the answers to them, as src/ros_bridge/common/rest_request.hpp."""
+    """Follows this node's targets and the answers to them, as src/ros_bridge/common/client_watch.hpp."""
 
     def __init__(self) -> None:
         self._stamp, self._sent = rospy.Time(), -math.inf

@@ -1,4 +1,4 @@
-"""`~reload` of a node in Python, as src/ros_bridge/common/reload_server.hpp is that of those in C++."""
+"""`~reload` of a node in Python, as src/ros_bridge/common/parameters.hpp is that of those in C++."""
 import os
 import pathlib
 import threading

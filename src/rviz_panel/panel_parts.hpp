@@ -75,17 +75,9 @@ class FixedText : public QLabel {
 
 /// Legible on the light and on the dark themes of Qt.
 inline QColor colorOf(ros_bridge::Tone tone) {
-  switch (tone) {
-    case ros_bridge::Tone::kGood:
-      return {30, 140, 60};
-    case ros_bridge::Tone::kCaution:
-      return {200, 120, 0};
-    case ros_bridge::Tone::kBad:
-      return {205, 40, 35};
-    case ros_bridge::Tone::kQuiet:
-      break;
-  }
-  return {110, 110, 115};
+  static const std::array<QColor, 4> kColors = {QColor(110, 110, 115), QColor(30, 140, 60),
+                                                QColor(200, 120, 0), QColor(205, 40, 35)};
+  return kColors[static_cast<std::size_t>(tone)];  // in the order of Tone
 }
 
 /// Colour of an actuator's curve in the strip chart, and of its name beside the slider. None of

@@ -111,20 +111,10 @@ struct ArmLocalizer::Workspace {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
     }
     observation.fit = *fit;
-    switch (fit->status) {
-      case estimation::FitStatus::kConverged:
-        observation.state = static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags
-                                ? ObservationState::kMeasured
-                                : ObservationState::kNoFit;
-        break;
-      case estimation::FitStatus::kUnderdetermined:
-        observation.state = ObservationState::kTooFewTags;
-        break;
-      case estimation::FitStatus::kUnexplained:
-      case estimation::FitStatus::kNotConverged:
-        observation.state = ObservationState::kNoFit;
-        break;
-    }
+    if (fit->status == estimation::FitStatus::kUnderdetermined) return;  // too few tags
+    const bool is_measured = fit->status == estimation::FitStatus::kConverged &&
+                             static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags;
+    observation.state = is_measured ? ObservationState::kMeasured : ObservationState::kNoFit;
   }
 
   // A tag that came off the arm stays an outlier; only new outliers make the fit doubtful.

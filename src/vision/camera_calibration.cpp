@@ -39,10 +39,8 @@ std::vector<lie::SE3> posesOfTag(const estimation::Corners& plane,
     cv::Matx33d rotation;
     cv::Rodrigues(rotations[i], rotation);
     lie::SE3 pose;
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) pose.rotation(row, column) = rotation(row, column);
-      pose.translation[row] = translations[i].at<double>(row);
-    }
+    pose.rotation = Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rotation.val);
+    pose.translation = Eigen::Map<Eigen::Vector3d>(translations[i].ptr<double>());
     if (pose.rotation.allFinite() && pose.translation.allFinite()) poses.push_back(pose);
   }
   return poses;

@@ -1,11 +1,9 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include <opencv2/core.hpp>
 
@@ -22,7 +20,7 @@ struct Media {
   std::unique_ptr<FrameSource> (*video)(const std::string& path,
                                         const std::optional<cv::Size>& expected);
   /// @param gray  (CV_8UC1) set on success. @return the fault; absent on success.
-  std::optional<std::string> (*decode)(const std::vector<std::uint8_t>& bytes, cv::Mat& gray);
+  std::optional<std::string> (*decode)(const std::string& bytes, cv::Mat& gray);
 };
 
 /// Loads the library once. @throws std::runtime_error if it cannot be loaded.
@@ -39,10 +37,6 @@ std::optional<std::string> decodePng(const std::uint8_t* data, std::size_t size,
 /// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
 /// acceptable.
 std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
-
-/// Independent pictures from files; see FrameSource::files().
-std::unique_ptr<FrameSource> pictureFiles(std::vector<std::filesystem::path> paths,
-                                          std::optional<cv::Size> expected);
 
 }  // namespace helix_arm::vision
 

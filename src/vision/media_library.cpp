@@ -127,20 +127,18 @@ class VideoFile : public FrameSource {
   FrameStatus next(Frame& frame) override {
     if (through_) return FrameStatus::kEnd;
     begin(frame, path_ + "#" + std::to_string(number_));
-    if (!capture_.isOpened() && !open()) {
-      through_ = true;
+    through_ = true;  // unless a picture comes
+    if (!capture_.isOpened() && !open())
       return fail(frame, path_ + ": it is damaged or not a video");
-    }
     if (const auto fault = sizeFault(size_, expected_)) {
-      through_ = true;
       if (expected_ && size_ != *expected_) frame.wrong_size = size_;
       return fail(frame, path_ + ": " + *fault);
     }
     if (!capture_.read(raw_) || raw_.empty()) {
-      through_ = true;
       if (frame.number > 0) return FrameStatus::kEnd;
       return fail(frame, path_ + ": the video holds no pictures");
     }
+    through_ = false;
     if (!packets_) {
       if (raw_.size() != size_) return failSize(frame, raw_.size());
       cv::cvtColor(raw_, frame.gray, cv::COLOR_BGR2GRAY);
@@ -182,11 +180,13 @@ class VideoFile : public FrameSource {
   JpegDecoder decoder_;
 };
 
-std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
+std::optional<std::string> decode(const std::string& bytes, cv::Mat& gray) {
+  // Not written to; cv::Mat has no constructor for constant data.
+  const cv::Mat data(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
   try {
     // In the orientation of the sensor: the calibration does not know the orientation stored in the
     // file.
-    gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    gray = cv::imdecode(data, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     return "it does not decode: " + error.err;
   }

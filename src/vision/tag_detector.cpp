@@ -18,9 +18,9 @@
 #include <apriltag/tagStandard41h12.h>
 #include <apriltag/tagStandard52h13.h>
 
-#include "edge_lock.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/camera.hpp"
+#include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -150,10 +150,6 @@ TagDetector::TagDetector(const DetectorConfig& config)
 int TagDetector::leastSide() const {
   return static_cast<int>(std::ceil(config_.quad_decimate)) *
          std::max(kTile, kernelSize(config_.quad_sigma));
-}
-
-std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray) {
-  return detect(gray, cv::Rect({0, 0}, gray.size()));
 }
 
 std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rect& region) {

@@ -4,9 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <utility>
-
-#include "edge_lock.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -22,7 +19,6 @@ constexpr int kRegionOverhead = 500;
 // Tags that were not found last time may stay invisible for long. One of them at a time is searched
 // in its region, and the whole picture once a second at 30 Hz, which adds a thirtieth of its cost
 // to that of each picture.
-constexpr int kUnseenRegions = 1;
 constexpr int kWholeEvery = 30;
 // If no tag is missing, a whole search only serves to notice unexpected tags.
 constexpr int kWholeForStrangersEvery = 90;
@@ -132,21 +128,14 @@ struct TagTracker::Workspace {
     std::size_t unseen = 0;
     for (std::size_t i = 0; i < expected.size(); ++i) {
       if (way[i] != Way::kNone) continue;
-      if (expected[i].seen_before) {
-        add(expected[i]);
-      } else {
-        ++unseen;
-      }
+      if (expected[i].seen_before) add(expected[i]);
+      unseen += expected[i].seen_before ? 0 : 1;
     }
-    for (int k = 0; k < std::min<int>(kUnseenRegions, static_cast<int>(unseen)); ++k) {
-      std::size_t skip = turn++ % unseen;
-      for (std::size_t i = 0; i < expected.size(); ++i) {
-        if (way[i] != Way::kNone || expected[i].seen_before) continue;
-        if (skip-- == 0) {
-          add(expected[i]);
-          break;
-        }
-      }
+    std::size_t skip = unseen == 0 ? 0 : turn++ % unseen;
+    for (std::size_t i = 0; i < expected.size() && unseen > 0; ++i) {
+      if (way[i] != Way::kNone || expected[i].seen_before || skip-- > 0) continue;
+      add(expected[i]);
+      break;
     }
     join(regions);
     candidates.clear();
@@ -237,10 +226,6 @@ struct TagTracker::Workspace {
 TagTracker::TagTracker(const DetectorConfig& config, TrackingMode mode)
     : work_(std::make_unique<Workspace>(config, mode)) {}
 TagTracker::~TagTracker() = default;
-TagTracker::TagTracker(TagTracker&&) noexcept = default;
-TagTracker& TagTracker::operator=(TagTracker&&) noexcept = default;
-
-const TagFamily& TagTracker::family() const { return work_->detector.family(); }
 
 const TrackResult& TagTracker::track(const cv::Mat& gray,
                                      const std::vector<ExpectedTag>& expected) {

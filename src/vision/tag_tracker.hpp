@@ -1,13 +1,67 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <opencv2/core.hpp>
 
 #include "helix_arm/vision/tag_detector.hpp"
 
+/// Tags are found again from one picture to the next. Those whose bits lie inside a black border on
+/// white are found by their edges.
 namespace helix_arm::vision {
+
+/// Maximum number of cells along a border, over all families with a closed one.
+inline constexpr int kMostCells = 8;
+
+/// The cells of one tag of a family with a closed border, as one reads it, up to the outer edge of
+/// that: 0, or white.
+using TagCells = cv::Mat_<std::uint8_t>;
+
+/// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be
+/// found by their edges.
+inline bool hasClosedBorder(const TagFamily& family) {
+  const int within = family.borderCells() - 2;
+  return family.borderCells() <= kMostCells && family.bitCount() == within * within;
+}
+
+/// @throws std::out_of_range on an unknown id.
+inline TagCells cellsOf(const TagFamily& family, int id) {
+  const int first = family.quietCells(), size = family.borderCells();
+  return family.cells(id)(cv::Rect(first, first, size, size));
+}
+
+/// Finds one tag by the edges of its border and verifies it: the border is black all around, the
+/// bits are the tag's, and the edges between its cells agree with the corners.
+///
+/// A tag is found if its centre is off by at most a quarter of its shorter side and at most 12 px.
+/// Errors of 0.2 rad in rotation and 10 % in size are tolerated.
+///
+/// @param gray      (CV_8UC1)
+/// @param family    with a closed border.
+/// @param expected  [px]; any values; at worst the tag is not found.
+std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& family, int id,
+                                        const TagCells& cells, const estimation::Corners& expected,
+                                        int max_hamming);
+
+/// False if the edges between the cells of a tag contradict its corners, for example because
+/// something lies along one of its sides.
+///
+/// @param gray     (CV_8UC1)
+/// @param corners  [px]
+bool cornersHold(const cv::Mat& gray, const TagCells& cells, const estimation::Corners& corners);
+
+/// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
+/// where the gray level is half-way between the centres of the cells on its two sides; pixels
+/// beyond these cells have no influence.
+///
+/// @param reach    maximum error of the given corners [px].
+/// @param corners  [px]
+/// @return the corners unchanged if the edges are farther away.
+estimation::Corners refineCorners(const cv::Mat& gray, const TagFamily& family, double reach,
+                                  const estimation::Corners& corners);
 
 /// Where a tag is expected.
 struct ExpectedTag {
@@ -37,10 +91,6 @@ class TagTracker {
   /// @throws std::invalid_argument naming the value and its rule.
   TagTracker(const DetectorConfig& config, TrackingMode mode);
   ~TagTracker();
-  TagTracker(TagTracker&&) noexcept;
-  TagTracker& operator=(TagTracker&&) noexcept;
-
-  const TagFamily& family() const;
 
   /// @param gray      (CV_8UC1); an empty picture has no tags.
   /// @param expected  if empty, the whole picture is searched. Corners may have any values. Tags

@@ -162,7 +162,7 @@ class PlotReport(unittest.TestCase):
                                "measured_pa": [[1e5 + 9e2 * i, 5e4] for i in range(50)]}
         inked = self.picture(record)
         self.assertGreater(inked[2 * len(inked) // 3:].mean(), 0.01)
-        self.assertIn(b"helix_arm plot_report", self.target.read_bytes()[:256], "file_access looks for it")
+        self.assertIn(b"helix_arm plot_report", self.target.read_bytes()[:256], "FileAccess looks for it")
         follow["pressures"]["measured_pa"][7] = [1e5]
         self.assert_refused(record, "follow.pressures.measured_pa is malformed; expected one pressure per name in each of 50 rows")
 

@@ -316,7 +316,7 @@ TEST_F(HeldGoalTest, IsRepeatedWhileSomebodyLooks) {
     ASSERT_TRUE(goal_.turn(now)) << now;
     goal_.noteAnswer(now, false, "", "reached");
   }
-  EXPECT_EQ(goal_.pressures(), (std::vector<double>{1e5, 0, 0}));
+  EXPECT_EQ(goal_.state().held, (std::vector<double>{1e5, 0, 0}));
 }
 
 TEST_F(HeldGoalTest, EndsWhereTheWindowHangs) {
@@ -324,7 +324,7 @@ TEST_F(HeldGoalTest, EndsWhereTheWindowHangs) {
   EXPECT_FALSE(goal_.turn(10.0 + HeldGoal::kBlind + 0.01));
   goal_.look(20.0);
   EXPECT_FALSE(goal_.turn(20.0)) << "it begins again by itself";
-  EXPECT_TRUE(test::has(goal_.answer(), "window"));
+  EXPECT_TRUE(test::has(goal_.state().answer, "window"));
 }
 
 TEST_F(HeldGoalTest, EndsWithTheArmAndDoesNotEnableItAgain) {
@@ -332,7 +332,7 @@ TEST_F(HeldGoalTest, EndsWithTheArmAndDoesNotEnableItAgain) {
   EXPECT_TRUE(goal_.turn(10.1));
   goal_.noteState(false, "fault: a leak");
   EXPECT_FALSE(goal_.turn(10.2));
-  EXPECT_TRUE(test::has(goal_.answer(), "a leak"));
+  EXPECT_TRUE(test::has(goal_.state().answer, "a leak"));
   goal_.noteState(true, "enabled: follows targets");
   EXPECT_FALSE(goal_.turn(10.3));
 }
@@ -340,17 +340,16 @@ TEST_F(HeldGoalTest, EndsWithTheArmAndDoesNotEnableItAgain) {
 TEST_F(HeldGoalTest, EndsWhereATargetIsRefusedForGood) {
   goal_.noteAnswer(10.1, true, "out_of_range", "stay within 0 to 400000 Pa");
   EXPECT_FALSE(goal_.turn(10.2));
-  EXPECT_TRUE(goal_.refused());
-  EXPECT_EQ(goal_.answer(), "stay within 0 to 400000 Pa");
+  EXPECT_TRUE(goal_.state().refused);
+  EXPECT_EQ(goal_.state().answer, "stay within 0 to 400000 Pa");
 }
 
 TEST_F(HeldGoalTest, ATargetOutOfReachOrThatCameLateIsHeldAndTold) {
-  goal_.noteAnswer(10.1, false, "", "the tip stays 4.1 mm away");
-  goal_.noteShort();
+  goal_.noteAnswer(10.1, false, "", "the tip stays 4.1 mm away", true);
   EXPECT_TRUE(goal_.turn(10.2));
-  EXPECT_TRUE(goal_.shortOf());
+  EXPECT_TRUE(goal_.state().short_of);
   goal_.noteAnswer(10.3, false, "", "reached");
-  EXPECT_FALSE(goal_.shortOf());
+  EXPECT_FALSE(goal_.state().short_of);
   goal_.noteAnswer(10.3, true, "stale", "the target is stamped 2 s ago");
   EXPECT_TRUE(goal_.turn(10.4));
 }
@@ -363,7 +362,7 @@ TEST_F(HeldGoalTest, WaitsForAnotherCommanderButNotForever) {
   }
   goal_.look(15.2);
   EXPECT_FALSE(goal_.turn(15.2));
-  EXPECT_TRUE(test::has(goal_.answer(), "/pressure_series"));
+  EXPECT_TRUE(test::has(goal_.state().answer, "/pressure_series"));
 }
 
 // As of a visual_servo that died between the cockpit and pressure_command.
@@ -376,8 +375,8 @@ TEST_F(HeldGoalTest, EndsWhereNothingAnswers) {
   EXPECT_TRUE(turnAt(11.0 + HeldGoal::kUnanswered - 0.01));
   goal_.holdPressures(11.0 + HeldGoal::kUnanswered - 0.01, {2e5, 0, 0});
   EXPECT_FALSE(turnAt(11.0 + HeldGoal::kUnanswered + 0.01)) << "another number is no answer";
-  EXPECT_TRUE(test::has(goal_.answer(), "nothing answers"));
-  EXPECT_TRUE(goal_.refused());
+  EXPECT_TRUE(test::has(goal_.state().answer, "nothing answers"));
+  EXPECT_TRUE(goal_.state().refused);
   goal_.holdTip(20.0, {0.3, 0, 0});
   EXPECT_TRUE(turnAt(20.0 + HeldGoal::kUnanswered - 0.01)) << "it has its own time";
 }
@@ -393,14 +392,14 @@ TEST_F(HeldGoalTest, OnceAcceptedItWaitsAnew) {
 TEST_F(HeldGoalTest, AnAnswerThatComesAfterItsEndChangesNothing) {
   goal_.end("let go");
   goal_.noteAnswer(10.1, true, "not_enabled", "the arm is vented");
-  EXPECT_EQ(goal_.answer(), "let go");
-  EXPECT_FALSE(goal_.refused());
+  EXPECT_EQ(goal_.state().answer, "let go");
+  EXPECT_FALSE(goal_.state().refused);
 }
 
 TEST_F(HeldGoalTest, ATipReplacesPressures) {
   goal_.holdTip(11.0, {0.3, 0.1, 0.0});
-  EXPECT_EQ(goal_.goal(), CockpitGoal::kTip);
-  EXPECT_EQ(goal_.tip()[1], 0.1);
+  EXPECT_EQ(goal_.state().goal, CockpitGoal::kTip);
+  EXPECT_EQ(goal_.state().tip[1], 0.1);
   EXPECT_TRUE(goal_.turn(11.1));
 }
 

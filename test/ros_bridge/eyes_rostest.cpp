@@ -8,7 +8,7 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/vision/frame_source.hpp"
-#include "ros_bridge/common/reload_server.hpp"
+#include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/vision/observations.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"

@@ -1,12 +1,11 @@
 // Which files services read and write.
-#include "ros_bridge/common/file_access.hpp"
-
 #include <fstream>
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "ros_bridge/common/parameters.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"

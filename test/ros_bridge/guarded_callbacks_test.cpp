@@ -170,7 +170,7 @@ TEST(GuardedCallbacks, NoNodeBypassesThem) {
 // rosconsole would block the thread that logs while the terminal is held up.
 TEST(Log, NoNodeBypassesIt) {
   expectNowhereBut("log.cpp", R"(\bROS_(DEBUG|INFO|WARN|ERROR|FATAL|LOG)\w*\s*\()",
-                   "logs in its own thread; see log.hpp");
+                   "logs in its own thread; see diagnostics.hpp");
 }
 
 }  // namespace

@@ -33,7 +33,7 @@
 #include "helix_arm/TipTarget.h"
 #include "panel_window.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 #include "support/process.hpp"
 

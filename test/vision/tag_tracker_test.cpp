@@ -179,7 +179,8 @@ TEST(EdgeTracking, FamiliesWithAClosedBorderOnly) {
     TagTracker edges(config, TrackingMode::kEdges);
     const Corners truth = randomTag(random, {100, 100}, 70);
     cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(110));
-    drawTag(edges.family(), edges.family().cells(7), truth, gray);
+    const TagFamily drawn(name);
+    drawTag(drawn, drawn.cells(7), truth, gray);
     spoil(gray, random);
     const TrackResult& result = edges.track(gray, {{7, truth, true}});
     ASSERT_EQ(result.tags.size(), 1U) << name;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
@@ -61,7 +62,9 @@ class Coverage {
 
   void add(const BoardObservation& observation);
   /// Part of the cells that hold a corner, 0 to 1.
-  double fraction() const;
+  double fraction() const {
+    return static_cast<double>(std::count(seen_.begin(), seen_.end(), true)) / (kColumns * kRows);
+  }
   /// Where the most cells are empty: "top left", "right", "centre", .. Empty if none are.
   std::string emptiest() const;
 

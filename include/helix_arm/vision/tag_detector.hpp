@@ -72,7 +72,9 @@ class TagDetector {
   /// has no tags.
   /// @return sorted by id; an id is repeated if the picture contains it twice.
   /// @throws std::invalid_argument on any other type of picture, or a larger one.
-  std::vector<TagDetection> detect(const cv::Mat& gray);
+  std::vector<TagDetection> detect(const cv::Mat& gray) {
+    return detect(gray, cv::Rect({0, 0}, gray.size()));
+  }
   /// Like detect(), in a region of the picture and up to 4 quad_decimate px to its left and above
   /// it. Corners are in pixels of the whole picture.
   std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);

@@ -28,12 +28,8 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
-#include "ros_bridge/common/log.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/reload_server.hpp"
-#include "ros_bridge/common/rest_request.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace ros::serialization {
@@ -569,7 +565,7 @@ class RunAction {
       client_.watchNext(goal);
       client_.beginNext();
       play();
-      client_.release();
+      client_.present().release();
       recorder_.stopSeries();
       if (!ros::ok()) return;
       rest();
@@ -647,7 +643,7 @@ class RunAction {
     const auto [now, time_stands, state] = recorder_.observe();
     if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "cancelled");
     if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is shutting down");
-    if (client_.isGone()) run.end(RunEnd::kAborted, client_.whyGone());
+    if (client_.present().isGone()) run.end(RunEnd::kAborted, client_.present().whyGone());
     if (time_stands) {
       run.end(RunEnd::kAborted,
               "ROS time does not advance; is the node that publishes /clock running?");

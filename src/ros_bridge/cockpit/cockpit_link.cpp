@@ -1,13 +1,11 @@
 #include "cockpit_link.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
 #include <system_error>
 #include <thread>
 
-#include <ros/master.h>
 #include <ros/names.h>
 #include <ros/param.h>
 #include <ros/service.h>
@@ -21,16 +19,10 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
-
-template <class Result>
-bool isReady(const std::future<Result>& result) {
-  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
 
 CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
@@ -92,115 +84,7 @@ void CallDesk::look() {
   }
 }
 
-void CallDesk::tell(CallAnswer answer, const std::string& remedy) {
-  if (!answer.success) answer.remedy = remedy;
-  answers_.push_back(std::move(answer));
-}
-
-bool CallDesk::waits(const std::string& what) {
-  look();
-  return std::any_of(calls_.begin(), calls_.end(),
-                     [&](const Running& one) { return one.what == what && !one.given_up; });
-}
-
-std::vector<CallAnswer> CallDesk::take() {
-  look();
-  return std::exchange(answers_, {});
-}
-
-void HeldGoal::begin(double now, CockpitGoal goal) {
-  if (goal_ == CockpitGoal::kNone) waits_since_.reset();
-  if (goal_ != goal) answered_at_ = now;  // a slider that is dragged on is no answer
-  goal_ = goal;
-  last_look_ = now;
-  answer_.clear();
-  refused_ = short_of_ = false;
-}
-
-void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
-                          const std::string& message) {
-  if (goal_ == CockpitGoal::kNone) return;
-  answered_at_ = now;
-  answer_ = message;
-  refused_ = dropped;
-  short_of_ = false;
-  if (!dropped) {
-    waits_since_.reset();
-  } else if (fault == "other_commander") {
-    if (!waits_since_) waits_since_ = now;
-  } else if (fault != "stale") {  // the next one may be in time
-    end(message);
-    refused_ = true;
-  }
-}
-
-bool HeldGoal::turn(double now) {
-  if (goal_ == CockpitGoal::kNone) return false;
-  if (now - last_look_ > kBlind) {
-    end("the hold ended: the window did not respond");
-    return false;
-  }
-  if (now - answered_at_ > kUnanswered) {
-    end("the hold ended: nothing answers its targets; is the node that takes them alive?");
-    refused_ = true;
-    return false;
-  }
-  if (waits_since_ && now - *waits_since_ > kPatience) {
-    const std::string why = answer_;
-    end("another commander keeps the arm: " + why);
-    refused_ = true;
-    return false;
-  }
-  return true;
-}
-
 namespace {
-
-/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
-/// that are up. Blocks.
-///
-/// @param ns  resolved namespace of the arm's nodes.
-CallAnswer useLastCalibration(const std::string& ns) {
-  CallAnswer out;
-  const std::string node = ros::names::append(ns, names::kCalibrationNode);
-  std::string folder;
-  ros::param::get(ros::names::append(node, "out_folder"), folder);
-  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
-  if (folder.empty()) folder = defaultFolder();
-  Save save;
-  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
-  const std::string save_name = ros::names::append(node, names::kSave);
-  if (!ros::service::call(save_name, save)) {
-    out.message = save_name + " is not there or does not answer";
-    out.answered = false;
-    return out;
-  }
-  if (!save.response.success) {
-    out.message = "not written: " + shownText(save.response.message);
-    return out;
-  }
-  std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
-                           names::kCalibrationNode}) {
-    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
-    if (!ros::service::exists(name, false)) continue;
-    Reload reload;
-    reload.request.scene = save.request.path;
-    const bool called = ros::service::call(name, reload);
-    if (!called || !reload.response.success) {
-      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
-                    " is not loaded by " + user + ": " +
-                    (called ? shownText(reload.response.message) : "no answer");
-      return out;
-    }
-    users += (users.empty() ? "" : ", ") + std::string(user);
-  }
-  out.success = !users.empty();
-  out.message = out.success ? save.request.path + " is used by " + users
-                            : save.request.path + " is written, but no node is up that loads it";
-  return out;
-}
 
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
@@ -215,8 +99,8 @@ double pressureOf(const PressureArray& array, const std::string& name) {
              : array.pressure[static_cast<std::size_t>(found - array.name.begin())];
 }
 
-// Names of the calls that are not asked again while they wait.
-constexpr char kEnableCall[] = "Enable", kReleaseCall[] = "Release", kUseCall[] = "Use it";
+// Names of calls that are not asked again while they wait.
+constexpr char kReleaseCall[] = "Release", kUseCall[] = "Use it";
 
 template <class Service>
 CallAnswer called(const std::string& name, Service service) {
@@ -226,9 +110,46 @@ CallAnswer called(const std::string& name, Service service) {
   return {"", service.response.success != 0, shownText(service.response.message)};
 }
 
+/// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
+/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
+/// that are up. Blocks.
+///
+/// @param ns  resolved namespace of the arm's nodes.
+CallAnswer useLastCalibration(const std::string& ns) {
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  CallAnswer saved = called(ros::names::append(node, names::kSave), save);
+  if (saved.answered && !saved.success) saved.message = "not written: " + saved.message;
+  if (!saved.success) return saved;
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const CallAnswer loaded = called(name, reload);
+    if (!loaded.success) {
+      return {"", false,
+              save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                  " is not loaded by " + user + ": " +
+                  (loaded.answered ? loaded.message : "no answer")};
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  return {"", !users.empty(),
+          save.request.path + (users.empty() ? " is written, but no node is up that loads it"
+                                             : " is used by " + users)};
+}
+
 constexpr std::size_t kMostChannels = 64;
 
-bool isSound(const PressureArray& array) {
+bool isWhole(const PressureArray& array) {
   return !array.name.empty() && array.name.size() == array.pressure.size() &&
          array.name.size() <= kMostChannels;
 }
@@ -329,11 +250,7 @@ CockpitView CockpitLink::view() {
     if (loop_.last.has_predicted) out.loop->predicted_sd = loop_.last.predicted_sd;
     if (budget_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_.last.predicted_sd;
   }
-  out.goal = held_.goal();
-  out.held = held_.pressures();
-  out.answer = held_.answer();
-  out.refused = held_.refused();
-  out.short_of = held_.shortOf();
+  static_cast<CockpitHold&>(out) = held_.state();
   out.calibration.there = there;
   out.calibration.is_loaded = is_loaded;
   return out;
@@ -380,10 +297,6 @@ void CockpitLink::askUnlessOvertaken(const char* what, std::atomic<std::uint64_t
   });
 }
 
-void CockpitLink::enable() {
-  askUnlessOvertaken(kEnableCall, &Asked::vents, triggers(names::kEnable), triggers(names::kVent));
-}
-
 void CockpitLink::vent() {
   ++asked_->vents;
   desk_.ask("Vent", kCallLimit, triggers(names::kVent));
@@ -401,23 +314,22 @@ void CockpitLink::emergencyStop(bool engage) {
 }
 
 void CockpitLink::hold(bool on) {
-  {
-    const basics::MutexLock lock(mutex_);
-    const bool holds = held_.goal() != CockpitGoal::kNone;
-    if (holds == on || (on && !command_.isFresh())) return;
-    if (on) {
-      held_.holdPressures(now(), command_.last.pressure);
-      return send();
-    }
-    held_.end("let go: the arm ramps down to rest");
+  basics::MutexLock lock(mutex_);
+  if (held_.holds() == on || (on && !command_.isFresh())) return;
+  if (on) {
+    held_.holdPressures(now(), command_.last.pressure);
+    return send();
   }
+  held_.end("let go: the arm ramps down to rest");
+  lock.unlock();
   desk_.ask("Let go", kCallLimit, triggers(names::kRest));
 }
 
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
   const basics::MutexLock lock(mutex_);
+  const CockpitHold& held = held_.state();
   std::vector<double> goal =
-      held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.last.pressure;
+      held.goal == CockpitGoal::kPressures ? held.held : command_.last.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
   held_.holdPressures(now(), std::move(goal));
@@ -425,19 +337,20 @@ void CockpitLink::setPressure(std::size_t channel, double pressure) {
 }
 
 void CockpitLink::send() {
-  if (held_.goal() == CockpitGoal::kPressures) {
+  const CockpitHold& held = held_.state();
+  if (held.goal == CockpitGoal::kPressures) {
     PressureArray target;
     target.header.stamp = ros::Time::now();
     target.name = command_.last.name;
-    target.pressure = held_.pressures();
+    target.pressure = held.held;
     pressure_publisher_.publish(target);
-  } else if (held_.goal() == CockpitGoal::kTip) {
+  } else if (held.goal == CockpitGoal::kTip) {
     TipTarget target;
     target.header.stamp = ros::Time::now();
     target.mode = TipTarget::POSITION;
-    target.pose.position.x = held_.tip()[0];
-    target.pose.position.y = held_.tip()[1];
-    target.pose.position.z = held_.tip()[2];
+    target.pose.position.x = held.tip[0];
+    target.pose.position.y = held.tip[1];
+    target.pose.position.z = held.tip[2];
     target.pose.orientation.w = 1.0;
     tip_publisher_.publish(target);
   }
@@ -445,15 +358,13 @@ void CockpitLink::send() {
 
 void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   if (!client_->isServerConnected()) return;
-  std::uint64_t run = 0;
-  {
-    const basics::MutexLock lock(mutex_);
-    if (seen_.calibration.running) return;
-    seen_.calibration = {};
-    seen_.calibration.running = true;
-    calibrator_seen_ = now();
-    run = ++runs_;
-  }
+  basics::MutexLock start(mutex_);
+  if (seen_.calibration.running) return;
+  seen_.calibration = {};
+  seen_.calibration.running = true;
+  calibrator_seen_ = now();
+  const std::uint64_t run = ++runs_;
+  start.unlock();
   RunCalibrationGoal goal;
   goal.fit = fit;
   goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();
@@ -498,12 +409,12 @@ void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result
 }
 
 bool CockpitLink::onCommand(const PressureArray& message) {
-  if (!isSound(message)) return false;
+  if (!isWhole(message)) return false;
   if (message.name != command_.last.name) held_.end("the arm has other actuators now");
   return true;
 }
 
-bool CockpitLink::onReading(const PressureArray& message) { return isSound(message); }
+bool CockpitLink::onReading(const PressureArray& message) { return isWhole(message); }
 
 bool CockpitLink::onSafety(const SafetyState& message) {
   held_.noteState(message.state == SafetyState::ENABLED, shownText(message.reason));
@@ -512,12 +423,12 @@ bool CockpitLink::onSafety(const SafetyState& message) {
 
 bool CockpitLink::onStatus(const TargetStatus& message) {
   const char* const topic =
-      held_.goal() == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
+      held_.state().goal == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
   if (message.commander != ros::this_node::getName() || message.topic != topic) return false;
   const bool reached = message.outcome == TargetStatus::REACHED;
   held_.noteAnswer(now(), message.outcome == TargetStatus::DROPPED, message.fault,
-                   reached ? "reached" : shownText(message.message));
-  if (message.outcome == TargetStatus::UNREACHABLE) held_.noteShort();
+                   reached ? "reached" : shownText(message.message),
+                   message.outcome == TargetStatus::UNREACHABLE);
   return true;
 }
 
@@ -535,12 +446,6 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
   }
   return true;
 }
-
-// What the thread of an attempt, which may outlive the builder, shares with it.
-struct LinkBuilder::Attempt {
-  std::string ns;  ///< resolved
-  std::atomic<bool> cancelled{false}, silent{false};
-};
 
 void LinkBuilder::begin(const std::string& ns) {
   const auto next = std::make_shared<Attempt>();
@@ -565,18 +470,6 @@ void LinkBuilder::cancel() {
   if (attempt_) attempt_->cancelled = true;
   attempt_.reset();
   if (made_.valid()) elsewhere([made = std::move(made_)] { made.wait(); });
-}
-
-std::unique_ptr<CockpitLink> LinkBuilder::take() {
-  return made_.valid() && isReady(made_) ? made_.get() : nullptr;
-}
-
-std::string LinkBuilder::connectingTo() const {
-  return made_.valid() && !isReady(made_) ? attempt_->ns : "";
-}
-
-std::string LinkBuilder::silentMaster() const {
-  return attempt_ && attempt_->silent ? ros::master::getURI() : "";
 }
 
 void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {

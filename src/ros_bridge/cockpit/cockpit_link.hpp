@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <functional>
 #include <future>
@@ -13,6 +15,7 @@
 #include <actionlib/client/simple_action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
+#include <ros/master.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <ros/steady_timer.h>
@@ -29,6 +32,11 @@
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+
+template <class Result>
+bool isReady(const std::future<Result>& result) {
+  return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
 
 /// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
 /// those that do not answer in time.
@@ -52,9 +60,16 @@ class CallDesk {
   /// @param remedy   of its answer, however the call fails.
   void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
   /// Whether a call of this name waits for its answer; one that was given up on does not.
-  bool waits(const std::string& what);
+  bool waits(const std::string& what) {
+    look();
+    return std::any_of(calls_.begin(), calls_.end(),
+                       [&](const Running& one) { return one.what == what && !one.given_up; });
+  }
   /// The answers since the last time: one per call that has ended or was given up on.
-  std::vector<CallAnswer> take();
+  std::vector<CallAnswer> take() {
+    look();
+    return std::exchange(answers_, {});
+  }
 
  private:
   struct Running {
@@ -67,7 +82,10 @@ class CallDesk {
 
   /// Takes the answers of calls that have ended, and gives up on those that are late.
   void look();
-  void tell(CallAnswer answer, const std::string& remedy);
+  void tell(CallAnswer answer, const std::string& remedy) {
+    if (!answer.success) answer.remedy = remedy;
+    answers_.push_back(std::move(answer));
+  }
 
   std::list<Running> calls_;  ///< also those given up on
   std::vector<CallAnswer> answers_;
@@ -90,28 +108,23 @@ class HeldGoal {
   /// (n) gauge [Pa]
   void holdPressures(double now, std::vector<double> pressure) {
     begin(now, CockpitGoal::kPressures);
-    pressures_ = std::move(pressure);
+    state_.held = std::move(pressure);
   }
   /// base frame [m]
   void holdTip(double now, const std::array<double, 3>& position) {
     begin(now, CockpitGoal::kTip);
-    tip_ = position;
+    state_.tip = position;
   }
   /// @param why  shown to the user; may be empty.
-  void end(const std::string& why) {
-    if (goal_ == CockpitGoal::kNone) return;
-    goal_ = CockpitGoal::kNone;
-    answer_ = why;
-    refused_ = short_of_ = false;
+  /// @param refused  whether its targets are not taken.
+  void end(const std::string& why, bool refused = false) {
+    if (!holds()) return;
+    note(CockpitGoal::kNone, why, refused);
     waits_since_.reset();
   }
 
-  CockpitGoal goal() const { return goal_; }
-  const std::vector<double>& pressures() const { return pressures_; }
-  const std::array<double, 3>& tip() const { return tip_; }
-  const std::string& answer() const { return answer_; }
-  bool refused() const { return refused_; }
-  bool shortOf() const { return short_of_; }  ///< the target is out of reach
+  const CockpitHold& state() const { return state_; }
+  bool holds() const { return state_.goal != CockpitGoal::kNone; }
 
   /// The window is alive.
   void look(double now) { last_look_ = now; }
@@ -122,20 +135,47 @@ class HeldGoal {
   /// An answer to one of its targets.
   /// @param dropped  whether it was dropped.
   /// @param fault    of a dropped target: other_commander, stale, ...
-  void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message);
-  /// The target that was just answered is out of reach; what is nearest to it is commanded.
-  void noteShort() { short_of_ = goal_ != CockpitGoal::kNone; }
+  /// @param short_of  the target is out of reach; what is nearest to it is commanded.
+  void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message,
+                  bool short_of = false) {
+    if (!holds()) return;
+    answered_at_ = now;
+    note(state_.goal, message, dropped, short_of);
+    if (!dropped) {
+      waits_since_.reset();
+    } else if (fault == "other_commander") {
+      if (!waits_since_) waits_since_ = now;
+    } else if (fault != "stale") {  // the next one may be in time
+      end(message, true);
+    }
+  }
   /// Ends the goal if a deadline has passed. @return whether a target is to be sent now.
-  bool turn(double now);
+  bool turn(double now) {
+    if (now - last_look_ > kBlind) {
+      end("the hold ended: the window did not respond");
+    } else if (now - answered_at_ > kUnanswered) {
+      end("the hold ended: nothing answers its targets; is the node that takes them alive?", true);
+    } else if (waits_since_ && now - *waits_since_ > kPatience) {
+      end("another commander keeps the arm: " + state_.answer, true);
+    }
+    return holds();
+  }
 
  private:
-  void begin(double now, CockpitGoal goal);
+  void begin(double now, CockpitGoal goal) {
+    if (!holds()) waits_since_.reset();
+    if (state_.goal != goal) answered_at_ = now;  // a slider that is dragged on is no answer
+    last_look_ = now;
+    note(goal, "", false);
+  }
+  void note(CockpitGoal goal, const std::string& answer, bool refused, bool short_of = false) {
+    state_.goal = goal;
+    state_.answer = answer;
+    state_.refused = refused;
+    state_.short_of = short_of;
+  }
 
-  CockpitGoal goal_ = CockpitGoal::kNone;
-  std::vector<double> pressures_;
-  std::array<double, 3> tip_{};
-  std::string answer_;
-  bool refused_ = false, short_of_ = false;
+  CockpitHold state_;
   double last_look_ = 0;
   double answered_at_ = 0;             ///< or begun [s]
   std::optional<double> waits_since_;  ///< for another commander
@@ -167,8 +207,6 @@ class CockpitLink {
     client_.reset();
     subscribers_.clear();
   }
-  CockpitLink(const CockpitLink&) = delete;
-  CockpitLink& operator=(const CockpitLink&) = delete;
 
   /// The present moment; also tells that somebody still looks.
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
@@ -177,7 +215,9 @@ class CockpitLink {
   std::vector<CallAnswer> takeAnswers() { return desk_.take(); }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
-  void enable();
+  void enable() {
+    askUnlessOvertaken("Enable", &Asked::vents, triggers(names::kEnable), triggers(names::kVent));
+  }
   void vent() HELIX_ARM_EXCLUDES(mutex_);
   void emergencyStop(bool engage) HELIX_ARM_EXCLUDES(mutex_);
   /// True: holds the present command. False: lets go of the arm, which ramps down to rest.
@@ -284,11 +324,8 @@ class CockpitLink {
 /// for a link must not wait for one that is gone or hangs. No function waits.
 class LinkBuilder {
  public:
-  LinkBuilder() = default;
   /// What is under way ends in its own time.
   ~LinkBuilder() { cancel(); }
-  LinkBuilder(const LinkBuilder&) = delete;
-  LinkBuilder& operator=(const LinkBuilder&) = delete;
 
   /// Begins to connect to the arm of this namespace as soon as the master answers, in place of any
   /// other arm.
@@ -299,18 +336,27 @@ class LinkBuilder {
 
   /// The link once it is there, once; null otherwise.
   /// @throws what its constructor threw.
-  std::unique_ptr<CockpitLink> take();
+  std::unique_ptr<CockpitLink> take() {
+    return made_.valid() && isReady(made_) ? made_.get() : nullptr;
+  }
 
   /// Resolved namespace of the arm to which a connection is under way; empty if there is none.
-  std::string connectingTo() const;
+  std::string connectingTo() const { return made_.valid() && !isReady(made_) ? attempt_->ns : ""; }
   /// URI of the ROS master if that connection waits for it; empty otherwise.
-  std::string silentMaster() const;
+  std::string silentMaster() const {
+    return attempt_ && attempt_->silent ? ros::master::getURI() : "";
+  }
 
   /// Ends a link.
   static void end(std::unique_ptr<CockpitLink> link);
 
  private:
-  struct Attempt;
+  /// What its thread, which may outlive the builder, shares with it.
+  struct Attempt {
+    std::string ns;  ///< resolved
+    std::atomic<bool> cancelled{false}, silent{false};
+  };
+
   std::shared_ptr<Attempt> attempt_;                ///< the last one; null if it was given up on
   std::future<std::unique_ptr<CockpitLink>> made_;  ///< by it; not valid once it was taken
 };

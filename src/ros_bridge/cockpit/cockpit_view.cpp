@@ -1,7 +1,6 @@
 #include "cockpit_view.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -115,8 +114,7 @@ std::string remedyWords(const CockpitView& view) {
 }
 
 Possibility mayEnable(const CockpitView& view) {
-  const std::string out = unheard(view);
-  if (!out.empty()) return {out};
+  if (const std::string out = unheard(view); !out.empty()) return {out};
   if (is(view, SafetyState::ENABLED)) return {"the arm is enabled already"};
   if (view.safety->stopped) return {"the emergency stop is engaged; release it first"};
   if (is(view, SafetyState::FAULT))
@@ -136,15 +134,13 @@ Possibility mayStop(const CockpitView& view) {
 }
 
 Possibility mayRelease(const CockpitView& view) {
-  const std::string out = unheard(view);
-  if (!out.empty()) return {out};
+  if (const std::string out = unheard(view); !out.empty()) return {out};
   return {view.safety->stopped ? "" : "the emergency stop is not engaged"};
 }
 
 Possibility mayHold(const CockpitView& view) {
   if (view.goal != CockpitGoal::kNone) return {};
-  const std::string out = notFree(view);
-  if (!out.empty()) return {out};
+  if (const std::string out = notFree(view); !out.empty()) return {out};
   for (const CockpitChannel& channel : view.channels) {
     if (!std::isfinite(channel.command)) return {"the command of " + channel.name + " is unknown"};
   }
@@ -168,8 +164,7 @@ Possibility mayCalibrate(const CockpitView& view) {
     return {"no calibration node is up; start arm.launch or demo.launch with calibration:=true"};
   }
   if (view.calibration.running) return {"a calibration runs already"};
-  const std::string out = notEnabled(view);
-  if (!out.empty()) return {out};
+  if (const std::string out = notEnabled(view); !out.empty()) return {out};
   if (view.goal != CockpitGoal::kNone) return {"the cockpit holds the arm; let go of it first"};
   return {};
 }

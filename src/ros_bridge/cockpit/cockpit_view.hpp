@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <limits>
@@ -37,6 +38,16 @@ struct CockpitLoop {
 /// What the cockpit itself commands.
 enum class CockpitGoal : std::uint8_t { kNone, kPressures, kTip };
 
+/// What it holds, and what became of its targets.
+struct CockpitHold {
+  CockpitGoal goal = CockpitGoal::kNone;
+  std::vector<double> held;     ///< pressures in scene order, gauge [Pa]
+  std::array<double, 3> tip{};  ///< base frame [m]
+  std::string answer;           ///< to the targets; or why it commands no longer
+  bool refused = false;         ///< the last target was dropped
+  bool short_of = false;        ///< the last target is out of reach
+};
+
 /// The run and the result of ~run_calibration.
 struct CockpitCalibration {
   bool there = false;  ///< the action's server is connected
@@ -49,7 +60,7 @@ struct CockpitCalibration {
 };
 
 /// All that the cockpit shows of one arm, at one moment.
-struct CockpitView {
+struct CockpitView : CockpitHold {
   std::string ns;                ///< resolved namespace of the arm, such as / or /left
   std::string connecting_to;     ///< that of the arm to which a connection is made; empty: none
   std::string silent_master;     ///< URI of the ROS master if it lets that connection wait
@@ -63,11 +74,6 @@ struct CockpitView {
   std::optional<std::vector<double>> model_tip;     ///< likewise
   double tip_error = kUnknown;                      ///< measured minus model [m]
   std::optional<CockpitLoop> loop;                  ///< if visual_servo is up
-  CockpitGoal goal = CockpitGoal::kNone;            ///< what is held
-  std::vector<double> held;                         ///< the held pressures, in scene order [Pa]
-  std::string answer;                ///< to the cockpit's targets; or why it commands no longer
-  bool refused = false;              ///< the last target was dropped
-  bool short_of = false;             ///< the last target is out of reach
   double target_timeout = kUnknown;  ///< without targets for so long, the arm vents [s]; inf: never
   CockpitCalibration calibration;
 };

@@ -8,9 +8,6 @@
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "log.hpp"
-#include "ros_bridge/names.hpp"
-#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -31,13 +28,15 @@ lie::SE3 poseOf(const geometry_msgs::Transform& transform) {
   return {Eigen::Quaterniond(q.w, q.x, q.y, q.z).normalized().toRotationMatrix(), {p.x, p.y, p.z}};
 }
 
-}  // namespace
-
-FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix,
-                       const std::string& shape, int count)
-    : world(world_frame), base(prefix + names::kBaseFrame), tip(prefix + shape + names::kTipFrame) {
-  for (int k = 0; k < count; ++k) curve.push_back(prefix + shape + std::to_string(k));
+// Whether frames with this stamp would break tf for its listeners: they keep 10 s, and ignore
+// everything older than their newest frame by more than that. True for stamps far ahead of ROS
+// time, as from a sender whose clock is wrong.
+bool endsTf(const ros::Time& stamp) {
+  constexpr double kFarAhead = 9;  // [s]
+  return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
+
+}  // namespace
 
 geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
                                                const lie::SE3& X) {
@@ -64,11 +63,6 @@ void CurveFrames::send(const model::Shape& shape, const ros::Time& stamp, const 
   }
   out.push_back(transform(names_.base, names_.tip, X_BS * model::tipPose(shape), stamp));
   tf_.sendTransform(out);
-}
-
-bool endsTf(const ros::Time& stamp) {
-  constexpr double kFarAhead = 9;  // [s]
-  return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
 
 FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)

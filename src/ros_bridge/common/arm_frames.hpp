@@ -15,6 +15,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -30,8 +31,13 @@ struct FrameNames {
   /// tree.
   /// @param shape   of the curve's frames: names::kModelFrames or names::kMeasuredFrames.
   /// @param count   number of frames on the curve, >= 2.
-  FrameNames(const std::string& world, const std::string& prefix, const std::string& shape,
-             int count);
+  FrameNames(const std::string& world_frame, const std::string& prefix, const std::string& shape,
+             int count)
+      : world(world_frame),
+        base(prefix + names::kBaseFrame),
+        tip(prefix + shape + names::kTipFrame) {
+    for (int k = 0; k < count; ++k) curve.push_back(prefix + shape + std::to_string(k));
+  }
 };
 
 /// world -> a frame that does not move: the arm's base, or the camera.
@@ -40,14 +46,9 @@ struct FrameNames {
 geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
                                                const lie::SE3& X);
 
-/// Whether frames with this stamp would break tf for its listeners: they keep 10 s, and ignore
-/// everything older than their newest frame by more than that. True for stamps at least 9 s ahead
-/// of ROS time, as from a sender whose clock is wrong.
-bool endsTf(const ros::Time& stamp);
-
 /// Sends to tf base -> every frame on the curve, and base -> tip, each stamp once, since tf would
 /// warn of repeated ones. All have the base as parent, so that errors do not accumulate. Frames
-/// that would break tf (endsTf()) are not sent, with a warning.
+/// that would break tf, since their stamps are far ahead, are not sent, with a warning.
 class CurveFrames {
  public:
   /// @param what, it  What is stamped and how it is referred to, such as "pictures are" and "them".

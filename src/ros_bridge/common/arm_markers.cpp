@@ -396,7 +396,7 @@ visualization_msgs::MarkerArray Screen::end() {
 }
 
 ArmMarkers::ArmMarkers(const io::Scene& scene, const std::string& base_frame, double period)
-    : scene_(scene), arm_(armNameOf(base_frame)), screen_(base_frame, period) {}
+    : Screen(base_frame, period), scene_(scene), arm_(armNameOf(base_frame)) {}
 
 void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (trace_.empty()) smooth_tip_ = tip;
@@ -409,14 +409,13 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
 void ArmMarkers::addWords(const SideView& view) {
   const std_msgs::ColorRGBA ink = stateColor(safety_);
   const double headline = kBannerHeight * view.scale, small = kReasonHeight * view.scale;
-  screen_.addText("state_banner", view.headline, headline, ink, arm_ + stateText(safety_));
+  addText("state_banner", view.headline, headline, ink, arm_ + stateText(safety_));
   const std::vector<std::string> lines = reasonLines(reason_);
   if (!lines.empty()) {
     // The first line stays below the state, however many follow.
     const Eigen::Vector3d first = view.headline - headline * view.up;
-    screen_.addText("state_banner",
-                    centreOfLines(view, first, static_cast<int>(lines.size()), small), small, ink,
-                    basics::joined(lines, "\n"), 1);
+    addText("state_banner", centreOfLines(view, first, static_cast<int>(lines.size()), small),
+            small, ink, basics::joined(lines, "\n"), 1);
   }
 }
 
@@ -431,11 +430,10 @@ void ArmMarkers::addMuscles(const Curve& curve, const lie::SE3& X_end, int secti
         pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
     const double height = kLineHeight * view.scale;
     const double kilopascals = std::round(pressure[i] / 1e3) + 0.0;  // never "-0"
-    screen_.addText("pressures", centreOfLines(view, view.table_top, n, height), height, ink,
-                    lineOfColumn(i, n, actuator.name + basics::format("  %.0f kPa", kilopascals)),
-                    i);
+    addText("pressures", centreOfLines(view, view.table_top, n, height), height, ink,
+            lineOfColumn(i, n, actuator.name + basics::format("  %.0f kPa", kilopascals)), i);
     ink.a = kMuscleOpacity;
-    Marker& tube = screen_.add("muscles", Marker::TRIANGLE_LIST, ink, i);
+    Marker& tube = add("muscles", Marker::TRIANGLE_LIST, ink, i);
     tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
     addTube(curve, section * kRings, (section + 1) * kRings, X_end, actuator,
             scene_.looks[section].muscle_radius, tube.points);
@@ -447,8 +445,7 @@ void ArmMarkers::addDiscs(const model::Shape& shape, const lie::SE3& X_end, int 
   const io::SectionLook& look = scene_.looks[section];
   const model::Actuator& first = scene_.arm.actuator(scene_.arm.firstActuator(section));
   const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
-    Marker& plate =
-        screen_.add("separators", Marker::CYLINDER, color(0.75, 0.75, 0.8, 0.55), disc++);
+    Marker& plate = add("separators", Marker::CYLINDER, color(0.75, 0.75, 0.8, 0.55), disc++);
     plate.pose = toPoseMsg(standAlongX(X));
     plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
     plate.scale.z = thickness;
@@ -465,9 +462,7 @@ void ArmMarkers::addDiscs(const model::Shape& shape, const lie::SE3& X_end, int 
 visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
                                                  const model::InputRef& pressure,
                                                  const ros::Time& stamp) {
-  if (stamp < stamp_) trace_.clear();
-  stamp_ = stamp;
-  screen_.begin(stamp);
+  if (begin(stamp)) trace_.clear();
   const SideView view = sideViewOf(scene_);
   const int sections = scene_.arm.sectionCount();
   const Curve curve = model::sampleCurve(shape, sections * kRings + 1);
@@ -481,28 +476,19 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   std::vector<Eigen::Vector3d> points;
   for (const auto& point : curve) points.push_back(point.X.translation);
   if (shape.links()) points.push_back(tip);
-  screen_.addLine("base_curve", Marker::LINE_STRIP, kBaseCurve,
-                  screen_.addLegend(Screen::kModel, view), points);
+  addLine("base_curve", Marker::LINE_STRIP, kBaseCurve, addLegend(kModel, view), points);
   if (trace_.size() > 1) {
-    screen_.addLine("tip_trace", Marker::LINE_STRIP, kBaseCurve,
-                    screen_.addLegend(Screen::kTrace, view, 0.8), {trace_.begin(), trace_.end()});
+    addLine("tip_trace", Marker::LINE_STRIP, kBaseCurve, addLegend(kTrace, view, 0.8),
+            {trace_.begin(), trace_.end()});
   }
   addWords(view);
-  return screen_.end();
-}
-
-visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
-  trace_.clear();
-  stamp_ = stamp;
-  screen_.begin(stamp);
-  return screen_.end();
+  return end();
 }
 
 void VisionMarkers::addOutlines(const estimation::TagLayout& layout,
                                 const estimation::TwistFit& fit) {
   if (fit.tags.empty()) return;
-  Marker& tags =
-      screen_.addLine("tags", Marker::LINE_LIST, 0.2 * kMeasuredCurve, color(1, 1, 1), {});
+  Marker& tags = addLine("tags", Marker::LINE_LIST, 0.2 * kMeasuredCurve, color(1, 1, 1), {});
   tags.pose = toPoseMsg(fit.X_B0B);
   const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.shape);
   const estimation::Corners corners = layout.corners();
@@ -521,12 +507,12 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
                                                     const model::Shape* model,
                                                     const std::string& text) {
   const Eigen::Vector3d tip = (fit.X_B0B * model::tipPose(fit.shape)).translation;
-  screen_.begin(stamp);
-  const std_msgs::ColorRGBA orange = screen_.addLegend(Screen::kMeasured, view);
+  begin(stamp);
+  const std_msgs::ColorRGBA orange = addLegend(kMeasured, view);
   std_msgs::ColorRGBA pale = orange;  // so that the others show through
   pale.a = 0.5F;
-  screen_.addLine("measured_curve", Marker::LINE_STRIP, kMeasuredCurve, pale, pointsOf(fit.shape))
-      .pose = toPoseMsg(fit.X_B0B);
+  addLine("measured_curve", Marker::LINE_STRIP, kMeasuredCurve, pale, pointsOf(fit.shape)).pose =
+      toPoseMsg(fit.X_B0B);
   if (model != nullptr) {
     std::vector<Eigen::Vector3d> dashes = pointsOf(*model);
     // Dashes are pairs; the tip of a plate or tool is one point more, whose dash begins at the end.
@@ -534,47 +520,46 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp, cons
       const Eigen::Vector3d end = dashes[count - 2];
       dashes.insert(dashes.end() - 1, end);
     }
-    screen_.addLine("model_curve", Marker::LINE_LIST, 0.5 * kMeasuredCurve,
-                    screen_.addLegend(Screen::kModelThen, view), dashes);
+    addLine("model_curve", Marker::LINE_LIST, 0.5 * kMeasuredCurve, addLegend(kModelThen, view),
+            dashes);
   }
   addOutlines(layout, fit);
-  screen_.addText("tip_error", tip + view.beyond * (kTipTextOffset * view.scale),
-                  kTipTextHeight * view.scale, orange, text);
-  screen_.addEllipsoid("tip_covariance", tip, fit.tip_covariance, pale);
-  return screen_.end();
+  addText("tip_error", tip + view.beyond * (kTipTextOffset * view.scale),
+          kTipTextHeight * view.scale, orange, text);
+  addEllipsoid("tip_covariance", tip, fit.tip_covariance, pale);
+  return end();
 }
 
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const SideView& view,
                                                   const Tips& tips) {
-  screen_.begin(stamp);
+  begin(stamp);
   if (tips.wanted) {
-    screen_.addBall("wanted_tip", *tips.wanted, kWantedSize,
-                    screen_.addLegend(Screen::kWanted, view, 0.7));
+    addBall("wanted_tip", *tips.wanted, kWantedSize, addLegend(kWanted, view, 0.7));
   }
   const std_msgs::ColorRGBA cyan = color(0.2, 0.9, 1.0);
   if (!tips.curve.empty()) {
-    screen_.addLine("predicted_curve", Marker::LINE_STRIP, kPredictedCurve,
-                    screen_.addLegend(Screen::kPredicted, view), tips.curve);
+    addLine("predicted_curve", Marker::LINE_STRIP, kPredictedCurve, addLegend(kPredicted, view),
+            tips.curve);
   }
-  if (!tips.predicted) return screen_.end();
+  if (!tips.predicted) return end();
   const Eigen::Vector3d tip = *tips.predicted;
-  screen_.addBall("predicted_tip", tip, kPredictedSize, cyan);
-  screen_.addEllipsoid("predicted_covariance", tip, tips.covariance, color(0.2, 0.9, 1.0, 0.35));
+  addBall("predicted_tip", tip, kPredictedSize, cyan);
+  addEllipsoid("predicted_covariance", tip, tips.covariance, color(0.2, 0.9, 1.0, 0.35));
   const auto write = [&](const char* ns, double to_right, double beyond, double height,
                          const std_msgs::ColorRGBA& ink, const std::string& text) {
     if (text.empty()) return;
     const Eigen::Vector3d offset = to_right * view.right + beyond * view.beyond;
-    screen_.addText(ns, tip + offset * view.scale, height * view.scale, ink, text);
+    addText(ns, tip + offset * view.scale, height * view.scale, ink, text);
   };
   write("loop_state", 0, kLoopTextOffset, kLoopTextHeight, cyan, tips.text);
   write("error_budget", kTableOffset, -kTableRise, kTableHeight,
         tips.outside ? color(1.0, 0.5, 0.2) : cyan, tips.budget);
   if (tips.force) {
     const Eigen::Vector3d along = kArrowLength * tips.force->stableNormalized();
-    screen_.addLine("tip_force", Marker::ARROW, 0.006, color(1.0, 0.2, 0.1), {tip - along, tip})
-        .scale.y = 0.016;
+    addLine("tip_force", Marker::ARROW, 0.006, color(1.0, 0.2, 0.1), {tip - along, tip}).scale.y =
+        0.016;
   }
-  return screen_.end();
+  return end();
 }
 
 TipHandle::TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target)

@@ -71,16 +71,23 @@ std::vector<std::string> wrapped(const std::string& text,
 /// with each drawing, since rviz may miss one.
 class Screen {
  public:
+  /// @param period  of drawing [s].
+  Screen(std::string frame, double period);
+
+  /// Takes everything off the screen.
+  visualization_msgs::MarkerArray remove(const ros::Time& stamp) {
+    begin(stamp);
+    return end();
+  }
+
+ protected:
   using Marker = visualization_msgs::Marker;
 
   /// Lines of the legend, top to bottom. Each is drawn by whoever draws what it names.
   enum Legend { kModel, kTrace, kMeasured, kModelThen, kPredicted, kWanted };
 
-  /// @param period  of drawing [s].
-  Screen(std::string frame, double period);
-
-  /// Begins a drawing.
-  void begin(const ros::Time& stamp) { stamp_ = stamp; }
+  /// Begins a drawing. @return whether its stamp is before the last one: a jump back in time.
+  bool begin(const ros::Time& stamp) { return stamp < std::exchange(stamp_, stamp); }
 
   // The markers of a drawing. Each result is valid until the next one.
 
@@ -125,7 +132,7 @@ class Screen {
 /// - state_banner: the state of the arm (0), after its name if its frames have a prefix, and its
 ///   reason (1), in the state's colour
 /// - legend: what is drawn here, one line each in its curve's colour
-class ArmMarkers {
+class ArmMarkers : public Screen {
  public:
   /// Keeps a reference to the scene.
   ArmMarkers(const io::Scene& scene, const std::string& base_frame, double period);
@@ -137,12 +144,15 @@ class ArmMarkers {
   }
 
   /// @param pressure  (n) pressures for the colours and the text, gauge [Pa].
-  /// @param stamp     of the shape; one before the last (a jump back in time) starts a new trace.
+  /// @param stamp     of the shape; a jump back in time starts a new trace.
   visualization_msgs::MarkerArray draw(const model::Shape& shape, const model::InputRef& pressure,
                                        const ros::Time& stamp);
 
   /// Removes all markers; the next drawing starts a new trace.
-  visualization_msgs::MarkerArray remove(const ros::Time& stamp);
+  visualization_msgs::MarkerArray remove(const ros::Time& stamp) {
+    trace_.clear();
+    return Screen::remove(stamp);
+  }
 
  private:
   using Curve = std::vector<model::CurvePoint<lie::SE3>>;
@@ -156,8 +166,6 @@ class ArmMarkers {
 
   const io::Scene& scene_;
   const std::string arm_;  ///< name of the arm, with a colon
-  Screen screen_;
-  ros::Time stamp_;
   control::SafetyReport safety_;
   std::string reason_;
   Eigen::Vector3d smooth_tip_;         ///< base frame [m]
@@ -172,9 +180,9 @@ class ArmMarkers {
 /// - tip_error: what the tip's distance from the model is, as text beyond the tip
 /// - legend: what the curves are, one line each in its curve's colour
 /// - tip_covariance: where the tip is within two standard deviations, an ellipsoid
-class VisionMarkers {
+class VisionMarkers : public Screen {
  public:
-  VisionMarkers(std::string base_frame, double period) : screen_(std::move(base_frame), period) {}
+  using Screen::Screen;
 
   /// @param view   in the axes of the base.
   /// @param fit    a measured shape.
@@ -185,16 +193,8 @@ class VisionMarkers {
                                        const estimation::TwistFit& fit, const model::Shape* model,
                                        const std::string& text);
 
-  /// Takes everything off the screen.
-  visualization_msgs::MarkerArray remove(const ros::Time& stamp) {
-    screen_.begin(stamp);
-    return screen_.end();
-  }
-
  private:
   void addOutlines(const estimation::TagLayout& layout, const estimation::TwistFit& fit);
-
-  Screen screen_;
 };
 
 /// Draws what a loop over vision wants and predicts.
@@ -206,7 +206,7 @@ class VisionMarkers {
 /// - loop_state: the loop's state and error, as text below the predicted tip
 /// - legend: what is drawn here, one line each in its colour
 /// - error_budget: standard deviations of the tip by their sources, as a table beside the ellipsoid
-class LoopMarkers {
+class LoopMarkers : public Screen {
  public:
   /// The tips at one time, base frame. What is absent is not drawn.
   struct Tips {
@@ -220,14 +220,11 @@ class LoopMarkers {
     bool outside = false;  ///< the budget does not explain what is measured
   };
 
-  LoopMarkers(std::string base_frame, double period) : screen_(std::move(base_frame), period) {}
+  using Screen::Screen;
 
   /// @param view  in the axes of the base.
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const SideView& view,
                                        const Tips& tips);
-
- private:
-  Screen screen_;
 };
 
 /// A handle in rviz that drags the tip: an interactive marker that sends position targets,

@@ -3,14 +3,15 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
-#include <sstream>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
+using basics::messageOf;
 using control::Fault, control::Refusal;
 
 constexpr double kShortest = 1e-3;  // a curve [m]
@@ -19,9 +20,7 @@ constexpr double kShortest = 1e-3;  // a curve [m]
 constexpr double kPieceTolerance = 1e-3;
 
 std::string text(const Eigen::Vector3d& vector) {
-  std::ostringstream out;
-  out << "(" << vector.x() << ", " << vector.y() << ", " << vector.z() << ")";
-  return out.str();
+  return messageOf("(", vector.x(), ", ", vector.y(), ", ", vector.z(), ")");
 }
 
 std::optional<Refusal> refusedFrame(const char* what, const std_msgs::Header& header,
@@ -37,18 +36,16 @@ std::optional<Refusal> refusedFrame(const char* what, const std_msgs::Header& he
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
   if (shape.pieces > most) {
-    return Refusal{
-        Fault::kOutOfRange,
-        std::to_string(shape.pieces) + " pieces per section; send at most " + std::to_string(most)};
+    return Refusal{Fault::kOutOfRange,
+                   messageOf(shape.pieces, " pieces per section; send at most ", most)};
   }
   if (shape.pieces <= 1 && shape.piece_twist.empty()) return std::nullopt;
   const std::size_t expected = shape.pieces <= 1 ? 0U : 6U * sections * shape.pieces;
   if (shape.piece_twist.size() != expected) {
     return Refusal{Fault::kWrongSize,
-                   std::to_string(shape.piece_twist.size()) + " numbers in piece_twist for " +
-                       std::to_string(sections) + " sections of " + std::to_string(shape.pieces) +
-                       " pieces; send " + std::to_string(expected) +
-                       ", and in `pieces` the number of pieces per section"};
+                   messageOf(shape.piece_twist.size(), " numbers in piece_twist for ", sections,
+                             " sections of ", shape.pieces, " pieces; send ", expected,
+                             ", and in `pieces` the number of pieces per section")};
   }
   for (std::size_t j = 0; j < expected; ++j) {
     const double value = shape.piece_twist[j];
@@ -64,6 +61,15 @@ std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   return std::nullopt;
 }
 
+template <class Message, class Vector>
+Message xyz(const Vector& vector) {
+  Message msg;
+  msg.x = vector.x();
+  msg.y = vector.y();
+  msg.z = vector.z();
+  return msg;
+}
+
 }  // namespace
 
 std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame) {
@@ -73,28 +79,15 @@ std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame) {
   return out;
 }
 
-geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
-  geometry_msgs::Point msg;
-  msg.x = p.x();
-  msg.y = p.y();
-  msg.z = p.z();
-  return msg;
-}
+geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) { return xyz<geometry_msgs::Point>(p); }
 
 geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
-  geometry_msgs::Vector3 msg;
-  msg.x = vector.x();
-  msg.y = vector.y();
-  msg.z = vector.z();
-  return msg;
+  return xyz<geometry_msgs::Vector3>(vector);
 }
 
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  geometry_msgs::Quaternion msg;
-  msg.x = q.x();
-  msg.y = q.y();
-  msg.z = q.z();
+  auto msg = xyz<geometry_msgs::Quaternion>(q);
   msg.w = q.w();
   return msg;
 }

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <tuple>
 #include <type_traits>
@@ -13,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include <actionlib_msgs/GoalID.h>
+#include <actionlib_msgs/GoalStatusArray.h>
 #include <boost/array.hpp>
 #include <boost/make_shared.hpp>
 #include <ros/message_event.h>
@@ -20,10 +23,52 @@
 #include <ros/node_handle.h>
 #include <ros/serialization.h>
 #include <ros/steady_timer.h>
+#include <ros/time.h>
 
 #include "diagnostics.hpp"
 
+/// What others send, whatever it holds: stamps, ROS time, messages.
 namespace helix_arm::ros_bridge {
+
+/// Exact difference of any two stamps [s]; that of ros::Time throws if they are far apart.
+inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
+  return 1e-9 * static_cast<double>(static_cast<std::int64_t>(to.toNSec()) -
+                                    static_cast<std::int64_t>(from.toNSec()));
+}
+
+/// Whether ROS can compute with a time: it is below 2^31 s, with less than 10^9 ns.
+inline bool isSound(const ros::Time& time) {
+  constexpr std::uint32_t kEndOfTime = 1U << 31U;  // [s]
+  constexpr std::uint32_t kNanosecondsASecond = 1000000000;
+  return time.sec < kEndOfTime && time.nsec < kNanosecondsASecond;
+}
+
+/// ROS time while it advances. If it stops, for example because the node that simulates it has
+/// ended, a steady clock continues it, so that earlier data still ages.
+///
+/// Call now() more often than every kPatience.
+class MovingClock {
+ public:
+  static constexpr double kPatience = 2.0;  ///< longest stop of ROS time [s]
+
+  /// [s]
+  double now() {
+    const ros::Time time = ros::Time::now();
+    const ros::SteadyTime steady = ros::SteadyTime::now();
+    if (time != last_ || since_.isZero()) since_ = steady;
+    last_ = time;
+    const double still = (steady - since_).toSec();
+    stands_ = still > kPatience;
+    return stands_ ? time.toSec() + still : time.toSec();
+  }
+  /// Whether ROS time had stopped at the last call of now().
+  bool stands() const { return stands_; }
+
+ private:
+  ros::Time last_;
+  ros::SteadyTime since_;  ///< when ROS time last changed
+  bool stands_ = false;
+};
 
 /// Reads a ROS message from bytes, without allocating more elements than these bytes can hold.
 ///
@@ -79,6 +124,36 @@ class CheckedStream {
   std::uint8_t* data_;
   std::uint64_t left_;
 };
+
+// How the servers and clients of actions read what the other side sends: a server makes the
+// Serializer of its goals a GoalSerializer.
+
+/// Serializer of a message by its fields, which reads it with the checks of all other messages
+/// (CheckedStream).
+template <class Message, auto... fields>
+struct CheckedSerializer {
+  template <class Stream>
+  static void read(Stream& stream, Message& message) {
+    if constexpr (std::is_same_v<Stream, CheckedStream>) {
+      (stream.next(message.*fields), ...);
+    } else {
+      CheckedStream checked(stream.getData(), stream.getLength());
+      checked.next(message);
+      stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
+    }
+  }
+  template <class Stream>
+  static void write(Stream& stream, const Message& message) {
+    (stream.next(message.*fields), ...);
+  }
+  static std::uint32_t serializedLength(const Message& message) {
+    return (ros::serialization::serializationLength(message.*fields) + ...);
+  }
+};
+
+/// Of the goals of an action.
+template <class Goal>
+using GoalSerializer = CheckedSerializer<Goal, &Goal::header, &Goal::goal_id, &Goal::goal>;
 
 // Guarded callbacks for all nodes: no message can end a node.
 //
@@ -137,7 +212,7 @@ class GuardedService : public ros::ServiceCallbackHelper {
  public:
   using Callback = std::function<bool(const std::string& caller, Request&, Response&)>;
 
-  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log)
+  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log = {})
       : guard_("a call of " + service, std::move(log)), callback_(std::move(callback)) {}
 
   bool call(ros::ServiceCallbackHelperCallParams& params) override {
@@ -225,8 +300,7 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
         } else {
           return (owner->*callback)(request, response);
         }
-      },
-      FaultGuard::Log());
+      });
   return node.advertiseService(options);
 }
 
@@ -245,3 +319,29 @@ ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double p
 }
 
 }  // namespace helix_arm::ros_bridge
+
+namespace ros::serialization {
+
+// actionlib subscribes by itself, and nothing catches what its callbacks throw. A goal or
+// cancellation whose stamp would make them throw is therefore refused while it is read.
+template <>
+struct Serializer<actionlib_msgs::GoalID>
+    : helix_arm::ros_bridge::CheckedSerializer<
+          actionlib_msgs::GoalID, &actionlib_msgs::GoalID::stamp, &actionlib_msgs::GoalID::id> {
+  template <class Stream>
+  static void read(Stream& stream, actionlib_msgs::GoalID& goal) {
+    CheckedSerializer::read(stream, goal);
+    if (helix_arm::ros_bridge::isSound(goal.stamp)) return;
+    throw std::runtime_error("its stamp is " + std::to_string(goal.stamp.sec) + " s and " +
+                             std::to_string(goal.stamp.nsec) + " ns; expected less than 2^31 s");
+  }
+};
+
+// A client gets the states of all goals: an array, which may claim any length.
+template <>
+struct Serializer<actionlib_msgs::GoalStatusArray>
+    : helix_arm::ros_bridge::CheckedSerializer<actionlib_msgs::GoalStatusArray,
+                                               &actionlib_msgs::GoalStatusArray::header,
+                                               &actionlib_msgs::GoalStatusArray::status_list> {};
+
+}  // namespace ros::serialization

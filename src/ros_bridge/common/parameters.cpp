@@ -1,19 +1,234 @@
 #include "parameters.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <fstream>
 #include <sstream>
+#include <system_error>
 
-#include "file_access.hpp"
+#include <unistd.h>
+
+#include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "log.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
 
+namespace fs = std::filesystem;
 using basics::messageOf;
+
+constexpr std::size_t kLongestPath = 300;  // in a message
+constexpr std::size_t kLongestTitle = 64;
+
+bool isBelow(const fs::path& path, const fs::path& folder) {
+  const auto [of_folder, of_path] =
+      std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
+  return !folder.empty() && of_folder == folder.end() && of_path != path.end();
+}
+
+// First bytes of a file.
+std::string beginOf(const std::string& path, std::size_t most) {
+  std::string out(most, '\0');
+  std::ifstream stream(path, std::ios::binary);
+  stream.read(out.data(), static_cast<std::streamsize>(out.size()));
+  out.resize(static_cast<std::size_t>(stream.gcount()));
+  return out;
+}
+
+// Whether the file is one that this package writes under such a name.
+bool isOurs(const std::string& path) {
+  const std::string ending = fs::path(path).extension();
+  if (ending == ".csv") {
+    const std::string begin = beginOf(path, kLongestTitle);
+    const auto has = [&begin](const char* title) {
+      const std::string comment = std::string("# ") + title;
+      return begin.compare(0, comment.size(), comment) == 0;
+    };
+    return has(kRecordedTitle) || has(kRecordedRunTitle);
+  }
+  try {
+    return io::loadScene(path).calibration.has_value();
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+constexpr int kMostAncestors = 8;  // between a node and its roslaunch: launch-prefix, a shell
+
+bool isSameFolder(const fs::path& a, const fs::path& b) {
+  std::error_code fault;
+  return fs::equivalent(a, b, fault) && !fault;
+}
+
+fs::path rosHome() { return fs::path(defaultFolder()).parent_path(); }
+
+fs::path ofProcess(long process, const char* file) {
+  return fs::path("/proc") / std::to_string(process) / file;
+}
+
+// `roslaunch ...` or `python3 .../roslaunch ...`. A rostest is one, too.
+bool isLauncher(long process) {
+  std::ifstream line(ofProcess(process, "cmdline"));
+  std::string word;
+  for (int k = 0; k < 3 && std::getline(line, word, '\0'); ++k) {
+    const fs::path name = fs::path(word).filename();
+    if (name == "roslaunch" || name == "rostest") return true;
+  }
+  return false;
+}
+
+// 0 if there is none.
+long parentOf(long process) {
+  std::ifstream file(ofProcess(process, "stat"));
+  std::string text;
+  std::getline(file, text, '\0');
+  const std::size_t name_end = text.rfind(") ");  // then come the state and the parent
+  if (name_end == std::string::npos || name_end + 4 > text.size()) return 0;
+  return std::strtol(text.c_str() + name_end + 4, nullptr, 10);
+}
+
+std::optional<fs::path> launchersFolder() {
+  long process = getppid();
+  for (int k = 0; k < kMostAncestors && process > 1; ++k, process = parentOf(process)) {
+    if (!isLauncher(process)) continue;
+    std::error_code fault;
+    const fs::path folder = fs::read_symlink(ofProcess(process, "cwd"), fault);
+    if (fault) return std::nullopt;
+    return folder;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::string defaultFolder() {
+  const char* const ros_home = std::getenv("ROS_HOME");
+  if (ros_home != nullptr && *ros_home != '\0') return std::string(ros_home) + "/helix_arm";
+  const char* const home = std::getenv("HOME");
+  return std::string(home != nullptr ? home : "") + "/.ros/helix_arm";
+}
+
+std::string FileAccess::resolved(const std::string& what, const std::string& given,
+                                 const std::vector<std::string>& endings) const {
+  std::string below;
+  for (const Folder& folder : folders_) {
+    below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
+  }
+  const std::string quoted = basics::quoted(given, kLongestPath);
+  const auto require = [&](bool holds) {
+    basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
+                    basics::joined(endings, " or "), " file", below);
+  };
+  // The system would cut a path at a null character, and messages repeat it.
+  require(!given.empty() && given.front() == '/' && basics::printable(given) == given);
+  std::error_code fault;
+  const fs::path path = fs::weakly_canonical(given, fault);
+  require(!fault);
+  require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
+    // Empty if the folder cannot be reached; no path is below that.
+    std::error_code ignored;
+    return isBelow(path, fs::weakly_canonical(folder.path, ignored));
+  }));
+  require(std::find(endings.begin(), endings.end(), path.extension()) != endings.end());
+  return path.string();
+}
+
+std::string FileAccess::toRead(const std::string& what, const std::string& given,
+                               const std::vector<std::string>& endings) const {
+  std::string path = resolved(what, given, endings);
+  std::error_code ignored;
+  basics::require(fs::is_regular_file(path, ignored), what, " is '",
+                  basics::quoted(given, kLongestPath), "', which is not a regular file");
+  return path;
+}
+
+std::string FileAccess::toWrite(const std::string& what, const std::string& given,
+                                const std::vector<std::string>& endings) const {
+  std::string path = resolved(what, given, endings);
+  const std::string quoted = basics::quoted(given, kLongestPath);
+  std::error_code ignored;
+  const fs::file_type type = fs::symlink_status(path, ignored).type();
+  if (type != fs::file_type::not_found) {
+    basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
+                    "', which exists and was not written by this package as a calibrated scene, "
+                    "recorded samples, a recorded run or its figure; expected a new name, or that "
+                    "of one of these");
+    basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
+                    "', which cannot be overwritten; expected another path");
+  }
+  const std::string folder = fs::path(path).parent_path().string();
+  const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;
+  basics::require(error == 0, what, " is '", quoted, "', but ", folder, " cannot be written (",
+                  std::strerror(error), "); expected a path in a folder that can");
+  return path;
+}
+
+std::filesystem::path callersFolder() {
+  const char* const pwd = std::getenv("PWD");
+  const fs::path shell = pwd == nullptr ? "" : pwd;
+  fs::path folder = fs::current_path();
+  if (isSameFolder(folder, rosHome())) {
+    if (const auto launcher = launchersFolder()) {
+      folder = *launcher;
+    } else if (shell.is_absolute()) {
+      return shell;
+    }
+  }
+  // PWD may reach the same folder over a link, by the name that the user knows.
+  return shell.is_absolute() && isSameFolder(folder, shell) ? shell : folder;
+}
+
+ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
+                           Adopt adopt)
+    : first_path_(path),
+      scene_folder_(std::move(scene_folder)),
+      file_{path, io::sha256OfFile(path)},
+      adopt_(std::move(adopt)),
+      server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
+
+std::string ReloadServer::allowed(const std::string& scene) const {
+  if (scene.empty()) return file().path;
+  if (scene == first_path_) return scene;
+  const auto path = filePath(scene, io::kShippedScenes, ".yaml");
+  basics::require(path.has_value(), "scene is '", basics::quoted(scene),
+                  "'; expected an absolute path, or the name of a file in ", io::kShippedScenes,
+                  " of the package");
+  if (scene.front() != '/') return *path;
+  const FileAccess access({{scene_folder_, "~scene_folder"},
+                           {io::shippedFolder(io::kShippedScenes), "the package's own"}});
+  return access.toRead("scene", *path, {".yaml"});
+}
+
+bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
+  try {
+    const std::string path = allowed(request.scene);
+    io::Scene scene = io::loadScene(path);
+    File next{path, scene.sha256};
+    const std::string name = scene.name;
+    {
+      const basics::MutexLock lock(mutex_);
+      adopt_(std::move(scene));
+      file_ = std::move(next);
+    }
+    response.success = true;
+    response.message = "scene " + name + " of " + path;
+    logInfo("reload: %s", response.message.c_str());
+  } catch (const std::exception& fault) {
+    response.success = false;
+    response.message = basics::printableLines(fault.what());
+    logWarning("reload refused, nothing changed: %s", response.message.c_str());
+  }
+  return true;
+}
 
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
                                     const std::string& extension) {
@@ -24,8 +239,10 @@ std::optional<std::string> filePath(const std::string& given, const std::string&
 }
 
 void ParameterReader::fault(const std::string& name, const Value& value, const std::string& rule) {
-  faults_.push_back(value.valid() ? messageOf("~", name, " is ", value, "; expected ", rule)
-                                  : messageOf("~", name, " is missing; expected ", rule));
+  std::ostringstream given;
+  if (value.valid()) ::operator<<(given << "is ", value);  // those of messages hide it
+  faults_.push_back(
+      messageOf("~", name, " ", value.valid() ? given.str() : "is missing", "; expected ", rule));
 }
 
 template <class T>

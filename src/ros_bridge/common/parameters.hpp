@@ -1,19 +1,36 @@
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <set>
-#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <ros/node_handle.h>
 
+#include "helix_arm/Reload.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
 #include "helix_arm/regulator/config.hpp"
 
+/// What a user gives a node: its parameters, the files that its services read and write, and
+/// another scene.
 namespace helix_arm::ros_bridge {
+
+/// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if it is
+/// not set.
+std::string defaultFolder();
+
+/// Folder in which the user called this node, or the roslaunch that started it: where a relative
+/// path begins.
+///
+/// That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it
+/// is the working directory of that roslaunch; and where this cannot be found, PWD, which a node
+/// has from the shell in which roslaunch was called.
+std::filesystem::path callersFolder();
 
 /// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
 /// nothing if the text is neither.
@@ -82,5 +99,86 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 /// Warns of actuators whose limits the supply of the scene's regulator does not reach, if that is
 /// simulated.
 void warnOfShortSupply(const io::Scene& scene);
+
+/// Start of the comment in a data set of recorded samples; node.py knows it.
+inline constexpr char kRecordedTitle[] = "recorded of scene ";
+/// Start of the comment in the table of a recorded run.
+inline constexpr char kRecordedRunTitle[] = "recorded run of ";
+
+/// Restricts the files that a node's services read and write to some folders, since any client may
+/// name any path. The target of a link counts, not the link's location.
+class FileAccess {
+ public:
+  /// A folder, and the parameter that names it, such as "~out_folder".
+  struct Folder {
+    std::string path, parameter;
+  };
+
+  explicit FileAccess(std::vector<Folder> folders) : folders_(std::move(folders)) {}
+
+  /// @param what     name of the file in messages, such as "data".
+  /// @param given    an absolute path.
+  /// @param endings  allowed endings, such as ".csv".
+  /// @return its path without links.
+  /// @throws std::invalid_argument if it is no regular file with such an ending below the folders.
+  /// The message does not reveal whether a path elsewhere exists.
+  std::string toRead(const std::string& what, const std::string& given,
+                     const std::vector<std::string>& endings) const;
+
+  /// The same for a file to write. Its folder must be writable. An existing file is accepted only
+  /// if this package wrote it: a calibrated scene (.yaml), recorded samples or a recorded run
+  /// (.csv).
+  std::string toWrite(const std::string& what, const std::string& given,
+                      const std::vector<std::string>& endings) const;
+
+ private:
+  std::string resolved(const std::string& what, const std::string& given,
+                       const std::vector<std::string>& endings) const;
+
+  std::vector<Folder> folders_;
+};
+
+/// Serves a node's `~reload`: loads another file of the same rig at run time, for example after a
+/// calibration.
+///
+/// The file is loaded and checked before anything changes; its faults are the answer.
+class ReloadServer {
+ public:
+  /// Replaces the node's scene completely; or throws a std::exception with the reason and changes
+  /// nothing.
+  using Adopt = std::function<void(io::Scene)>;
+
+  /// @param private_node  of the node.
+  /// @param path          path of the node's present scene.
+  /// @param scene_folder  folder from which scenes are accepted, besides those that the package
+  ///                      ships and the node's own.
+  /// @param adopt         called from the callback queue while file() waits: it must not call
+  ///                      file(), nor lock a mutex that is locked around a call of file().
+  ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
+               Adopt adopt);
+
+  /// The file of the node's present scene, and the hash of its content when it was loaded.
+  /// Thread-safe; waits while a scene is adopted.
+  struct File {
+    std::string path, sha256;
+  };
+  File file() const HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    return file_;
+  }
+
+ private:
+  bool onReload(Reload::Request& request, Reload::Response& response) HELIX_ARM_EXCLUDES(mutex_);
+  /// The file that a request means.
+  /// @throws std::invalid_argument if the node does not accept it.
+  std::string allowed(const std::string& scene) const HELIX_ARM_EXCLUDES(mutex_);
+
+  const std::string first_path_, scene_folder_;
+  /// Also locked while a scene is adopted, so that whoever sees the new scene gets the new file.
+  mutable basics::Mutex mutex_;
+  File file_ HELIX_ARM_GUARDED_BY(mutex_);
+  Adopt adopt_;
+  ros::ServiceServer server_;
+};
 
 }  // namespace helix_arm::ros_bridge

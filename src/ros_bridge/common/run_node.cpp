@@ -16,11 +16,10 @@
 #include <unistd.h>
 
 #include "client_watch.hpp"
+#include "diagnostics.hpp"
 #include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "log.hpp"
 #include "ros_bridge/names.hpp"
-#include "ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -130,8 +129,6 @@ class ClockGate {
     spinner_.start();
   }
   ~ClockGate() { spinner_.stop(); }
-  ClockGate(const ClockGate&) = delete;
-  ClockGate& operator=(const ClockGate&) = delete;
 
  private:
   void onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
@@ -153,14 +150,8 @@ class ClockGate {
 };
 
 const char* textOf(Reply answer) {
-  switch (answer) {
-    case Reply::kFailure:
-      return "was restarted and does not know this node";
-    case Reply::kHangs:
-      return "does not answer: it hangs, or is cut off";
-    default:
-      return "is gone";
-  }
+  if (answer == Reply::kFailure) return "was restarted and does not know this node";
+  return answer == Reply::kHangs ? "does not answer: it hangs, or is cut off" : "is gone";
 }
 
 /// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
@@ -189,11 +180,6 @@ class MasterWatch {
   std::atomic<bool> lost_{false};
   Ticker ticker_{kPeriod, [this] { return ask(); }};
 };
-
-int report(const std::exception& error, ExitCode code) {
-  logFatal("%s", error.what());
-  return code;
-}
 
 constexpr double kLongestWait = 0.1;  // for a callback [s]
 constexpr double kLastLines = 1.0;  // longest wait for the last lines of a log that is blocked [s]
@@ -228,12 +214,11 @@ int guarded(const std::function<int()>& body) {
   } catch (const NothingToDo& reason) {
     logInfo("%s", reason.what());
     return kDone;
-  } catch (const io::DocumentError& error) {
-    return report(error, kBadConfiguration);
-  } catch (const std::invalid_argument& error) {
-    return report(error, kBadConfiguration);
   } catch (const std::exception& error) {
-    return report(error, kFailed);
+    logFatal("%s", error.what());
+    const bool of_document = dynamic_cast<const io::DocumentError*>(&error) != nullptr;
+    const bool of_value = dynamic_cast<const std::invalid_argument*>(&error) != nullptr;
+    return of_document || of_value ? kBadConfiguration : kFailed;
   }
 }
 

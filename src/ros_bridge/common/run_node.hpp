@@ -94,8 +94,6 @@ class Ticker {
     end_.set_value();
     thread_.join();
   }
-  Ticker(const Ticker&) = delete;
-  Ticker& operator=(const Ticker&) = delete;
 
  private:
   std::promise<void> end_;

@@ -1,9 +1,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,13 +15,21 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 
+#include "helix_arm/ErrorBudget.h"
+#include "helix_arm/ExternalLoad.h"
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/TagDetections.h"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -39,7 +50,26 @@ class CalibrationWatch {
   };
 
   /// Notes an estimate. @param time  [s]; one before the last starts anew.
-  void note(double time, const Estimate& estimate);
+  void note(double time, const Estimate& estimate) {
+    if (time < last_time_) since_.clear();
+    last_time_ = time;
+    since_.resize(estimate.names.size());
+    advice_.clear();
+    for (std::size_t k = 0; k < since_.size(); ++k) {
+      const auto i = static_cast<Eigen::Index>(k);
+      const double prior = estimate.prior[i];
+      const bool differs =
+          std::abs(estimate.value[i]) > kSigmas * prior && estimate.deviation[i] < kKnown * prior;
+      if (!differs) {
+        since_[k].reset();
+        continue;
+      }
+      if (!since_[k]) since_[k] = time;
+      if (time - *since_[k] < kPatience) continue;
+      advice_ += (advice_.empty() ? "" : ", ") + estimate.names[k] +
+                 basics::format(" %+.1f %%", 100 * std::expm1(estimate.value[i]));
+    }
+  }
   /// What to calibrate again, such as "length of muscle_2 +0.8 %"; empty if nothing.
   const std::string& advice() const { return advice_; }
 
@@ -52,12 +82,37 @@ class CalibrationWatch {
 /// Counts pictures, and says how the loop is doing.
 class LoopDiagnostics {
  public:
+  using DiagnosticStatus = diagnostic_msgs::DiagnosticStatus;
+
   /// Notes what became of a picture. @param lead  of its stamp over that of the last reading [s].
   /// @param filter  the loop's tracker. @param with_tags  the tags of its fit are known.
   void saw(double time, double lead, const estimation::Observation& observation,
-           const estimation::ArmFilter& filter, bool with_tags);
+           const estimation::ArmFilter& filter, bool with_tags) {
+    using estimation::ObservationFault;
+    const bool stamped_wrong = observation.fault == ObservationFault::kFuture ||
+                               observation.fault == ObservationFault::kTooOld;
+    wrong_stamp_ = stamped_wrong ? wrongStampText(lead, observation.fault) : "";
+    if (!observation.accepted()) {
+      ++refused_;
+      ++by_fault_[static_cast<std::size_t>(observation.fault)];
+      return;
+    }
+    ++accepted_;
+    if (!with_tags) ++without_tags_;
+    const int count = filter.factorCount();
+    const estimation::Gaussian& state = filter.state();
+    const auto names = filter.parameterNames().begin();
+    calibration_.note(time, {{names, names + count},
+                             state.mean.head(count),
+                             state.covariance.diagonal().head(count).cwiseSqrt(),
+                             filter.parameterPrior()});
+  }
   /// Notes a `measured` that is not of this arm.
-  void sawForeign(const std::string& why);
+  void sawForeign(const std::string& why) {
+    ++refused_;
+    if (!foreign_.add()) return;
+    logWarning("a message on measured was dropped (%lu so far): %s", foreign_.total(), why.c_str());
+  }
 
   std::uint64_t accepted() const { return accepted_; }
   std::uint64_t refused() const { return refused_; }
@@ -66,13 +121,71 @@ class LoopDiagnostics {
   const std::string& wrongStamp() const { return wrong_stamp_; }
 
   /// The status `<node>: loop`: its state, and pictures by their faults.
-  diagnostic_msgs::DiagnosticStatus loop(const follow::VisualServo& loop,
-                                         const std::string& message) const;
+  DiagnosticStatus loop(const follow::VisualServo& loop, const std::string& message) const {
+    DiagnosticStatus out = makeStatus(names::kLoopStatus, levelOf(loop.state()), message,
+                                      {{"state", follow::nameOf(loop.state())},
+                                       {names::kAcceptedKey, std::to_string(accepted_)},
+                                       {names::kWithoutTagsKey, std::to_string(without_tags_)}});
+    for (int i = 1; i < estimation::kObservationFaultCount; ++i) {
+      const auto fault = static_cast<estimation::ObservationFault>(i);
+      addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),
+               std::to_string(by_fault_[static_cast<std::size_t>(i)]));
+    }
+    addValue(out, names::kRefusedPrefix + std::string("foreign"), std::to_string(foreign_.total()));
+    addValue(out, "tip_sd_mm", fixed(1e3 * loop.tipDeviation(), 2));
+    addValue(out, "drift_mm", fixed(1e3 * loop.drift().distance, 2));
+    addValue(out, "drift_allowed_mm", fixed(1e3 * loop.drift().allowed, 2));
+    addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
+    return out;
+  }
   /// The status `<node>: correction`: how the arm differs from its model; WARN if it is to be
   /// calibrated again.
-  diagnostic_msgs::DiagnosticStatus correction(const follow::VisualServo& loop) const;
+  DiagnosticStatus correction(const follow::VisualServo& loop) const {
+    const estimation::ArmFilter& filter = loop.tracker();
+    const estimation::Gaussian& state = filter.state();
+    const std::string& advice = calibration_.advice();
+    DiagnosticStatus out = makeStatus(
+        "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+        advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
+    for (int i = 0; i < filter.factorCount(); ++i) {
+      addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
+               percent(state.mean[i]) + " +- " +
+                   percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
+    }
+    if (filter.parameterCount() > filter.factorCount()) {
+      addValue(out, "lag [s]", fixed(filter.lag(), 3));
+    }
+    if (const auto& mode = loop.mode()) {
+      addValue(out, "mode [Hz]",
+               fixed(mode->frequency, 2) + " +- " + fixed(mode->frequency_deviation, 2));
+      addValue(out, "damping of the mode",
+               fixed(mode->damping, 3) + " +- " + fixed(mode->damping_deviation, 3));
+    }
+    const auto& rows = filter.rows();
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+      const bool moves = rows[k] % 6 < 3;
+      addValue(out,
+               "bias of section " + std::to_string(rows[k] / 6 + 1) + ", " + (moves ? "v_" : "w_") +
+                   "xyz"[rows[k] % 3] + (moves ? " [mm]" : " [mrad]"),
+               fixed(1e3 * state.mean[filter.parameterCount() + static_cast<Eigen::Index>(k)], 2));
+    }
+    return out;
+  }
 
  private:
+  static std::uint8_t levelOf(follow::LoopState state) {
+    if (state == follow::LoopState::kDiverging) return DiagnosticStatus::ERROR;
+    const bool fine = state == follow::LoopState::kIdle || state == follow::LoopState::kClosed;
+    return fine ? DiagnosticStatus::OK : DiagnosticStatus::WARN;
+  }
+  static std::string wrongStampText(double lead, estimation::ObservationFault fault) {
+    return "the last picture is stamped " + fixed(std::abs(lead), 2) + " s " +
+           (lead > 0 ? "after" : "before") + " the last reading of the pressures, and refused (" +
+           estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
+           (lead > 0 ? "" : ", or shorten the delay of the pictures");
+  }
+  static std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
+
   std::uint64_t accepted_ = 0, refused_ = 0;
   std::uint64_t without_tags_ = 0;  ///< of accepted_
   std::array<std::uint64_t, estimation::kObservationFaultCount> by_fault_ = {};
@@ -92,8 +205,20 @@ struct SeenArm {
 
 /// Indices in the layout of the tags that a fit used, ascending; nothing if there is none, or if
 /// one of them is not in the layout.
-std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
-                                           const estimation::TagLayout& layout);
+inline std::optional<std::vector<int>> fittedTags(const TagDetections& detections,
+                                                  const estimation::TagLayout& layout) {
+  std::vector<int> out;
+  for (const TagDetection& tag : detections.tags) {
+    if (!tag.fitted) continue;
+    const int index = layout.find(tag.id);
+    if (index < 0) return std::nullopt;
+    // Of a message with any number of tags, no more than the layout has are kept.
+    const auto place = std::lower_bound(out.begin(), out.end(), index);
+    if (place == out.end() || *place != index) out.insert(place, index);
+  }
+  if (out.empty()) return std::nullopt;
+  return out;
+}
 
 /// Joins each measured shape with the tags of its fit, by their stamps. They come on two topics, in
 /// any order.
@@ -116,7 +241,18 @@ class TagMatcher {
     last_tags_ = now;
   }
   /// The next shape that need not wait any more; nothing if there is none.
-  std::optional<SeenArm> take(double now);
+  std::optional<SeenArm> take(double now) {
+    if (shapes_.empty()) return std::nullopt;
+    Waiting& first = shapes_.front();
+    const auto of_it = std::find_if(tags_.begin(), tags_.end(), [&first](const Tags& tags) {
+      return tags.stamp == first.seen.stamp;
+    });
+    if (of_it == tags_.end() && mayGetTags(first, now)) return std::nullopt;
+    std::optional<SeenArm> out = std::move(first.seen);
+    shapes_.pop_front();
+    if (of_it != tags_.end()) out->tags = of_it->fitted;
+    return out;
+  }
   /// Forgets shapes and tags.
   void clear() {
     shapes_.clear();
@@ -150,30 +286,75 @@ class LoopPublisher {
  public:
   /// The loop after a turn.
   struct View {
-    ros::Time stamp;  ///< of the turn
-    const follow::VisualServo& loop;
+    ros::Time stamp;                        ///< of the turn
     std::optional<ros::Time> last_picture;  ///< that the loop used
     std::string commander;                  ///< empty if nobody commands
     std::string message;                    ///< why it is in its state
-    const LoopDiagnostics& pictures;
   };
 
-  /// @param scene      Kept by reference.
+  /// @param scene, loop, pictures  Kept by reference.
   /// @param rate       Maximum of status and estimate [Hz].
   /// @param draw_rate  Of draw() [Hz].
   /// @param on_target  As TipHandle's; empty: no handle.
-  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, std::string base_frame, double rate,
-                double draw_rate, TipHandle::OnTarget on_target);
-
+  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const follow::VisualServo& loop,
+                const LoopDiagnostics& pictures, std::string base_frame, double rate,
+                double draw_rate, TipHandle::OnTarget on_target)
+      : scene_(scene),
+        loop_(loop),
+        pictures_(pictures),
+        base_frame_(std::move(base_frame)),
+        period_(kSlack / rate),
+        markers_(base_frame_, 1.0 / draw_rate),
+        status_publisher_(node.advertise<LoopStatus>(names::kVisualServoStatus, 10)),
+        estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
+        marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)),
+        budget_publisher_(node.advertise<ErrorBudget>(names::kErrorBudget, 10)),
+        load_publisher_(node.advertise<ExternalLoad>(names::kExternalLoad, 10, true)) {
+    if (on_target) handle_ = std::make_unique<TipHandle>(base_frame_, scene, std::move(on_target));
+  }
   /// After a turn: publishes status and estimate, at a change of state, else at this rate; and the
   /// load, if its state has changed without a picture, as by a lack of pictures.
-  void publish(const View& view);
+  void publish(const View& view) {
+    if (!last_load_.empty() && loadState() != last_load_) tellLoad(view.stamp);
+    const estimation::ExternalLoad& load = loop_.load();
+    const bool touched = load.contact && loop_.sees();
+    tips_.force = touched ? std::optional(load.force) : std::nullopt;
+    contact_ = touched ? "\ncontact" : "";
+    if (touched && !load.normalised) contact_ += ", " + fixed(load.force.norm(), 2) + " N";
+    const follow::Turn& turn = loop_.turn();
+    const double since = secondsBetween(status_.header.stamp, view.stamp);
+    if (since >= 0 && since < period_ && status_.state == follow::nameOf(loop_.state())) return;
+    noteBudget(view);
+    publishEstimate(view);
+    tips_.covariance = tipCovariance(view);
+    tips_.wanted = turn.commands ? std::optional(turn.wanted.translation) : std::nullopt;
+    tips_.predicted = turn.predicted ? std::optional(turn.predicted->translation) : std::nullopt;
+    status_ = statusOf(view, tips_.covariance);
+    status_publisher_.publish(status_);
+  }
   /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
   /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
   /// while something touches the arm.
-  void publishLoad(const ros::Time& picture, const follow::VisualServo& loop);
+  void publishLoad(const ros::Time& picture) {
+    const double since = secondsBetween(last_budget_, picture);
+    // During a contact that is not doubted the budget is that of an earlier picture.
+    const bool present = loop_.budget() && loop_.budget()->time == picture.toSec();
+    if (present && (since < 0 || since >= kBudgetPeriod)) publishBudget(picture, *loop_.budget());
+    tellLoad(picture);
+  }
   /// Draws what was published last.
-  void draw();
+  void draw() {
+    LoopMarkers::Tips tips = tips_;
+    if (!tips.predicted) tips.curve.clear();
+    tips.text = status_.state;
+    if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
+    tips.text += contact_;
+    marker_publisher_.publish(markers_.draw(ros::Time::now(), sideViewOf(scene_), tips));
+    if (!handle_) return;
+    if (const auto& at = tips.wanted ? tips.wanted : tips.predicted) {
+      handle_->follow({Eigen::Matrix3d::Identity(), *at});
+    }
+  }
   /// Nothing is measured any more: the next drawing removes all.
   void clear() {
     status_ = {};
@@ -181,17 +362,153 @@ class LoopPublisher {
     contact_.clear();
   }
   /// Covariance of the predicted tip's position, base frame [m^2].
-  static Eigen::Matrix3d tipCovariance(const View& view);
+  Eigen::Matrix3d tipCovariance(const View& view) const {
+    const auto shape = presentShape();
+    if (!shape) return Eigen::Matrix3d::Zero();
+    return estimation::tipCovariance(*shape, twistCovariance(view));
+  }
 
  private:
-  LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const;
-  void publishEstimate(const View& view);
-  void noteBudget(const View& view);
-  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
-                     const estimation::Drift& drift);
-  void tellLoad(const ros::Time& stamp, const follow::VisualServo& loop);
+  // Readings are not exactly periodic; one slightly early must not be skipped.
+  static constexpr double kSlack = 0.9;
+  static constexpr int kEstimatePoints = 24;    ///< of the drawn curve, a section
+  static constexpr double kFreshBudget = 1.0;   ///< since its picture [s]
+  static constexpr double kBudgetPeriod = 0.2;  ///< [s]
+  static constexpr char kUnexplained[] =
+      "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a "
+      "camera that has moved";
+
+  /// Of the load: what acts on the arm, as far as it is seen.
+  const std::string& loadState() const {
+    if (!loop_.sees()) return ExternalLoad::UNSEEN;
+    if (loop_.load().contact) return ExternalLoad::CONTACT;
+    return isOutside() ? ExternalLoad::OUTSIDE_BUDGET : ExternalLoad::NONE;
+  }
+  bool isOutside() const {
+    return loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside;
+  }
+  /// The filter's shape at the present pressures, and its covariance.
+  std::optional<model::Shape> presentShape() const {
+    return loop_.tracker().shape(loop_.observer().newest().pressure);
+  }
+  Eigen::MatrixXd twistCovariance(const View& view) const {
+    const double elapsed =
+        view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
+    return loop_.tracker().twistCovariance(elapsed);
+  }
+
+  void noteBudget(const View& view) {
+    const auto& budget = loop_.budget();
+    const bool fresh = view.last_picture &&
+                       std::abs(secondsBetween(*view.last_picture, view.stamp)) < kFreshBudget;
+    tips_.budget = budget && fresh ? procedures::budgetText(*budget) : std::string();
+    tips_.outside = isOutside();
+  }
+
+  void publishEstimate(const View& view) {
+    const auto shape = presentShape();
+    if (!shape) return;
+    tips_.curve.clear();
+    for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kEstimatePoints)) {
+      tips_.curve.push_back(point.X.translation);
+    }
+    const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
+    estimate_publisher_.publish(toShapeMsg(header, "estimated", *shape, twistCovariance(view)));
+  }
+
+  LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const {
+    const follow::Turn& turn = loop_.turn();
+    LoopStatus out;
+    out.header = toHeaderMsg(view.stamp, base_frame_);
+    out.state = follow::nameOf(turn.state);
+    out.message = view.message;
+    out.commander = view.commander;
+    out.path_time = std::numeric_limits<double>::quiet_NaN();
+    out.has_wanted = turn.commands;
+    if (turn.commands) {
+      out.wanted = toPoseMsg(turn.wanted);
+      out.inverse = inverseWord(turn.status);
+      out.residual = turn.residual;
+      out.at_lower_limit = namesAt(statics::Limit::kLower, scene_.arm, turn.limits);
+      out.at_upper_limit = namesAt(statics::Limit::kUpper, scene_.arm, turn.limits);
+      if (turn.path_time) out.path_time = *turn.path_time;
+    }
+    out.has_predicted = turn.predicted.has_value();
+    if (turn.predicted) {
+      out.predicted = toPoseMsg(*turn.predicted);
+      out.predicted_covariance = toCovarianceMsg(tip_covariance);
+      out.predicted_sd = estimation::TipSpread{tip_covariance}.deviation();
+    }
+    out.error = loop_.error().value_or(std::numeric_limits<double>::quiet_NaN());
+    out.accepted = pictures_.accepted();
+    out.refused = pictures_.refused();
+    return out;
+  }
+
+  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget) {
+    last_budget_ = picture;
+    ErrorBudget out;
+    out.header = toHeaderMsg(picture, base_frame_);
+    for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
+      const auto part = static_cast<estimation::BudgetPart>(i);
+      const estimation::TipSpread& spread = budget.part(part);
+      out.names.emplace_back(nameOf(part));
+      out.covariance.insert(out.covariance.end(), spread.covariance.data(),
+                            spread.covariance.data() + 9);
+      out.sd.push_back(spread.deviation());
+    }
+    out.predicted = toCovarianceMsg(budget.predicted.covariance);
+    out.predicted_sd = budget.predicted.deviation();
+    out.open_loop = toCovarianceMsg(budget.open_loop.covariance);
+    out.open_loop_sd = budget.open_loop.deviation();
+    out.error = toVectorMsg(budget.error);
+    out.distance2 = budget.distance2;
+    out.limit = budget.limit;
+    out.state = nameOf(budget.state);
+    if (loop_.drift().doubtful) {
+      out.message = procedures::driftText(loop_.drift());
+    } else if (isOutside()) {
+      out.message = std::string(kUnexplained) + "; check the arm, then calibrate again";
+    }
+    budget_publisher_.publish(out);
+  }
+
+  void tellLoad(const ros::Time& stamp) {
+    const std::string& state = loadState();
+    const bool touched = state == ExternalLoad::CONTACT;
+    if (!touched && state == last_load_) return;
+    last_load_ = state;
+    const estimation::ExternalLoad& load = loop_.load();
+    ExternalLoad out;
+    out.state = state;
+    out.header = toHeaderMsg(stamp, base_frame_);
+    if (state != ExternalLoad::UNSEEN) out.score = load.score;
+    out.limit = loop_.contactLimit();
+    out.s = std::numeric_limits<double>::quiet_NaN();
+    out.normalised = load.normalised;
+    if (touched) {
+      out.onset = ros::Time(load.onset);
+      if (load.place) {
+        out.section = load.place->section + 1;
+        out.s = load.place->s;
+      }
+      out.force = toVectorMsg(load.force);
+      out.covariance = toCovarianceMsg(load.covariance);
+      out.determined.assign(load.determined.data(),
+                            load.determined.data() + load.determined.size());
+      out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
+    } else if (state == ExternalLoad::OUTSIDE_BUDGET) {
+      out.message = loop_.drift().doubtful ? procedures::driftText(loop_.drift()) : kUnexplained;
+    } else if (state == ExternalLoad::UNSEEN) {
+      out.message =
+          "the arm is not seen, so what acts on it is not known; check the camera (vision_status)";
+    }
+    load_publisher_.publish(out);
+  }
 
   const io::Scene& scene_;
+  const follow::VisualServo& loop_;
+  const LoopDiagnostics& pictures_;
   const std::string base_frame_;
   const double period_;  ///< of the status [s]
   LoopMarkers markers_;
@@ -200,7 +517,7 @@ class LoopPublisher {
   std::string contact_;     ///< in words
   ros::Time last_budget_;
   std::string last_load_;  ///< its state
-  ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_, budget_publisher_,
+  const ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_, budget_publisher_,
       load_publisher_;
   std::unique_ptr<TipHandle> handle_;
 };

@@ -5,18 +5,15 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "ros_bridge/common/ros_time.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
+using Goal = FollowTipPathGoal;
+using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
 using Result = FollowTipPathResult;
 
 constexpr double kMemory = 2.0;  // of moments; pictures are younger [s]
-
-using Goal = FollowTipPathGoal;
-using Point = trajectory_msgs::MultiDOFJointTrajectoryPoint;
-
 constexpr char kJoint[] = "tip";
 constexpr double kLatestStart = 60.0;  // ahead of now [s]
 

@@ -25,7 +25,7 @@
 #include "helix_arm/FollowTipPathResult.h"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
-#include "ros_bridge/common/goal_serializers.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -164,13 +164,10 @@ class PathChecker {
   /// returns.
   using Check = std::function<DecidedGoal(const std::atomic<bool>& stop)>;
 
-  PathChecker() = default;
   /// Tells all checks to stop, and waits for them.
   ~PathChecker() {
     discard();  // the futures wait
   }
-  PathChecker(const PathChecker&) = delete;
-  PathChecker& operator=(const PathChecker&) = delete;
 
   /// Begins a check, in place of the present one.
   void begin(Check check) {

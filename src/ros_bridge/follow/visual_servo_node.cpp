@@ -1,6 +1,5 @@
 
 #include <actionlib/server/action_server.h>
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
@@ -9,10 +8,7 @@
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/path_check.hpp"
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -20,14 +16,7 @@
 #include "path_goal.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/client_watch.hpp"
-#include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/reload_server.hpp"
-#include "ros_bridge/common/rest_request.hpp"
-#include "ros_bridge/common/ros_time.hpp"
-#include "ros_bridge/names.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -217,16 +206,11 @@ bool areEqual(const follow::Target& a, const follow::Target& b) {
                   : std::get<model::Twists>(a) == std::get<model::Twists>(b);
 }
 
-// All zero, as in a message whose orientation was not set.
-bool isEmpty(const geometry_msgs::Quaternion& q) {
-  return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
-}
-
 /// The target that messages ask the loop for, until their sender falls silent. Each is answered on
 /// target_status, when the loop has tried it. For the thread of the node's callback queue.
 class LoopTargets {
  public:
-  /// @param scene   Kept by reference: after a change to it, call adopt() before the next target.
+  /// @param scene   As TargetAdmission's.
   /// @param frames  Outlives this.
   LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames)
       : scene_(scene),
@@ -242,8 +226,8 @@ class LoopTargets {
     aimTip(TargetSender(target.header.stamp), target);
   }
 
-  /// Follows a change of the scene. Whoever holds the lease keeps it.
-  void adopt() { admission_.adopt(); }
+  /// Of these targets, and of a commander that sends no messages.
+  TargetAdmission& admission() { return admission_; }
 
   /// The present target, base frame; nothing where its sender was silent for
   /// safety.target_timeout_s.
@@ -263,11 +247,6 @@ class LoopTargets {
   /// Who sent it; empty without a target.
   const std::string& commander() const { return commander_; }
 
-  /// Grants or renews the lease of a commander that sends no messages, or says who holds it.
-  std::optional<control::Refusal> claim(const std::string& commander) {
-    return admission_.claim(commander);
-  }
-
   /// Answers the messages that wait for it: the loop commands the target.
   void answer(const TargetSolution& solution) {
     for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
@@ -286,9 +265,6 @@ class LoopTargets {
   /// The arm was enabled: whoever was brought to rest may command again.
   void enabled() { rested_.release(); }
 
-  /// As TargetAdmission::status().
-  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
-
  private:
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
     aimTip({names::kTipTarget, event}, *event.getMessage());
@@ -298,7 +274,9 @@ class LoopTargets {
     const geometry_msgs::PoseStamped& pose = *event.getMessage();
     TipTarget target;
     target.header = pose.header;
-    target.mode = isEmpty(pose.pose.orientation) ? TipTarget::POSITION : TipTarget::POSE;
+    const geometry_msgs::Quaternion& q = pose.pose.orientation;
+    const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
+    target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
     target.pose = pose.pose;
     aimTip({names::kTipPose, event}, target);
   }
@@ -406,10 +384,6 @@ class FollowAction {
     server_->start();
   }
 
-  ~FollowAction() = default;
-  FollowAction(const FollowAction&) = delete;
-  FollowAction& operator=(const FollowAction&) = delete;
-
   /// A goal runs, or waits for its start or for the arm.
   bool runs() const { return run_.has_value(); }
   /// The arm is to be commanded: a goal runs, or its last place is held.
@@ -431,10 +405,10 @@ class FollowAction {
       loop_.hold();
       return;
     }
-    if (client_.isGone()) {
-      end({Result::CLIENT_LOST, client_.whyGone()});
+    if (client_.present().isGone()) {
+      end({Result::CLIENT_LOST, client_.present().whyGone()});
       endHold();
-    } else if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    } else if (const auto other = targets_.admission().claim(names::kFollowTipPath)) {
       end({Result::NOT_ENABLED, other->message});
     } else if (const auto refusal = link_.refusal()) {
       end({Result::NOT_ENABLED, refusal->message});
@@ -544,13 +518,13 @@ class FollowAction {
 
   void discardCandidate() {
     checker_.discard();
-    client_.releaseNext();
+    client_.next().release();
     candidate_.reset();
   }
 
   void takeCandidate() {
-    if (candidate_ && client_.nextIsGone()) {
-      reject(*candidate_, {Result::CLIENT_LOST, client_.whyNextGone()});
+    if (candidate_ && client_.next().isGone()) {
+      reject(*candidate_, {Result::CLIENT_LOST, client_.next().whyGone()});
       discardCandidate();
     }
     auto decided = checker_.take();
@@ -569,7 +543,7 @@ class FollowAction {
                                    *goal.hold, longestHold())});
       return;
     }
-    if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    if (const auto other = targets_.admission().claim(names::kFollowTipPath)) {
       reject(next, {Result::NOT_ENABLED, other->message});
       return;
     }
@@ -635,7 +609,7 @@ class FollowAction {
     hold_time_ = run_->goal.hold.value_or(usual);
     if (run_->follows) hold_since_ = ros::SteadyTime::now();
     run_.reset();
-    client_.release();
+    client_.present().release();
   }
 
   bool isHeld() const {
@@ -691,12 +665,10 @@ struct VisualServoOptions {
 /// VisualServoOptions.
 ///
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
-/// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
-/// safety.target_timeout lets go of the arm, which then vents, unless somebody else commands it. A
-/// running goal counts as a commander as long as the node that sent it answers (ClientWatch). Where
-/// somebody else asks pressure_command for rest, goals, holds and targets end. After the hold of a
-/// goal, and where the node is asked to end, it asks pressure_command for rest. Nothing here
-/// enables the arm, except that a target may enable a simulated one.
+/// that moves the arm. Whoever sends no target for safety.target_timeout, by a steady clock, lets
+/// go of the arm, which then vents, unless somebody else commands it. Where somebody else asks
+/// pressure_command for rest, goals, holds and targets end. After the hold of a goal, and where the
+/// node is asked to end, it asks pressure_command for rest.
 ///
 /// All of it runs in the main thread, except that goals are read and their paths checked in others.
 class VisualServoNode : public Node {
@@ -764,11 +736,11 @@ class VisualServoNode : public Node {
                   seen.tags.has_value());
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
-    publisher_.publishLoad(seen.stamp, loop_);
+    publisher_.publishLoad(seen.stamp);
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
-      action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
+      action_.picture(seen.stamp, tip, publisher_.tipCovariance(view()));
     }
   }
 
@@ -784,7 +756,7 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
-    publisher_.publishLoad(stamp_, loop_);
+    publisher_.publishLoad(stamp_);
     response.success = true;
     response.message =
         "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -810,9 +782,9 @@ class VisualServoNode : public Node {
   }
 
   void onDiagnose(const ros::SteadyTimerEvent&) {
-    diagnostics_.publish(
-        ros::this_node::getName(), scene_.name,
-        {pictures_.loop(loop_, reason()), pictures_.correction(loop_), targets_.status()});
+    diagnostics_.publish(ros::this_node::getName(), scene_.name,
+                         {pictures_.loop(loop_, reason()), pictures_.correction(loop_),
+                          targets_.admission().status()});
   }
 
   void adopt(io::Scene next) {
@@ -829,9 +801,9 @@ class VisualServoNode : public Node {
     }
     scene_ = std::move(next);
     loop_ = std::move(loop);
-    targets_.adopt();
+    targets_.admission().adopt();
     matcher_.clear();
-    publisher_.publishLoad(stamp_, loop_);
+    publisher_.publishLoad(stamp_);
   }
 
   void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
@@ -893,12 +865,8 @@ class VisualServoNode : public Node {
   }
 
   LoopPublisher::View view() {
-    return {stamp_, loop_, last_picture_, commander(), reason(), pictures_};
-  }
-
-  std::string commander() {
-    if (action_.wants()) return names::kFollowTipPath;
-    return targets_.commander();
+    return {stamp_, last_picture_, action_.wants() ? names::kFollowTipPath : targets_.commander(),
+            reason()};
   }
 
   std::string reason() {
@@ -970,6 +938,8 @@ class VisualServoNode : public Node {
   LoopPublisher publisher_{
       node_,
       scene_,
+      loop_,
+      pictures_,
       frames_.baseFrame(),
       options_.rate,
       options_.draw_rate,

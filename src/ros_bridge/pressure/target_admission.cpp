@@ -4,8 +4,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/log.hpp"
-#include "ros_bridge/common/ros_time.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -6,7 +6,6 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -304,13 +303,6 @@ void VisionStatusPublisher::countLocked(const PictureRefusal& refusal) {
   logWarning("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault), count.total());
 }
 
-void VisionStatusPublisher::refuse(const PictureRefusal& refusal) {
-  const basics::MutexLock lock(mutex_);
-  if (refusal.fault == PictureFault::kSource) source_fault_ = true;
-  if (refusal.fault != PictureFault::kBadCameraInfo) countLocked(refusal);
-  enterLocked(VisionStatus::CAMERA_FAULT, refusal.message);
-}
-
 void VisionStatusPublisher::saw(const Measurement& measurement, const ObservationReport& report) {
   const basics::MutexLock lock(mutex_);
   const vision::Observation& observation = measurement.observation;
@@ -323,24 +315,6 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const Observatio
   calibration_ = measurement.calibration;
   enterLocked(kStates[static_cast<int>(observation.state)],
               report.account + "; calibration: " + calibration_);
-}
-
-void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
-                                        const std::string& tip_text) {
-  const basics::MutexLock lock(mutex_);
-  if (!measured()) return;
-  marker_publisher_.publish(markers_.draw(measurement.stamp, view_, measurement.view.layout,
-                                          measurement.observation.fit, measurement.modelShape(),
-                                          tip_text));
-}
-
-void VisionStatusPublisher::watch() {
-  const basics::MutexLock lock(mutex_);
-  const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
-  if (silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
-  if (status_.pictures == 0 || source_fault_) return;
-  enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
-                                       " s: is the camera plugged in, and its node running?");
 }
 
 void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
@@ -401,21 +375,6 @@ DiagnosticStatus VisionStatusPublisher::measurementStatus(double seconds) const 
                      {"unknown_ids", listOf(status_.unknown_ids)},
                      {"repeated_ids", listOf(status_.repeated_ids)},
                      {"model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : ""}});
-}
-
-void VisionStatusPublisher::report(const std::string& scene) {
-  const basics::MutexLock lock(mutex_);
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  const double seconds = (now - std::exchange(last_report_, now)).toSec();
-  diagnostics_.publish(node_name_, scene, {cameraStatus(seconds), measurementStatus(seconds)});
-  reported_ = status_;
-  publishStatusLocked();
-}
-
-void VisionStatusPublisher::publishStatusLocked() {
-  VisionStatus status = status_;
-  status.header.stamp = ros::Time::now();
-  status_publisher_.publish(status);
 }
 
 }  // namespace helix_arm::ros_bridge

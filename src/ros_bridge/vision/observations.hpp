@@ -12,7 +12,7 @@
 #include "pictures.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
-#include "ros_bridge/common/ros_time.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 
 /// What is seen in pictures, as messages, words and drawings.
 namespace helix_arm::ros_bridge {
@@ -147,7 +147,12 @@ class VisionStatusPublisher {
   }
   /// A picture is not taken: counts this, except a bad camera_info, which was counted when it came.
   /// The state is camera_fault from now on.
-  void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
+  void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (refusal.fault == PictureFault::kSource) source_fault_ = true;
+    if (refusal.fault != PictureFault::kBadCameraInfo) countLocked(refusal);
+    enterLocked(VisionStatus::CAMERA_FAULT, refusal.message);
+  }
   /// How far the models' stamps are behind the last picture's [s]; nothing without models.
   void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
@@ -163,7 +168,13 @@ class VisionStatusPublisher {
   }
   /// Shows a measured shape. Nothing is shown once another state was entered.
   void drawMarkers(const Measurement& measurement, const std::string& tip_text)
-      HELIX_ARM_EXCLUDES(mutex_);
+      HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    if (!measured()) return;
+    marker_publisher_.publish(markers_.draw(measurement.stamp, view_, measurement.view.layout,
+                                            measurement.observation.fit, measurement.modelShape(),
+                                            tip_text));
+  }
   /// The state from now on: one of VisionStatus.
   void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
@@ -171,7 +182,14 @@ class VisionStatusPublisher {
   }
   /// Enters the state stale if no picture has come for stale_after, by a steady clock; to be called
   /// often. Not before the first picture, after the end of a file or while the source has a fault.
-  void watch() HELIX_ARM_EXCLUDES(mutex_);
+  void watch() HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
+    if (silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
+    if (status_.pictures == 0 || source_fault_) return;
+    enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
+                                         " s: is the camera plugged in, and its node running?");
+  }
   /// From now on no other state is entered. @param fault  enters camera_fault before; empty: none.
   void close(const std::string& fault = {}) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
@@ -181,7 +199,14 @@ class VisionStatusPublisher {
 
   /// Publishes status and diagnostics; to be called once a second.
   /// @param scene  name of the scene.
-  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_);
+  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    const ros::SteadyTime now = ros::SteadyTime::now();
+    const double seconds = (now - std::exchange(last_report_, now)).toSec();
+    diagnostics_.publish(node_name_, scene, {cameraStatus(seconds), measurementStatus(seconds)});
+    reported_ = status_;
+    publishStatusLocked();
+  }
 
  private:
   bool measured() const HELIX_ARM_REQUIRES(mutex_) {
@@ -195,7 +220,11 @@ class VisionStatusPublisher {
   diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
   diagnostic_msgs::DiagnosticStatus measurementStatus(double seconds) const
       HELIX_ARM_REQUIRES(mutex_);
-  void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_);
+  void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_) {
+    VisionStatus status = status_;
+    status.header.stamp = ros::Time::now();
+    status_publisher_.publish(status);
+  }
 
   const std::string node_name_;
   const double stale_after_;

@@ -10,11 +10,7 @@
 #include "helix_arm/vision/frame_source.hpp"
 #include "observations.hpp"
 #include "ros_bridge/common/conversions.hpp"
-#include "ros_bridge/common/file_access.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/log.hpp"
 #include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/reload_server.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -512,11 +508,9 @@ constexpr double kDrawingSlack = 0.9;
 /// Measures the shape of a scene's arm from pictures of its tags, and compares the model with it:
 /// the node vision of docs/nodes.md. Parameters: VisionOptions.
 ///
-/// A picture that comes while one is measured waits; a newer one replaces it, and this is counted.
-/// Files are read at the pace of the measurements. A bad picture or camera_info is counted, warned
-/// of at a limited rate and reported on vision_status; it never makes a measurement. One stamped
-/// before the last one is a jump back in time: nothing from before it is used. A steady clock
-/// decides whether pictures still come; all else goes by stamps.
+/// A bad picture or camera_info is counted, warned of at a limited rate and reported on
+/// vision_status; it never makes a measurement. A steady clock decides whether pictures still come;
+/// all else goes by stamps.
 class VisionNode : public Node {
  public:
   /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
