@@ -6,7 +6,6 @@
 #include <system_error>
 #include <thread>
 
-#include <fcntl.h>
 #include <poll.h>
 #include <spawn.h>
 #include <sys/socket.h>
@@ -21,15 +20,11 @@ using Clock = std::chrono::steady_clock;
 constexpr int kGrace = 1'000;                    // in which it may end by itself [ms]
 constexpr std::chrono::milliseconds kPeriod(5);  // of looking whether it has ended
 
-int spawn(const std::vector<std::string>& command, int input, int output, bool quiet,
-          pid_t& process) {
+int spawn(const std::vector<std::string>& command, int end, pid_t& process) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
-  if (quiet) {
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-  }
+  posix_spawn_file_actions_adddup2(&actions, end, STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, end, STDOUT_FILENO);
 #if __GLIBC_PREREQ(2, 34)
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
@@ -56,13 +51,12 @@ int spawn(const std::vector<std::string>& command, int input, int output, bool q
 
 }  // namespace
 
-ChildProcess::ChildProcess(const std::vector<std::string>& command, const Options& options) {
+ChildProcess::ChildProcess(const std::vector<std::string>& command) {
   int ends[2];
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
     throw std::system_error(errno, std::generic_category());
   }
-  const int error =
-      spawn(command, options.input.value_or(ends[1]), ends[1], options.quiet, process_);
+  const int error = spawn(command, ends[1], process_);
   ::close(ends[1]);
   socket_ = ends[0];
   if (error == 0) return;

@@ -79,7 +79,7 @@ Plant::Plant(const std::string& command, const model::Arm& arm,
     : command_(command),
       arm_(arm),
       pieces_(piecesFor(arm, tags)),
-      process_({"/bin/sh", "-c", command}, {}) {
+      process_({"/bin/sh", "-c", command}) {
   json names = json::array(), places = json::array();
   for (int i = 0; i < arm_.actuatorCount(); ++i) names.push_back(arm_.actuator(i).name);
   for (int k = 0; k < arm_.sectionCount(); ++k) {

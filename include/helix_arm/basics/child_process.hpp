@@ -10,17 +10,13 @@
 namespace helix_arm::basics {
 
 /// A program that runs beside this process and does not outlive the object. It starts with default
-/// signals in a process group of its own. A socket joins it to this process: its output and, unless
-/// another descriptor is given, its input. Whatever it does, this process goes on.
+/// signals in a process group of its own. A socket joins its input and output to this process.
+/// Whatever it does, this process goes on.
 class ChildProcess {
  public:
-  struct Options {
-    std::optional<int> input = {};  ///< descriptor that it reads; otherwise it reads send()
-    bool quiet = false;             ///< what it says on stderr is dropped
-  };
   /// @param command  path of the program, then its arguments.
   /// @throws std::system_error if it cannot be started.
-  ChildProcess(const std::vector<std::string>& command, const Options& options);
+  explicit ChildProcess(const std::vector<std::string>& command);
   /// Ends its input, waits a second for it to end, then kills it and all that it started.
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;
