@@ -120,7 +120,7 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   requireComparable(scene, data);
   const Eigen::MatrixXd pressures = procedures::pressuresWithinLimits(data, scene.arm);
   const Eigen::VectorXd measured = data.values.col(data.find("curvature_rad"));
-  json points = json::array(), with_differences = json::array(), reason;
+  json points = json::array(), reason;
   double square = 0, most = 0;
   int count = 0;
   for (Eigen::Index row = 0; row < pressures.rows(); ++row) {
@@ -139,23 +139,21 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
     }
     points.push_back({{"pressure_pa", toJson(pressures.row(row))},
                       {"measured_rad", measured[row]},
-                      {"model_rad", model}});
-    with_differences.push_back(points.back());
-    with_differences.back()["difference_rad"] = difference;
+                      {"model_rad", model},
+                      {"difference_rad", difference}});
   }
   const json report{{"scene", scene.name},
                     {"tier", statics::nameOf(scene.model.choice().setting.tier)},
                     {"rms_rad", count > 0 ? json(std::sqrt(square / count)) : json()},
                     {"max_rad", count > 0 ? json(most) : json()},
                     {"reason", reason},
-                    {"points", points}};
+                    {"points", without(points, {"difference_rad"})}};
   json shown = report;
-  shown["points"] = with_differences;
+  shown["points"] = points;
   const auto table = [&] {
     printComments(report, {"rms_rad", "max_rad"});
     printReason(report);
-    return CsvTable(with_differences,
-                    {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
+    return CsvTable(points, {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
   };
   printResult(format, report, table, shown);
   return reason.is_null() ? kDone : kNotPossible;

@@ -6,7 +6,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "profile_file.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {
