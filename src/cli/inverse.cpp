@@ -156,6 +156,18 @@ CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
   return row;
 }
 
+// Names of the columns of positions x_m, y_m, z_m, or, where the table has qx, of poses; with the
+// prefix tip_ where the table has those of a result alone.
+std::vector<std::string> poseColumns(const io::DataSet& data) {
+  const bool printed = data.find("x_m") < 0 && data.find("tip_x_m") >= 0;
+  const std::string prefix = printed ? "tip_" : "";
+  std::vector<std::string> names;
+  for (const char* name : {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"}) {
+    if (names.size() < 3 || data.find(prefix + "qx") >= 0) names.push_back(prefix + name);
+  }
+  return names;
+}
+
 // Positions, or poses where the table has a quaternion. Each search begins at the start; with
 // min-change, at the inputs of the row before.
 int runRows(const InverseArguments& arguments, const GlobalOptions& global, const io::Scene& scene,

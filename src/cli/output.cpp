@@ -243,12 +243,6 @@ void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row)
   }
 }
 
-std::string bracketed(const Eigen::VectorXd& vector) {
-  std::vector<std::string> parts;
-  for (const double each : vector) parts.push_back(basics::format("%.6f", each));
-  return "[" + basics::joined(parts) + "]";
-}
-
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
   if (format_ == Format::kJson) {
     std::cout << "{\"scene\": " << textOf(scene, kOneLine) << ", \"rows\": [";

@@ -87,8 +87,6 @@ void appendTwists(const nlohmann::json& twist, int sections, CsvTable::Row& row)
 void appendPose(const std::string& prefix, const nlohmann::json& pose, CsvTable::Row& row);
 void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row);
 
-/// "[1.000000, 2.000000]" for people.
-std::string bracketed(const Eigen::VectorXd& vector);
 /// Prints the results of a table's rows as they come, so that a long table takes no memory:
 /// {scene, rows [..]} as json, or names and a line a row as csv.
 class RowPrinter {
