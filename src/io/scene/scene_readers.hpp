@@ -86,11 +86,7 @@ const DocumentKind& sceneKind();
 /// The text of a scene file. @throws DocumentError if it cannot be read.
 std::string readSceneText(const std::string& path, FaultList& faults);
 
-/// The tree of a scene's text; nothing, and a fault that does not repeat its content, if it is not
-/// a scene.
-std::optional<Value> parseScene(const std::string& text, FaultList& faults);
-
-/// The same with overrides; overrides that do not apply are faults.
+/// The tree of a scene's text with overrides; those that do not apply are faults.
 /// @throws DocumentError if the text is not YAML or not a scene.
 Value parseScene(const std::string& text, const std::vector<Override>& overrides,
                  FaultList& faults);
