@@ -176,8 +176,8 @@ CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
-  appendTwists(result.solution.shape.twists(), row);
-  appendPose("tip_", result.solution.tip, row);
+  appendTwists(toJson(result.solution.shape.twists()), scene.arm.sectionCount(), row);
+  appendPose("tip_", toJson(result.solution.tip), row);
   for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
                                       "tip_error_percent"})) {
     row.push_back(std::move(cell));
@@ -190,7 +190,7 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
   CsvTable table;
   for (const auto& point : result.curve) {
     CsvTable::Row row{{"s", exact(point.s)}};
-    appendPose("", point.X, row);
+    appendPose("", toJson(point.X), row);
     table.add(row);
   }
   for (const HistoryRow& row : result.rows) {
@@ -202,7 +202,7 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
     }
     cells.emplace_back("memory_known", row.known ? "1" : "0");
     cells.emplace_back("status", statics::nameOf(row.tip.status));
-    appendPose("tip_", row.tip.tip, cells);
+    appendPose("tip_", toJson(row.tip.tip), cells);
     table.add(cells);
   }
   if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result));

@@ -150,8 +150,8 @@ CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
               limit["limit"].get<std::string>();
   }
   row.emplace_back("active_limits", limits);
-  appendTwists(reached.shape.twists(), row);
-  appendPose("tip_", reached.tip, row);
+  appendTwists(toJson(reached.shape.twists()), scene.arm.sectionCount(), row);
+  appendPose("tip_", toJson(reached.tip), row);
   for (auto& cell : cellsOf(summary, {"tier", "order"})) row.push_back(std::move(cell));
   return row;
 }

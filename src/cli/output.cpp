@@ -216,10 +216,6 @@ void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable
   }
 }
 
-void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
-  appendTwists(toJson(twists), static_cast<int>(twists.cols()), row);
-}
-
 void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
   const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
   for (std::size_t k = 0; k < static_cast<std::size_t>(sections); ++k) {
@@ -228,10 +224,6 @@ void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
                        twist.is_null() ? "" : cellOf(twist[k][j]));
     }
   }
-}
-
-void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
-  appendPose(prefix, toJson(pose), row);
 }
 
 void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row) {

@@ -257,8 +257,8 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
     appendCapture(capture, rig.pressure(), row);
-    appendTwists(shape.twists(), row);
-    appendPose("tip_", model::tipPose(shape), row);
+    appendTwists(toJson(shape.twists()), scene.arm.sectionCount(), row);
+    appendPose("tip_", toJson(model::tipPose(shape)), row);
     if (camera) {
       const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));
@@ -273,7 +273,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
       CsvTable::Row pose_row;
       appendCapture(capture, rig.pressure(), pose_row);
       pose_row.emplace_back("tag", std::to_string(layout->tags[i].id));
-      appendPose("", measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal),
+      appendPose("", toJson(measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal)),
                  pose_row);
       poses->add(pose_row);
     }
