@@ -267,10 +267,6 @@ void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
 }
 
-void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
-  printResult(format, report, table, report);
-}
-
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
                  const json& shown) {
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';

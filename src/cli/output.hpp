@@ -129,8 +129,6 @@ nlohmann::json without(nlohmann::json report, const std::vector<std::string>& ke
 /// @param shown  what text shows instead of the report.
 void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table, const nlohmann::json& shown);
-void printResult(Format format, const nlohmann::json& report,
-                 const std::function<CsvTable()>& table);
 
 /// Checks the file of --png, which may be empty, before work that takes long.
 /// @param out  the file of --out, may be empty.
