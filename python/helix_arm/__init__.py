@@ -7,8 +7,8 @@
 Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg (those of actions, too) and helix_arm.srv, and
 need the Python packages of ROS.
 """
-from helix_arm._core import DocumentError, Forward, version as __version__
-from helix_arm.results import (Alarm, Calibration, Combination, Contraction, Curve, Fit, FollowRun, Inverse, Jacobian,
+from helix_arm._core import DocumentError, version as __version__
+from helix_arm.results import (Alarm, Calibration, Combination, Contraction, Curve, Fit, FollowRun, Forward, Inverse, Jacobian,
                                Parameter, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 

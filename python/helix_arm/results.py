@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Dict, List, Optional, Union
 
 import numpy as np
@@ -21,6 +22,52 @@ class Result:
             return [plain(one) for one in value] if isinstance(value, list) else value
 
         return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+
+class Forward(Result):
+    """Shapes at one row or N rows of pressures. Rows in which no shape balances the load hold NaN."""
+
+    def __init__(self, numbers: np.ndarray, converged: Flags) -> None:
+        """numbers: (k,) or (N, k) that hold the tips of all rows, then their quaternions, then their twists."""
+        self._numbers, self._converged = numbers, converged
+
+    def _part(self, before: int, *entry: int) -> np.ndarray:
+        """The quantity of N rows before which there are so many numbers per row, as a view."""
+        rows = len(self._numbers)
+        flat = self._numbers.reshape(-1)[before * rows:(before + math.prod(entry)) * rows]
+        return flat.reshape(rows, *entry)
+
+    @property
+    def tips(self) -> np.ndarray:
+        """(3,) or (N, 3) positions of the tip, base frame [m]."""
+        return self._numbers[:3] if self._numbers.ndim == 1 else self._part(0, 3)
+
+    @property
+    def quaternions_xyzw(self) -> np.ndarray:
+        """(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base frame; w >= 0."""
+        return self._numbers[3:7] if self._numbers.ndim == 1 else self._part(3, 4)
+
+    @property
+    def twists(self) -> np.ndarray:
+        """(sections, 6) or (N, sections, 6) twist of each section over its length, v [m] and w [rad]; under load the mean."""
+        if self._numbers.ndim == 1:
+            return self._numbers[7:].reshape(-1, 6)
+        return self._part(7, (self._numbers.shape[1] - 7) // 6, 6)
+
+    @property
+    def converged(self) -> Flags:
+        """bool, or (N,) bools: whether a shape balances the load."""
+        return self._converged
+
+    def to_dict(self) -> Dict[str, Any]:
+        """The fields by name; arrays are not copied."""
+        return {name: getattr(self, name) for name in ("tips", "quaternions_xyzw", "twists", "converged")}
+
+    def __len__(self) -> int:
+        return 1 if self._numbers.ndim == 1 else len(self._numbers)
+
+    def __repr__(self) -> str:
+        return f"<helix_arm.Forward of {len(self)} row{'' if len(self) == 1 else 's'}>"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -93,7 +93,7 @@ class Scene(_core.Scene):
         """Itself, as it is immutable, unless someone gave it attributes."""
         return type(self)(self.path, self._overrides) if vars(self) else self
 
-    def forward(self, pressures_pa: Numbers, threads: int = 1) -> _core.Forward:
+    def forward(self, pressures_pa: Numbers, threads: int = 1) -> results.Forward:
         """Shapes at gauge pressures.
 
         pressures_pa: (n,) or (N, n) float64 within the limits [Pa]; of tendons, angles [rad].
@@ -101,7 +101,7 @@ class Scene(_core.Scene):
         Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.
         Raises TypeError or ValueError naming argument and rule.
         """
-        return self._forward(pressures_pa, arguments.threads(threads))
+        return results.Forward(*self._forward(pressures_pa, arguments.threads(threads)))
 
     def tips(self, pressures_pa: Numbers, out: Optional[np.ndarray] = None, threads: int = 1) -> np.ndarray:
         """Tip positions alone, the fastest way from pressures to tips.

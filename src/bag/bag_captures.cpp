@@ -1,170 +1,99 @@
 #include "bag_captures.hpp"
 
-#include <array>
-#include <csignal>
-#include <cstring>
-#include <filesystem>
+#include <algorithm>
 #include <map>
-#include <optional>
-#include <system_error>
+#include <string>
 #include <utility>
 
-#include <dlfcn.h>
-#include <sys/wait.h>
+#include <unistd.h>
 
-#include "bag_records.hpp"
-#include "helix_arm/basics/child_process.hpp"
+#include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
+#include "nlohmann/json.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
 namespace {
 
-/// A record of a recording. Its bytes come from a process that read a file of unknown make.
-struct BagRecord {
-  RecordKind kind;
-  RecordTopic topic;
-  std::vector<std::uint8_t> bytes;
-};
-
-constexpr int kSilence = 300'000;  // [ms] without output, after which the reader is killed
-
-// bag_reader is installed with the programs of this package.
-std::string readerProgram() {
-  Dl_info library{};
-  dladdr(reinterpret_cast<const void*>(&readerProgram), &library);
-  std::error_code ignored;
-  const std::filesystem::path here =
-      std::filesystem::weakly_canonical(library.dli_fname, ignored).parent_path();
-  return (here / "helix_arm/bag_reader").string();
-}
-
-/// Has a rosbag read by bag_reader, a process of its own, which does not outlive the object.
-/// Whatever the bag holds, this process goes on.
-class BagProcess {
- public:
-  /// @param path  of the file, for messages.
-  /// @throws io::DocumentError where no process can be started.
-  BagProcess(const basics::RegularFile& file, std::string path) : path_(std::move(path)) {
-    const std::string program = readerProgram();
-    try {
-      process_.emplace(std::vector<std::string>{program},
-                       basics::ChildProcess::Options{file.descriptor(), true});
-    } catch (const std::system_error& error) {
-      refuse("cannot be read: " + program + " does not start: " + error.code().message() +
-             "; install helix_arm again");
-    }
-  }
-
-  ~BagProcess() {
-    if (process_) process_->kill();
-  }
-
-  BagProcess(const BagProcess&) = delete;
-  BagProcess& operator=(const BagProcess&) = delete;
-
-  /// The next record; kEnd is the last.
-  /// @throws io::DocumentError naming the bag where reading it failed: it is damaged, and took the
-  /// process down, more memory or time than it may.
-  BagRecord next() {
-    RecordHead head{};
-    read(&head, sizeof head);
-    const bool sound =
-        head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
-    if (!sound) {
-      process_->kill();
-      refuse("is damaged: its content is not valid; expected an intact bag");
-    }
-    BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
-    read(record.bytes.data(), record.bytes.size());
-    if (record.kind == RecordKind::kFault) {
-      const std::string fault(record.bytes.begin(), record.bytes.end());
-      refuse("cannot be read: " + basics::quoted(fault, 200) +
-             "; expected a bag that was closed (rosbag reindex repairs one that was not)");
-    }
-    return record;
-  }
-
- private:
-  void read(void* bytes, std::size_t size) {
-    auto* place = static_cast<char*>(bytes);
-    while (size > 0) {
-      const auto count = process_->read(place, size, kSilence);
-      if (!count) refuse("takes too long to read; expected an intact bag");
-      if (*count == 0) failed();
-      place += *count;
-      size -= *count;
-    }
-  }
-
-  [[noreturn]] void failed() {
-    const int status = process_->status(kSilence).value_or(0);
-    if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
-      refuse("takes more than " + std::to_string(kMostReaderTime) +
-             " s of processor time to read; expected a shorter or an intact bag");
-    }
-    const std::string reason =
-        WIFSIGNALED(status) ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
-                            : "reading it did not end";
-    refuse("is damaged: " + reason +
-           "; expected an intact bag (rosbag check examines it, rosbag reindex "
-           "may repair it)");
-  }
-
-  [[noreturn]] void refuse(const std::string& fault) const {
-    throw io::DocumentError(path_ + " " + fault);
-  }
-
-  const std::string path_;
-  std::optional<basics::ChildProcess> process_;
-};
+using nlohmann::json;
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
-// The topic of each kind; empty if absent, which is a fault except for commands.
-using Topics = std::array<std::string, kRecordTopics>;
+// What is read of a recording: a topic by its name behind the last `/`, and its type.
+enum Topic { kDetections, kMeasured, kCommand, kTopicCount };
+const char* const kTopics[] = {names::kTagDetections, names::kPressureMeasured,
+                               names::kPressureCommand};
 
-Topics topicsOf(BagProcess& bag, const std::string& path) {
+template <class Message>
+json ruleOf(Topic topic) {
+  using namespace ros::message_traits;
+  return {kTopics[topic], datatype<Message>(), md5sum<Message>()};
+}
+
+// What scripts/read_bag prints of a file that is open: its path may lead to another one meanwhile.
+std::string printedOf(const basics::RegularFile& file, const std::string& path) try {
+  const std::string opened =
+      "/proc/" + std::to_string(getpid()) + "/fd/" + std::to_string(file.descriptor());
+  const json request{
+      {"bag", opened},
+      {"topics", json::array({ruleOf<TagDetections>(kDetections), ruleOf<PressureArray>(kMeasured),
+                              ruleOf<PressureArray>(kCommand)})}};
+  return procedures::runScript(
+      "read_bag", request.dump(), {},
+      "is damaged: reading it did not end; expected an intact bag (rosbag check examines it, "
+      "rosbag reindex may repair it)");
+} catch (const std::exception& fault) {
+  throw io::DocumentError(path + " " + basics::printable(fault.what()));
+}
+
+// The topic of each kind; empty if absent, which is a fault except for commands.
+std::vector<std::string> topicsOf(const json& found, const std::string& path) {
   io::FaultList faults(path);
-  Topics out;
-  for (BagRecord record = bag.next(); record.kind != RecordKind::kTopicsEnd; record = bag.next()) {
-    const std::string name(record.bytes.begin(), record.bytes.end());
-    std::string& topic = out[static_cast<std::size_t>(record.topic)];
+  std::vector<std::string> out(kTopicCount);
+  for (const json& one : found) {
+    std::string& topic = out[one[0].get<std::size_t>()];
+    const std::string name = one[1];
     if (!topic.empty()) {
       faults.add(0, "topics " + basics::quoted(topic) + " and " + basics::quoted(name) +
                         " belong to more than one arm; record one arm per bag");
     }
     topic = name;
   }
-  for (const RecordTopic needed : {RecordTopic::kDetections, RecordTopic::kMeasured}) {
-    if (!out[static_cast<std::size_t>(needed)].empty()) continue;
-    faults.add(
-        0, std::string("topic ") + ruleOf(needed).name + " is missing; record it with the others");
+  for (const Topic needed : {kDetections, kMeasured}) {
+    if (!out[needed].empty()) continue;
+    faults.add(0,
+               std::string("topic ") + kTopics[needed] + " is missing; record it with the others");
   }
   faults.throwIfAny();
   return out;
 }
 
-template <class Message>
-Message messageOf(BagRecord& record, const std::string& path) try {
-  Message message;
-  ros::serialization::IStream stream(record.bytes.data(),
-                                     static_cast<std::uint32_t>(record.bytes.size()));
-  ros::serialization::deserialize(stream, message);
-  return message;
-} catch (const std::exception&) {
-  throw io::DocumentError(path +
-                          " is damaged: a message is not of the type that its header states");
+double numberOf(const json& value) {
+  return value.is_string() ? std::stod(value.get<std::string>()) : value.get<double>();
 }
 
-Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& topic,
+TagDetections detectionsOf(const json& tags) {
+  TagDetections out;
+  for (const json& tag : tags) {
+    TagDetection& one = out.tags.emplace_back();
+    one.id = tag[0];
+    one.repeated = tag[1].get<bool>();
+    for (std::size_t k = 0; k < one.corners.size(); ++k) one.corners[k] = numberOf(tag[2][k]);
+  }
+  return out;
+}
+
+Eigen::VectorXd pressuresOf(const json& names, const json& values, const std::string& topic,
                             const model::Arm& arm, const std::string& path) {
-  const auto checked = control::checkReading(arm, message.name, message.pressure);
+  std::vector<double> pressures;
+  for (const json& value : values) pressures.push_back(numberOf(value));
+  const auto checked = control::checkReading(arm, names, pressures);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     throw io::DocumentError(path + " " + topic + " is not of this arm: " + refusal->message);
   }
@@ -174,8 +103,12 @@ Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& top
 std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const std::string& path,
                                           const io::Scene& scene,
                                           const procedures::SettleRules& rules) {
-  BagProcess bag(file, path);
-  const Topics topics = topicsOf(bag, path);
+  const std::string text = printedOf(file, path);
+  auto next = [&text, at = text.begin()]() mutable {
+    const auto begin = std::exchange(at, std::find(at, text.end(), '\n'));
+    return begin == text.end() ? json() : json::parse(begin, at == text.end() ? at : at++);
+  };
+  const std::vector<std::string> topics = topicsOf(next(), path);
   std::vector<std::string> actuators;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     actuators.push_back(scene.arm.actuator(i).name);
@@ -187,19 +120,16 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
     standing.clear();
   };
   std::string last_reason = "there are no tag_detections";
-  for (BagRecord record = bag.next(); record.kind != RecordKind::kEnd; record = bag.next()) {
-    if (record.topic != RecordTopic::kDetections) {
-      const auto pressures = messageOf<PressureArray>(record, path);
-      const double time = pressures.header.stamp.toSec();
-      const std::string& topic = topics[static_cast<std::size_t>(record.topic)];
-      const Eigen::VectorXd values = pressuresOf(pressures, topic, scene.arm, path);
-      record.topic == RecordTopic::kCommand ? watch.command(time, values)
-                                            : watch.measured(time, values);
+  for (json record = next(); !record.is_null(); record = next()) {
+    const Topic topic = record[0];
+    const double time = record[1];
+    if (topic != kDetections) {
+      const Eigen::VectorXd values =
+          pressuresOf(record[2], record[3], topics[topic], scene.arm, path);
+      topic == kCommand ? watch.command(time, values) : watch.measured(time, values);
       continue;
     }
-    const auto seen = messageOf<TagDetections>(record, path);
-    const double time = seen.header.stamp.toSec();
-    watch.seen(time, observationsOf(seen, scene));
+    watch.seen(time, observationsOf(detectionsOf(record[2]), scene));
     const procedures::Settling settling = watch.at(time);
     if (settling.settled()) {
       standing.push_back(*settling.last);

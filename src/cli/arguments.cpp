@@ -64,12 +64,6 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
 constexpr model::Range kTipErrorPercent{2e-7, 100};
 constexpr model::Range kTimeUs{1e-3, 1e9};
 
-[[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
-                              const std::string& entry) {
-  throw CallerError(option + " has \"" + entry + "\" as value " + std::to_string(position) +
-                    "; expected finite numbers separated by commas, without spaces");
-}
-
 void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
   vision::CharucoBoard& board = arguments.charuco;
   arguments.of_charuco = {
@@ -161,7 +155,11 @@ std::vector<double> numberList(const std::string& option, const std::string& tex
   std::vector<double> numbers;
   for (const std::string& part : parts) {
     const std::optional<double> number = io::parseNumber(part);
-    if (!number) refuseEntry(option, numbers.size() + 1, part);
+    if (!number) {
+      throw CallerError(option + " has \"" + part + "\" as value " +
+                        std::to_string(numbers.size() + 1) +
+                        "; expected finite numbers separated by commas, without spaces");
+    }
     numbers.push_back(*number);
   }
   return numbers;

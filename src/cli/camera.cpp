@@ -390,8 +390,9 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;
   }
-  printResult(global.format, reportOf(result),
-              [&result] { return parameterTable(result.calibration); });
+  const json report = reportOf(result);
+  printResult(
+      global.format, report, [&result] { return parameterTable(result.calibration); }, report);
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }

@@ -176,8 +176,8 @@ CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
-  appendTwists(result.solution.shape.twists(), row);
-  appendPose("tip_", result.solution.tip, row);
+  appendTwists(toJson(result.solution.shape.twists()), scene.arm.sectionCount(), row);
+  appendPose("tip_", toJson(result.solution.tip), row);
   for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
                                       "tip_error_percent"})) {
     row.push_back(std::move(cell));
@@ -190,7 +190,7 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
   CsvTable table;
   for (const auto& point : result.curve) {
     CsvTable::Row row{{"s", exact(point.s)}};
-    appendPose("", point.X, row);
+    appendPose("", toJson(point.X), row);
     table.add(row);
   }
   for (const HistoryRow& row : result.rows) {
@@ -202,7 +202,7 @@ CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
     }
     cells.emplace_back("memory_known", row.known ? "1" : "0");
     cells.emplace_back("status", statics::nameOf(row.tip.status));
-    appendPose("tip_", row.tip.tip, cells);
+    appendPose("tip_", toJson(row.tip.tip), cells);
     table.add(cells);
   }
   if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result));
@@ -221,6 +221,39 @@ json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
     report["notes"] = {note + "; --history follows measured pressures"};
   }
   return report;
+}
+
+// Inputs (rows x actuators) [Pa or rad] of the columns pressure_1_kpa or pressure_1_pa and so on
+// (a missing one is 0), or, where the table has one of them, of all of input_1 and so on in SI
+// units.
+// @throws CallerError naming the line, the actuator and its limits; io::DocumentError
+// on missing columns.
+Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
+  const model::Arm& arm = scene.arm;
+  std::vector<std::string> names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
+    const std::string number = std::to_string(i + 1);
+    names.push_back("input_" + number);
+    const std::string printed = std::string(unit.quantity) + "_" + number + "_" + unit.si_suffix;
+    if (hasTendon(arm) && data.find(printed) >= 0) names.back() = printed;
+  }
+  const bool in_si = hasTendon(arm) || data.find(names.front()) >= 0;
+  Eigen::MatrixXd inputs =
+      in_si ? columnsOf(data, names) : io::pressuresOf(data, arm.actuatorCount());
+  for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::Actuator& actuator = arm.actuator(i);
+      if (actuator.limits.contains(inputs(row, i))) continue;
+      throw CallerError(data.path + ":" +
+                        std::to_string(data.lines[static_cast<std::size_t>(row)]) +
+                        " is beyond the limits of " + actuator.name + ": " +
+                        inputText(actuator, actuator.limits.lower) + " to " +
+                        inputText(actuator, actuator.limits.upper));
+    }
+  }
+  if (in_si || data.find("pressure_1_pa") >= 0) warnOfKilopascals(data.path, arm, inputs);
+  return inputs;
 }
 
 // One result per row of a table.

@@ -150,10 +150,22 @@ CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
               limit["limit"].get<std::string>();
   }
   row.emplace_back("active_limits", limits);
-  appendTwists(reached.shape.twists(), row);
-  appendPose("tip_", reached.tip, row);
+  appendTwists(toJson(reached.shape.twists()), scene.arm.sectionCount(), row);
+  appendPose("tip_", toJson(reached.tip), row);
   for (auto& cell : cellsOf(summary, {"tier", "order"})) row.push_back(std::move(cell));
   return row;
+}
+
+// Names of the columns of positions x_m, y_m, z_m, or, where the table has qx, of poses; with the
+// prefix tip_ where the table has those of a result alone.
+std::vector<std::string> poseColumns(const io::DataSet& data) {
+  const bool printed = data.find("x_m") < 0 && data.find("tip_x_m") >= 0;
+  const std::string prefix = printed ? "tip_" : "";
+  std::vector<std::string> names;
+  for (const char* name : {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"}) {
+    if (names.size() < 3 || data.find(prefix + "qx") >= 0) names.push_back(prefix + name);
+  }
+  return names;
 }
 
 // Positions, or poses where the table has a quaternion. Each search begins at the start; with

@@ -216,10 +216,6 @@ void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable
   }
 }
 
-void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
-  appendTwists(toJson(twists), static_cast<int>(twists.cols()), row);
-}
-
 void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
   const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
   for (std::size_t k = 0; k < static_cast<std::size_t>(sections); ++k) {
@@ -230,10 +226,6 @@ void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
   }
 }
 
-void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
-  appendPose(prefix, toJson(pose), row);
-}
-
 void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row) {
   const char* const entries[] = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
   for (std::size_t i = 0; i < 7; ++i) {
@@ -241,12 +233,6 @@ void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row)
     row.emplace_back(prefix + entries[i],
                      pose.is_null() ? "" : cellOf(pose[key][i < 3 ? i : i - 3]));
   }
-}
-
-std::string bracketed(const Eigen::VectorXd& vector) {
-  std::vector<std::string> parts;
-  for (const double each : vector) parts.push_back(basics::format("%.6f", each));
-  return "[" + basics::joined(parts) + "]";
 }
 
 RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
@@ -279,10 +265,6 @@ void RowPrinter::add(const std::string& where, const std::function<json()>& repo
 
 void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
-}
-
-void printResult(Format format, const json& report, const std::function<CsvTable()>& table) {
-  printResult(format, report, table, report);
 }
 
 void printResult(Format format, const json& report, const std::function<CsvTable()>& table,

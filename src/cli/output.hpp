@@ -79,16 +79,12 @@ std::string exact(double value);
 std::string exact(const std::optional<double>& value);
 /// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
-/// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
-void appendTwists(const model::Twists& twists, CsvTable::Row& row);
-/// The same of a report's `twist`, which may be null: empty cells.
+/// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on, of a `twist`; empty cells where it is
+/// null.
 void appendTwists(const nlohmann::json& twist, int sections, CsvTable::Row& row);
-/// Cells `<prefix>x_m` .. `<prefix>qw`, also of a pose of a report, empty where it is null.
+/// Cells `<prefix>x_m` .. `<prefix>qw`, likewise.
 void appendPose(const std::string& prefix, const nlohmann::json& pose, CsvTable::Row& row);
-void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row);
 
-/// "[1.000000, 2.000000]" for people.
-std::string bracketed(const Eigen::VectorXd& vector);
 /// Prints the results of a table's rows as they come, so that a long table takes no memory:
 /// {scene, rows [..]} as json, or names and a line a row as csv.
 class RowPrinter {
@@ -133,8 +129,6 @@ nlohmann::json without(nlohmann::json report, const std::vector<std::string>& ke
 /// @param shown  what text shows instead of the report.
 void printResult(Format format, const nlohmann::json& report,
                  const std::function<CsvTable()>& table, const nlohmann::json& shown);
-void printResult(Format format, const nlohmann::json& report,
-                 const std::function<CsvTable()>& table);
 
 /// Checks the file of --png, which may be empty, before work that takes long.
 /// @param out  the file of --out, may be empty.

@@ -51,6 +51,13 @@ ShapedPath pathOf(const PathArguments& arguments) {
   return path;
 }
 
+// "[1.000000, 2.000000]"
+std::string bracketed(const Eigen::VectorXd& vector) {
+  std::vector<std::string> parts;
+  for (const double each : vector) parts.push_back(basics::format("%.6f", each));
+  return "[" + basics::joined(parts) + "]";
+}
+
 // "circle of radius 0.02 m around [..] m in the plane yz, 1 turn of 20 s"
 std::string describe(const ShapedPath& path) {
   return basics::format("%s of radius %g m around %s m in the plane %s, %d turn%s of %g s",

@@ -81,27 +81,41 @@ std::string readingCell(double pressure) {
   return std::isfinite(pressure) ? exact(pressure) : std::string();
 }
 
-// How venting went.
-struct Vented {
-  Eigen::VectorXd pressure;  // (channels) last readings, gauge, NaN without [Pa]
-  std::string reason;        // why it is not vented; empty: it is
+// What a regulator answered.
+struct Answers {
+  explicit Answers(int channels)
+      : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
+
+  Eigen::VectorXd pressure;   // (channels) last readings, gauge, NaN without [Pa]
+  std::vector<int> readings;  // (channels)
+  double supply = kNoReading;
+  double seconds = 0;
+  std::string reason;  // why it is not vented, or a channel not read; empty on success
 };
+
+void readOnce(regulator::Driver& driver, Answers& answers) {
+  regulator::Pressures pressures(static_cast<int>(answers.pressure.size()));
+  driver.read(pressures);
+  for (Eigen::Index i = 0; i < answers.pressure.size(); ++i) {
+    if (!std::isfinite(pressures.pressure[i])) continue;
+    answers.pressure[i] = pressures.pressure[i];
+    ++answers.readings[static_cast<std::size_t>(i)];
+  }
+  if (std::isfinite(pressures.supply)) answers.supply = pressures.supply;
+}
 
 // Vents through a driver that is connected, and goes on to, until no channel has pressure; for as
 // long as the scene's safety.vent_time_s at most. @throws regulator::LinkError.
-Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
+Answers ventAll(regulator::Driver& driver, const io::Scene& scene) {
   const int channels = scene.arm.actuatorCount();
   const control::SafetyRules& rules = scene.safety.rules;
-  Vented result{Eigen::VectorXd::Constant(channels, kNoReading), {}};
+  Answers result(channels);
   const double end = steadyNow() + rules.vent_time;
   for (;;) {
     std::string bad_reply;
     try {
       driver.vent();
-      regulator::Pressures pressures(channels);
-      driver.read(pressures);
-      result.pressure =
-          pressures.pressure.array().isNaN().select(result.pressure, pressures.pressure);
+      readOnce(driver, result);
     } catch (const regulator::BadReply& error) {
       bad_reply = error.what();
     }
@@ -122,31 +136,9 @@ Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
   }
 }
 
-struct Probe {
-  explicit Probe(int channels)
-      : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
-
-  Eigen::VectorXd pressure;   // last readings [Pa]
-  std::vector<int> readings;  // (channels)
-  double supply = kNoReading;
-  double seconds = 0;
-  std::string reason;  // cause of failure; empty on success
-};
-
-void readOnce(regulator::Driver& driver, Probe& probe) {
-  regulator::Pressures pressures(static_cast<int>(probe.pressure.size()));
-  driver.read(pressures);
-  for (Eigen::Index i = 0; i < probe.pressure.size(); ++i) {
-    if (!std::isfinite(pressures.pressure[i])) continue;
-    probe.pressure[i] = pressures.pressure[i];
-    ++probe.readings[static_cast<std::size_t>(i)];
-  }
-  if (std::isfinite(pressures.supply)) probe.supply = pressures.supply;
-}
-
-Probe probe(const io::Scene& scene, double seconds) {
+Answers probe(const io::Scene& scene, double seconds) {
   const InterruptWatch watch;
-  Probe result(scene.arm.actuatorCount());
+  Answers result(scene.arm.actuatorCount());
   std::string bad_reply;
   try {
     const auto driver = makeDriver(scene);
@@ -175,7 +167,7 @@ Probe probe(const io::Scene& scene, double seconds) {
 
 int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
-  const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
+  const Answers result = probe(scene, options.seconds.value_or(kProbeSeconds));
   const json pressure = readingsJson(result.pressure);
   json channels = json::array();
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
@@ -217,7 +209,7 @@ json namedActuators(const model::Arm& arm, json report) {
 
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
-  Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
+  Answers result(scene.arm.actuatorCount());
   try {
     const auto driver = makeDriver(scene);
     driver->connect();
@@ -427,10 +419,10 @@ void endWard() {
 }
 
 // Connects and vents, for at most kTrying.
-Vented vent(regulator::Driver& driver, const io::Scene& scene) {
+Answers vent(regulator::Driver& driver, const io::Scene& scene) {
   const double end = steadyNow() + kTrying;
   for (;;) {
-    Vented result;
+    Answers result(scene.arm.actuatorCount());
     try {
       driver.connect();
       result = ventAll(driver, scene);
@@ -455,7 +447,7 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   if (end == End::kDismissesGuard) return kDone;
   if (end == End::kStandsStill) endWard();
   const double begin = steadyNow();
-  const Vented result = vent(*driver, scene);
+  const Answers result = vent(*driver, scene);
   std::ostringstream line;
   line << "guard: the process that moved the arm "
        << (end == End::kStandsStill ? "did not respond and was killed; "

@@ -76,15 +76,24 @@ fs::path makeDirectory(const std::string& out) {
 // A file that is written in parts.
 class OutputFile {
  public:
-  explicit OutputFile(const fs::path& path) : path_(path) {
+  OutputFile(const fs::path& path, const std::string& text) : path_(path) {
     errno = 0;
     file_.open(path, std::ios::binary);
     check();
+    write(text);
   }
   void write(const std::string& text) {
     errno = 0;
     file_ << text << std::flush;
     check();
+  }
+  // A row of CSV, the first one below the names of its columns.
+  void add(const CsvTable::Row& row) {
+    std::ostringstream line;
+    if (!named_) CsvTable::printNames(row, line);
+    named_ = true;
+    CsvTable::printValues(row, line);
+    write(line.str());
   }
 
  private:
@@ -97,30 +106,14 @@ class OutputFile {
 
   fs::path path_;
   std::ofstream file_;
-};
-
-// A CSV file that is written row by row, after a comment.
-class CsvFile {
- public:
-  CsvFile(const fs::path& path, const std::string& comment) : file_(path) { file_.write(comment); }
-  void add(const CsvTable::Row& row) {
-    std::ostringstream line;
-    if (!named_) CsvTable::printNames(row, line);
-    named_ = true;
-    CsvTable::printValues(row, line);
-    file_.write(line.str());
-  }
-
- private:
-  OutputFile file_;
   bool named_ = false;
 };
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
-  OutputFile(path).write(
-      io::sceneText(options.scene, overridesOf(global)) +
-      basics::format("\n# Simulated with --count %d --seed %u\n", options.count, options.seed));
+  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) +
+                       basics::format("\n# Simulated with --count %d --seed %u\n", options.count,
+                                      options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -229,7 +222,7 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
         },
         board);
     const auto jpeg = encoder.encode(camera.render(simulation::kArmOutOfView));
-    OutputFile(directory / pictureName(++number)).write(std::string(jpeg.begin(), jpeg.end()));
+    OutputFile(directory / pictureName(++number), std::string(jpeg.begin(), jpeg.end()));
   }
   const int tags = std::visit([](const auto& one) { return one.count(); }, board);
   return {directory, number, tags, true};
@@ -247,8 +240,8 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   const fs::path directory = makeDirectory(options.out);
 
   writeScene(directory / "scene.yaml", options, global);
-  CsvFile truth(directory / "truth.csv", truthComment(scene));
-  std::optional<CsvFile> poses;
+  OutputFile truth(directory / "truth.csv", truthComment(scene));
+  std::optional<OutputFile> poses;
   std::optional<estimation::TagLayout> layout;
   if (scene.tags) {
     layout = simulation::deviate(*scene.tags, scene.arm, scene.simulation.mounts);
@@ -264,13 +257,13 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
     appendCapture(capture, rig.pressure(), row);
-    appendTwists(shape.twists(), row);
-    appendPose("tip_", model::tipPose(shape), row);
+    appendTwists(toJson(shape.twists()), scene.arm.sectionCount(), row);
+    appendPose("tip_", toJson(model::tipPose(shape)), row);
     if (camera) {
       const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));
       const auto jpeg = encoder.encode(rig.render());
-      OutputFile(directory / pictureName(capture)).write(std::string(jpeg.begin(), jpeg.end()));
+      OutputFile(directory / pictureName(capture), std::string(jpeg.begin(), jpeg.end()));
       corners.push_back({capture, rig.pressure(), tagsSeen(*layout, jpeg, detector)});
     }
     truth.add(row);
@@ -280,14 +273,14 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
       CsvTable::Row pose_row;
       appendCapture(capture, rig.pressure(), pose_row);
       pose_row.emplace_back("tag", std::to_string(layout->tags[i].id));
-      appendPose("", measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal),
+      appendPose("", toJson(measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal)),
                  pose_row);
       poses->add(pose_row);
     }
   }
   if (camera) {
-    OutputFile(directory / "tag_corners.csv")
-        .write(io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
+    OutputFile(directory / "tag_corners.csv",
+               io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }
   return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -60,13 +59,6 @@ bool isPly(const std::string& path) {
   return end == ".ply";
 }
 
-// A scene name must not end the line of a header.
-std::string oneLine(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
-  return text;
-}
-
 // Points as a PLY (binary, little-endian; tips and sensitivity as float32) or a CSV (inputs, tips
 // and sensitivity, with units in the header).
 class CloudFormat {
@@ -89,9 +81,8 @@ class CloudFormat {
     std::ostringstream out;
     // The count is only known at the end; padding keeps the length of the header constant.
     out << "ply\nformat binary_little_endian 1.0\n"
-        << "comment tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier
-        << ", seed " << origin_.seed
-        << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
+        << "comment tips of arm " << origin_.scene << ", tier " << origin_.tier << ", seed "
+        << origin_.seed << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
         << std::string(kCountWidth - count.size(), ' ') << "\nelement vertex " << count
         << "\nproperty float x\nproperty float y\nproperty float z\n";
     for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
@@ -103,7 +94,7 @@ class CloudFormat {
 
   std::string csvHeader() const {
     std::ostringstream out;
-    out << "# tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
+    out << "# tips of arm " << origin_.scene << ", tier " << origin_.tier << ", seed "
         << origin_.seed << "\n# x, y, z seen from the arm's base, x along the arm\n";
     if (origin_.sensitivity) {
       out << "# tip displacement for an error of 1 kPa in every pressure, of 1 mm in every free "

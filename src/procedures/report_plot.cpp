@@ -14,17 +14,18 @@
 #include <unistd.h>
 
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
 namespace fs = std::filesystem;
 
-// Where a script is: beside the program where it is installed, else among the sources.
+// Where a script is: beside the program where it is installed, else among the files of the package.
 fs::path pathOf(const std::string& script) {
   std::error_code error;
   const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / script;
-  return fs::exists(beside, error) ? beside : fs::path(HELIX_ARM_SCRIPTS_DIR) / script;
+  return fs::exists(beside, error) ? beside : fs::path(io::shippedFolder("scripts")) / script;
 }
 
 // A folder of its own for temporary files, which goes away with the object.

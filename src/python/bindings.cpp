@@ -336,7 +336,7 @@ PYBIND11_MODULE(_core, module) {
   translateExceptions(module);
   py::class_<Scene> scene(module, "Scene");
   bindScene(scene);
-  bindModel(module, scene);
+  bindModel(scene);
   bindMeasurements(scene);
   bindNodes(module, scene);
   refuseUnmade(module);

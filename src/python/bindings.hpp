@@ -197,7 +197,7 @@ class Scene {
   mutable Solvers solvers_;     // guarded by itself
 };
 
-void bindModel(py::module_& module, py::class_<Scene>& scene);
+void bindModel(py::class_<Scene>& scene);
 void bindMeasurements(py::class_<Scene>& scene);
 /// What the nodes in Python take from the library.
 void bindNodes(py::module_& module, py::class_<Scene>& scene);

@@ -23,61 +23,35 @@ constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 constexpr Piece kForwardPiece{1024, 16}, kTipsPiece{16384, 16}, kCurvePiece{64, 8},
     kJacobianPiece{16, 1};
 
-// Shapes at one row or many rows of inputs. Rows without equilibrium hold NaN.
-class Forward {
- public:
-  Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
-      : rows_(inputs.rows()),
-        sections_(scene.arm().sectionCount()),
-        single_(inputs.single()),
-        numbers_(inputs, {7 + 6 * sections_}),
-        converged_(inputs, {}) {
-    forEachRow(scene, inputs, kForwardPiece, threads, [&](std::size_t row, const auto& q) {
-      if (scene.isLoaded()) {
-        const statics::Solution solution = scene.model().solve(q);
-        set(row, solution.converged(), solution.tip, solution.shape.twists());
-      } else {
-        const model::Twists twists = scene.arm().twists(q);
-        set(row, true, scene.arm().tipOf(twists), twists);
-      }
-    });
-  }
-
-  // Views: for one row, making all of them takes as long as the row.
-  py::array tips() const { return view(0, {rows_, 3}); }
-  py::array quaternions() const { return view(3, {rows_, 4}); }
-  py::array twists() const { return view(7, {rows_, sections_, 6}); }
-  py::object converged() const { return converged_.result(); }
-  py::ssize_t rows() const { return rows_; }
-
- private:
-  // Of all rows: the quantity before which there are so many numbers per row.
-  double* first(int before) const { return numbers_.at(0) + before * rows_; }
-  // @param shape  of the entries of many rows.
-  py::array view(int before, std::initializer_list<py::ssize_t> shape) const {
-    const std::vector<py::ssize_t> own(shape.begin() + (single_ ? 1 : 0), shape.end());
-    return py::array_t<double>(own, first(before), numbers_.result());
-  }
-  void set(std::size_t row, bool found, const lie::SE3& tip, const model::Twists& twists) {
-    converged_[row] = found;
-    setPose(tip, found, first(0) + 3 * row, first(3) + 4 * row);
-    double* const to = first(7) + 6 * sections_ * row;
+// Tips, then quaternions, then twists of all rows in one array, as making three takes as long as a
+// row; and whether the rows have an equilibrium: the others hold NaN.
+py::tuple forward(const Scene& scene, const py::handle& pressures, std::size_t threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const int size = 6 * scene.arm().sectionCount();
+  const Entries<double> numbers(inputs, {7 + size});
+  const Entries<bool> converged(inputs, {});
+  double* const tips = numbers.at(0);
+  double *const quaternions = tips + 3 * inputs.rows(), *const shapes = tips + 7 * inputs.rows();
+  const auto set = [&](std::size_t row, bool found, const lie::SE3& tip,
+                       const model::Twists& twists) {
+    converged[row] = found;
+    setPose(tip, found, tips + 3 * row, quaternions + 4 * row);
     if (found) {
-      std::copy_n(twists.data(), 6 * sections_, to);
+      std::copy_n(twists.data(), size, shapes + size * row);
     } else {
-      std::fill_n(to, 6 * sections_, kNoNumber);
+      std::fill_n(shapes + size * row, size, kNoNumber);
     }
-  }
-
-  py::ssize_t rows_;
-  int sections_;
-  bool single_;
-  Entries<double> numbers_;  // tips, then quaternions, then twists
-  Entries<bool> converged_;
-};
-
-Forward forward(const Scene& scene, const py::handle& pressures, std::size_t threads) {
-  return {scene, scene.inputs(pressures, "pressures_pa"), threads};
+  };
+  forEachRow(scene, inputs, kForwardPiece, threads, [&](std::size_t row, const auto& q) {
+    if (scene.isLoaded()) {
+      const statics::Solution solution = scene.model().solve(q);
+      set(row, solution.converged(), solution.tip, solution.shape.twists());
+    } else {
+      const model::Twists twists = scene.arm().twists(q);
+      set(row, true, scene.arm().tipOf(twists), twists);
+    }
+  });
+  return py::make_tuple(numbers.result(), converged.result());
 }
 
 void tipsOfBatch(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
@@ -317,34 +291,9 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
                   "limits"_a = found.limits.result(), "iterations"_a = found.iterations.result());
 }
 
-py::dict asDict(const Forward& forward) {
-  return py::dict("tips"_a = forward.tips(), "quaternions_xyzw"_a = forward.quaternions(),
-                  "twists"_a = forward.twists(), "converged"_a = forward.converged());
-}
-
 }  // namespace
 
-void bindModel(py::module_& module, py::class_<Scene>& scene) {
-  py::class_<Forward>(module, "Forward",
-                      "Shapes at one row or N rows of pressures. Rows in which no shape balances "
-                      "the load hold NaN.")
-      .def_property_readonly("tips", &Forward::tips,
-                             "(3,) or (N, 3) positions of the tip, base frame [m].")
-      .def_property_readonly(
-          "quaternions_xyzw", &Forward::quaternions,
-          "(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base frame; w >= 0.")
-      .def_property_readonly(
-          "twists", &Forward::twists,
-          "(sections, 6) or (N, sections, 6) twist of each section over its length, v [m] "
-          "and w [rad]; under load the mean.")
-      .def_property_readonly("converged", &Forward::converged,
-                             "bool, or (N,) bools: whether a shape balances the load.")
-      .def("to_dict", asDict, "The fields as a dict of arrays.")
-      .def("__len__", &Forward::rows)
-      .def("__repr__", [](const Forward& forward) {
-        return "<helix_arm.Forward of " + std::to_string(forward.rows()) +
-               (forward.rows() == 1 ? " row>" : " rows>");
-      });
+void bindModel(py::class_<Scene>& scene) {
   scene.def("_forward", forward, py::arg("pressures_pa"), py::arg("threads"))
       .def("_tips", tips, py::arg("pressures_pa"), py::arg("out"), py::arg("threads"))
       .def("_curve", curve, py::arg("pressures_pa"), py::arg("points"), py::arg("threads"))

@@ -2,12 +2,20 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstring>
 #include <optional>
+#include <system_error>
+#include <thread>
 
+#include <poll.h>
+#include <spawn.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -16,10 +24,13 @@
 namespace helix_arm::simulation {
 namespace {
 
+using Clock = std::chrono::steady_clock;
+using Milliseconds = std::chrono::milliseconds;
 using nlohmann::json;
 
-constexpr std::chrono::milliseconds kPatience(9'500);  // for a line; 10 s with what ends it
-constexpr int kEndPatience = 200;                      // for how it ended [ms]
+constexpr Milliseconds kPatience(9'500);                  // for a line; 10 s with what ends it
+constexpr Milliseconds kEndPatience(200), kGrace(1'000);  // for how it ended; to end by itself
+constexpr Milliseconds kPeriod(5);                        // of looking whether it has ended
 constexpr std::size_t kLongestLine = 1U << 20U;
 constexpr double kUnitError = 1e-3;                  // of a quaternion's norm
 constexpr double kFarthest = 1e3;                    // of a pose from the base [m]
@@ -72,14 +83,115 @@ std::optional<lie::SE3> poseOf(const json& given) {
   return lie::SE3{rotation.toRotationMatrix(), *position};
 }
 
+// Starts it with default signals, and its input and output at the end of a socket.
+int spawn(std::vector<std::string> command, int end, pid_t& process) {
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, end, STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, end, STDOUT_FILENO);
+#if __GLIBC_PREREQ(2, 34)
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+#endif
+  sigset_t all, none;
+  sigfillset(&all);
+  sigemptyset(&none);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setsigdefault(&attributes, &all);
+  posix_spawnattr_setsigmask(&attributes, &none);
+  posix_spawnattr_setpgroup(&attributes, 0);
+  posix_spawnattr_setflags(&attributes,
+                           POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETPGROUP);
+  std::vector<char*> arguments;
+  for (std::string& word : command) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  const int error =
+      posix_spawn(&process, arguments[0], &actions, &attributes, arguments.data(), environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return error;
+}
+
 }  // namespace
+
+// The program, in a process group of its own. Whatever it does, this process goes on.
+class Plant::Process {
+ public:
+  explicit Process(const std::string& command) {
+    int ends[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
+      throw std::system_error(errno, std::generic_category());
+    }
+    const int error = spawn({"/bin/sh", "-c", command}, ends[1], process_);
+    ::close(ends[1]);
+    socket_ = ends[0];
+    if (error == 0) return;
+    ::close(socket_);
+    throw std::system_error(error, std::generic_category());
+  }
+  // Ends its input, waits for it to end, then kills it and all that it started.
+  ~Process() {
+    ::close(socket_);
+    const bool ended = status(kGrace).has_value();
+    ::kill(-process_, SIGKILL);
+    while (!ended && waitpid(process_, nullptr, 0) < 0 && errno == EINTR) continue;
+  }
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+
+  // All of a text, or what it reads of it.
+  void send(const std::string& text) {
+    for (std::size_t sent = 0; sent < text.size();) {
+      const ssize_t count = ::send(socket_, text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
+      if (count < 0 && errno == EINTR) continue;
+      if (count <= 0) return;
+      sent += static_cast<std::size_t>(count);
+    }
+  }
+
+  // What it says until then; empty if its output has ended, nothing if it is silent.
+  std::optional<std::string> read(Clock::time_point end) {
+    for (;;) {
+      const auto left = std::chrono::ceil<Milliseconds>(end - Clock::now()).count();
+      pollfd waited{socket_, POLLIN, 0};
+      const int ready = left > 0 ? poll(&waited, 1, static_cast<int>(left)) : 0;
+      if (ready == 0) return std::nullopt;
+      char bytes[4096];
+      const ssize_t count = ready < 0 ? -1 : ::read(socket_, bytes, sizeof bytes);
+      if (count < 0 && errno == EINTR) continue;
+      return std::string(bytes, static_cast<std::size_t>(std::max<ssize_t>(count, 0)));
+    }
+  }
+
+  // How it ended, as of waitpid(); nothing if it still runs then.
+  std::optional<int> status(Milliseconds patience) {
+    const auto end = Clock::now() + patience;
+    while (!status_) {
+      int status = 0;
+      const pid_t ended = waitpid(process_, &status, WNOHANG);
+      if (ended == process_) {
+        status_ = status;
+      } else if (ended < 0 || Clock::now() >= end) {
+        break;
+      } else {
+        std::this_thread::sleep_for(kPeriod);
+      }
+    }
+    return status_;
+  }
+
+ private:
+  pid_t process_ = -1;
+  int socket_ = -1;
+  std::optional<int> status_;  // once it has ended
+};
 
 Plant::Plant(const std::string& command, const model::Arm& arm,
              const std::vector<estimation::TagPlacement>& tags)
     : command_(command),
       arm_(arm),
       pieces_(piecesFor(arm, tags)),
-      process_({"/bin/sh", "-c", command}, {}) {
+      process_(std::make_unique<Process>(command)) {
   json names = json::array(), places = json::array();
   for (int i = 0; i < arm_.actuatorCount(); ++i) names.push_back(arm_.actuator(i).name);
   for (int k = 0; k < arm_.sectionCount(); ++k) {
@@ -101,9 +213,10 @@ void Plant::step(double dt, const Eigen::VectorXd& pressure, const Eigen::Vector
   takePoses(ask(turn.dump()), false);
 }
 
+Plant::~Plant() = default;
+
 std::string Plant::ask(const std::string& line) {
-  using Clock = std::chrono::steady_clock;
-  process_.send(line + "\n");  // if it reads no more, it has ended, or is silent
+  process_->send(line + "\n");  // if it reads no more, it has ended, or is silent
   for (const auto end = Clock::now() + kPatience;;) {
     const auto line_end = received_.find('\n');
     if (line_end != std::string::npos) {
@@ -112,12 +225,10 @@ std::string Plant::ask(const std::string& line) {
       return answer;
     }
     if (received_.size() > kLongestLine) refuse("sent a line of more than 1 MB");
-    char bytes[4096];
-    const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
-    const auto count = process_.read(bytes, sizeof bytes, static_cast<int>(left.count()));
-    if (!count) refuse("was silent for 10 s");
-    if (*count == 0) refuse(endOf(process_.status(kEndPatience)));
-    received_.append(bytes, *count);
+    const std::optional<std::string> more = process_->read(end);
+    if (!more) refuse("was silent for 10 s");
+    if (more->empty()) refuse(endOf(process_->status(kEndPatience)));
+    received_ += *more;
   }
 }
 

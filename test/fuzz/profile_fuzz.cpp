@@ -6,7 +6,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "io/document/document.hpp"
-#include "io/scene/profile_file.hpp"
+#include "io/scene/scene_readers.hpp"
 #include "memory_file.hpp"
 
 namespace {

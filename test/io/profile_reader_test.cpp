@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "io/scene/profile_file.hpp"
+#include "io/scene/scene_readers.hpp"
 #include "scene_faults.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/serial_profiles.hpp"

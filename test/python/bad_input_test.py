@@ -238,7 +238,7 @@ def refused(call):
     else:
         raise AssertionError("not refused")
 kinds = [kind for kind in vars(_core).values() if isinstance(kind, type) and not issubclass(kind, Exception)]
-assert len(kinds) >= 2
+assert kinds == [_core.Scene], kinds
 objects = [kind.__new__(kind) for kind in kinds + [helix_arm.Scene] * 2]
 try:
     objects[-1].__init__("/no/such.yaml")
@@ -255,10 +255,6 @@ for one in objects[-2:]:
                  lambda: one.calibrate("a.csv"), lambda: one.follow(np.zeros(3), seconds=1),
                  lambda: helix_arm.Scene.load("demo").follow(np.full(3, 0.1), seconds=1, rig=one)]:
         refused(call)
-for one in objects:
-    if isinstance(one, helix_arm.Forward):
-        for call in [lambda: repr(one), lambda: len(one), lambda: one.to_dict()]:
-            refused(call)
 print(len(objects))
 """
 
@@ -266,7 +262,7 @@ print(len(objects))
 class UnmadeObjectTest(unittest.TestCase):
     def test_an_object_without_init_is_refused(self):
         result = subprocess.run([sys.executable, "-c", UNMADE], capture_output=True, text=True, timeout=60)
-        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "4\n"))
+        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "3\n"))
 
 
 class RandomCallTest(unittest.TestCase):

@@ -1,7 +1,7 @@
 // What is taken from a recording; and none, however damaged, ends the process that loads it.
 #include "bag/bag_captures.hpp"
 
-#include <iostream>
+#include <fstream>
 
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
@@ -172,7 +172,7 @@ TEST(BagCaptures, MissingTopicsAndOtherArmsAreNamed) {
 
 using test::Random;
 
-constexpr int kDamaged = 200;
+constexpr int kDamaged = 100;
 
 void write(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary) << bytes;
@@ -210,7 +210,7 @@ TEST(DamagedBags, NeverEndWhoLoadsThem) {
   const std::string sound = soundBag(folder), path = folder / "damaged.bag";
   Random random(19);
   const auto files = test::openFiles();
-  int loaded = 0, refused = 0, crashed = 0;
+  int loaded = 0, refused = 0;
   for (int i = 0; i < kDamaged; ++i) {
     write(path, damaged(sound, random));
     const std::string message = faultOf(path);
@@ -219,14 +219,11 @@ TEST(DamagedBags, NeverEndWhoLoadsThem) {
       continue;
     }
     ++refused;
-    crashed += message.find("reading it ended with") != std::string::npos ? 1 : 0;
     EXPECT_EQ(message.find(path), 0u) << message;
     EXPECT_LT(message.size(), 1000u) << message;
   }
-  EXPECT_GT(loaded, 20) << "a byte within a message is no fault of the bag";
-  EXPECT_GT(refused, 60);
-  std::cout << loaded << " were read, " << refused << " refused, " << crashed
-            << " of them having ended bag_reader\n";
+  EXPECT_GT(loaded, 10) << "a byte within a message is no fault of the bag";
+  EXPECT_GT(refused, 30);
   EXPECT_EQ(test::openFiles(), files);
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left behind";
 }

@@ -11,8 +11,8 @@ struct ReportPart {
   std::string name, content;
 };
 
-/// Runs a script of the package, which is beside the program where it is installed, else among the
-/// sources, on a report: a JSON document.
+/// Runs a script of the package, which is beside the program where it is installed, else in its
+/// folder scripts, on a report: a JSON document.
 ///
 /// @param arguments  behind the report's file.
 /// @param failure    message where the script fails.

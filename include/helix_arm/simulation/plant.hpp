@@ -1,11 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "helix_arm/basics/child_process.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -30,6 +30,7 @@ class Plant {
   /// protocol.
   Plant(const std::string& command, const model::Arm& arm,
         const std::vector<estimation::TagPlacement>& tags);
+  ~Plant();
 
   /// Advances its time by dt > 0 [s], under pressures (n), gauge [Pa], and a force at the tip, base
   /// frame [N]. Throws as the constructor.
@@ -38,6 +39,8 @@ class Plant {
   const model::Shape& shape() const { return shape_; }
 
  private:
+  class Process;
+
   std::string ask(const std::string& line);
   void takePoses(const std::string& answer, bool first);
   [[noreturn]] void refuse(const std::string& fault) const;
@@ -45,7 +48,7 @@ class Plant {
   const std::string command_;
   const model::Arm arm_;
   const int pieces_;  // per section
-  basics::ChildProcess process_;
+  const std::unique_ptr<Process> process_;
   std::string received_;  // beyond the last line
   model::Shape shape_;
 };

@@ -333,13 +333,9 @@ std::string readSceneText(const std::string& path, FaultList& faults) {
   return *text;
 }
 
-std::optional<Value> parseScene(const std::string& text, FaultList& faults) {
-  return parseDocument(text, sceneKind(), faults);
-}
-
 Value parseScene(const std::string& text, const std::vector<Override>& overrides,
                  FaultList& faults) {
-  std::optional<Value> document = parseScene(text, faults);
+  std::optional<Value> document = parseDocument(text, sceneKind(), faults);
   if (!document) faults.throwIfAny();
   for (const Override& change : overrides) applyOverride(*document, change, faults);
   return std::move(*document);

@@ -1,5 +1,3 @@
-#include "profile_file.hpp"
-
 #include <algorithm>
 #include <cstddef>
 #include <filesystem>
@@ -12,8 +10,7 @@
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "io/document/document.hpp"
-#include "io/document/map_reader.hpp"
+#include "scene_readers.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -7,7 +7,6 @@
 #include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
-#include "profile_file.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -6,7 +6,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "profile_file.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {
@@ -25,9 +24,9 @@ std::string sceneText(const std::string& path, const std::vector<Override>& over
   FaultList faults(path);
   if (overrides.empty()) {
     std::string text = readSceneText(path, faults);
-    std::optional<Value> plain = parseScene(text, faults);
+    Value plain = parseScene(text, {}, faults);
     faults.throwIfAny();
-    if (relativeProfile(*plain) == nullptr) return text;
+    if (relativeProfile(plain) == nullptr) return text;
   }
   const SceneDocument scene = readSceneDocument(path, overrides, faults);
   faults.throwIfAny();
@@ -54,9 +53,9 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
 
 Scene sceneOfText(const std::string& text, const std::string& name) {
   FaultList faults(name);
-  const std::optional<Value> document = parseScene(text, faults);
+  const Value document = parseScene(text, {}, faults);
   faults.throwIfAny();
-  return makeScene(*document, faults);
+  return makeScene(document, faults);
 }
 
 Scene makeScene(const Value& document, FaultList& faults) {

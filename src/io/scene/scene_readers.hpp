@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
@@ -85,11 +86,7 @@ const DocumentKind& sceneKind();
 /// The text of a scene file. @throws DocumentError if it cannot be read.
 std::string readSceneText(const std::string& path, FaultList& faults);
 
-/// The tree of a scene's text; nothing, and a fault that does not repeat its content, if it is not
-/// a scene.
-std::optional<Value> parseScene(const std::string& text, FaultList& faults);
-
-/// The same with overrides; overrides that do not apply are faults.
+/// The tree of a scene's text with overrides; those that do not apply are faults.
 /// @throws DocumentError if the text is not YAML or not a scene.
 Value parseScene(const std::string& text, const std::vector<Override>& overrides,
                  FaultList& faults);
@@ -131,6 +128,24 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
 
 /// Reads `simulation`.
 SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm);
+
+/// The profile of a device: the map below the single key of a document, `ascii_serial` of one on a
+/// serial line or `modbus_tcp`.
+///
+/// @param kind  the key that is needed; null for any.
+/// @param name  the profile's.
+/// @return nothing, and at least one fault, if a rule is broken.
+std::optional<RegulatorProfile> readProfile(const Value& document, const char* kind,
+                                            const std::string& name, FaultList& faults);
+
+/// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
+/// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.
+Value* relativeProfile(Value& scene);
+
+/// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
+/// it are reported with its own file and lines.
+/// @return nothing, and at least one fault, if there is no such profile of this kind.
+std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std::string& kind);
 
 /// Reads `regulator` and the profile that it names.
 std::optional<regulator::Config> readRegulator(const MapReader& scene, const ArmParts* arm);

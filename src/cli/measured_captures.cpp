@@ -1,0 +1,470 @@
+// Measured captures: their shapes (fit), and the model beside them (evaluate).
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <set>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/basics/median.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/tag_table.hpp"
+#include "helix_arm/localization/tag_layout.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/captures.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using estimation::TagLayout;
+using nlohmann::json;
+
+// One capture of tag poses and the shape fitted to it.
+struct FittedCapture {
+  int number;                                     // as the file counts them
+  Eigen::VectorXd pressure;                       // (n) gauge [Pa]
+  std::vector<estimation::PoseObservation> seen;  // the tags that the scene has
+  std::vector<int> unknown_tags;                  // ids that it has not
+  statics::Solution model;                        // at these pressures
+  estimation::FitStatus status;
+  std::string reason;  // why it did not converge; empty where it did
+  // Absent where the tags do not determine a shape, or no shape fits most of them.
+  std::optional<estimation::TwistFit> fit;
+  // Set where its residuals are far larger than is usual among the captures: that RMS [m].
+  std::optional<double> usual_rms;
+
+  bool converged() const { return status == estimation::FitStatus::kConverged; }
+  // Fitted, all its tags agree, and as well as those of the others.
+  bool sound() const { return converged() && fit->outliers() == 0 && !usual_rms; }
+  // Ids of the tags that do not fit.
+  std::vector<int> outlierTags(const TagLayout& layout) const {
+    std::vector<int> ids;
+    if (!fit) return ids;
+    for (const estimation::TagResidual& tag : fit->tags) {
+      if (tag.outlier) ids.push_back(layout.tags[tag.tag].id);
+    }
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+};
+
+std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
+  const std::string check =
+      "; check that their positions are in metres and seen from the arm's base, and where the "
+      "scene places the tags";
+  switch (capture.status) {
+    case estimation::FitStatus::kConverged:
+      return {};
+    case estimation::FitStatus::kNotConverged:
+      return "the fit of a shape to its tags did not converge" + check;
+    case estimation::FitStatus::kUnexplained:
+      return "no shape of the arm fits more than half of its tags" + check;
+    case estimation::FitStatus::kUnderdetermined:
+      break;
+  }
+  std::vector<int> tags;
+  for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
+  // Three points determine a section's twist, two in a plane; one pose counts as all of them.
+  const int places = scene.vision.fit.planar ? 2 : 3;
+  return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
+}
+
+void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
+  std::vector<std::optional<estimation::CaptureScatter>> scatter;
+  for (const FittedCapture& capture : captures) {
+    scatter.emplace_back();
+    if (capture.converged()) scatter.back() = procedures::scatterOfPoses(*capture.fit, planar);
+  }
+  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    if (check.apart[i]) captures[i].usual_rms = check.usual;
+  }
+}
+
+// Fits every capture of a data set of tag poses by itself, from the model's shape or, where its
+// load finds no balance, that without load. Pressures outside the limits count as at them: they
+// are but a start.
+// @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
+// data.
+std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
+  if (!scene.tags) {
+    throw CallerError(data.path + " holds tag poses, but scene " + scene.name +
+                      " has no tags; expected a scene with a section tags");
+  }
+  requirePressureDriven(scene);
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<FittedCapture> captures;
+  for (const io::TagPoseCapture& measured :
+       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
+    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}, {}};
+    for (const io::TagPose& tag : measured.tags) {
+      const int index = scene.tags->find(tag.id);
+      if (index < 0) {
+        capture.unknown_tags.push_back(tag.id);
+      } else {
+        capture.seen.push_back({index, tag.X_BT});
+      }
+    }
+    const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
+    capture.model = scene.model.solve(pressure);
+    const estimation::TwistFit& fit =
+        fitter.fitCold(capture.seen, statics::startingShape(scene.model, capture.model, pressure));
+    capture.status = fit.status;
+    capture.reason = reasonOf(scene, capture);
+    if (fit.status == estimation::FitStatus::kConverged ||
+        fit.status == estimation::FitStatus::kNotConverged) {
+      capture.fit = fit;
+    }
+    captures.push_back(std::move(capture));
+  }
+  compareScatter(scene.vision.fit.planar, captures);
+  return captures;
+}
+
+// What fit and evaluate report alike of a capture.
+json captureJson(const FittedCapture& capture, const TagLayout& layout) {
+  return {{"capture", capture.number},
+          {"pressure_pa", toJson(capture.pressure)},
+          {"status", estimation::nameOf(capture.status)},
+          {"converged", capture.converged()},
+          {"reason", textOrNull(capture.reason)},
+          {"model_status", statics::nameOf(capture.model.status)},
+          {"outlier_tags", capture.outlierTags(layout)},
+          {"unknown_tags", capture.unknown_tags}};
+}
+
+// Names a capture that no shape explains, with its RMS, what is usual, and what to do; empty for
+// the others.
+std::string noteOnScatter(const FittedCapture& capture) {
+  if (!capture.usual_rms) return {};
+  return procedures::scatterText(capture.fit->rms, *capture.usual_rms);
+}
+
+// Why there is no result; empty where some capture is sound.
+std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
+  const auto any = [&captures](auto holds) {
+    return std::any_of(captures.begin(), captures.end(), holds);
+  };
+  if (any([](const FittedCapture& capture) { return capture.sound(); })) return {};
+  if (any([](const FittedCapture& capture) { return capture.converged(); })) {
+    return "no capture is valid: each that could be fitted has tags that do not fit";
+  }
+  // The most frequent reason.
+  std::map<std::string, int> counts;
+  for (const FittedCapture& capture : captures) ++counts[capture.reason];
+  const auto most =
+      std::max_element(counts.begin(), counts.end(),
+                       [](const auto& a, const auto& b) { return a.second < b.second; });
+  return "no capture could be fitted; " + std::to_string(most->second) + " of " +
+         std::to_string(captures.size()) + ": " + most->first;
+}
+
+// The middle value; nothing of none.
+std::optional<double> median(std::vector<double> values) {
+  if (values.empty()) return std::nullopt;
+  return basics::medianOf(std::move(values));
+}
+
+struct CaptureOptions {
+  std::string scene, data;
+};
+
+json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
+  json tags = json::array();
+  json result = captureJson(capture, layout);
+  result["usual_rms_m"] = toJson(capture.usual_rms);
+  for (const char* key : {"twist", "covariance", "rms_m", "tip", "base"}) result[key] = nullptr;
+  if (capture.fit) {
+    const estimation::TwistFit& fit = *capture.fit;
+    for (const estimation::TagResidual& tag : fit.tags) {
+      tags.push_back({{"id", layout.tags[tag.tag].id},
+                      {"residual_m", tag.rms},
+                      {"weight", tag.weight},
+                      {"outlier", tag.outlier}});
+    }
+    result["twist"] = toJson(fit.twists);
+    result["covariance"] = rowsJson(fit.covariance);
+    result["rms_m"] = fit.rms;
+    result["tip"] = toJson(measuredTip(fit));
+    result["base"] = toJson(fit.X_B0B);
+  }
+  result["tags"] = tags;
+  return result;
+}
+
+json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures) {
+  json list = json::array(), flagged = json::array();  // flagged: with tags that do not fit
+  std::vector<double> rms;                             // of the valid captures [m]
+  std::set<int> unknown;
+  for (const FittedCapture& capture : captures) {
+    list.push_back(fittedJson(capture, *scene.tags));
+    if (capture.sound()) rms.push_back(capture.fit->rms);
+    const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
+    if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {
+      flagged.push_back(capture.number);
+    }
+    unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
+  }
+  return {{"scene", scene.name},
+          {"captures", list},
+          {"median_rms_m", toJson(median(std::move(rms)))},
+          {"flagged_captures", flagged},
+          {"unknown_tags", unknown},
+          {"reason", textOrNull(reasonForNoFit(captures))}};
+}
+
+// Twists, covariance and residuals; empty cells where there is no fit.
+void appendFit(const json& capture, const TagLayout& layout, int sections, CsvTable::Row& row) {
+  appendTwists(capture["twist"], sections, row);
+  const auto size = static_cast<std::size_t>(6 * sections);
+  const json& covariance = capture["covariance"];
+  for (std::size_t i = 0; i < size; ++i) {
+    for (std::size_t j = i; j < size; ++j) {
+      row.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
+                       covariance.is_null() ? "" : exact(covariance[i][j].get<double>()));
+    }
+  }
+  for (const auto& placed : layout.tags) {
+    row.emplace_back("tag_" + std::to_string(placed.id) + "_residual_m", "");
+    for (const json& tag : capture["tags"]) {
+      if (tag["id"] == placed.id) row.back().second = exact(tag["residual_m"].get<double>());
+    }
+  }
+}
+
+// The table, after comments that are printed at once.
+CsvTable csvTable(const io::Scene& scene, const json& report) {
+  if (!report["median_rms_m"].is_null()) printComments(report, {"median_rms_m"});
+  printReason(report);
+  CsvTable table;
+  for (const json& capture : report["captures"]) {
+    CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
+                                          "outlier_tags", "usual_rms_m", "unknown_tags"});
+    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
+    row.push_back(cellsOf(capture, {"model_status"}).front());
+    table.add(row);
+  }
+  return table;
+}
+
+// The report without the residuals of single tags, and with what it means.
+json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
+  json shown = without(report, {"tags", "base", "model_status", "usual_rms_m", "converged"});
+  for (const FittedCapture& capture : captures) {
+    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
+    const std::string note = noteOnStart(capture.model);
+    if (note.empty()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
+  }
+  return shown;
+}
+
+int runFit(const CaptureOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
+  const json report = reportOf(scene, captures);
+  printResult(
+      global.format, report, [&] { return csvTable(scene, report); }, shownOf(captures, report));
+  return report["reason"].is_null() ? kDone : kNotPossible;
+}
+
+// RMS distance of the model's tags from those measured that fit one shape; nothing of none [m].
+std::optional<double> tagDistance(const io::Scene& scene, const FittedCapture& capture) {
+  const std::vector<lie::SE3> model = estimation::tagPoses(*scene.tags, capture.model.shape);
+  const std::vector<int> outliers = capture.outlierTags(*scene.tags);
+  double square = 0;
+  int count = 0;
+  for (const estimation::PoseObservation& seen : capture.seen) {
+    const int id = scene.tags->tags[seen.tag].id;
+    if (std::find(outliers.begin(), outliers.end(), id) != outliers.end()) continue;
+    square += (model[seen.tag].translation - seen.X_BT.translation).squaredNorm();
+    ++count;
+  }
+  return count > 0 ? std::optional(std::sqrt(square / count)) : std::nullopt;
+}
+
+json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) {
+  double arm_length = 0;  // at rest [m]
+  for (int k = 0; k < scene.arm.sectionCount(); ++k) arm_length += scene.arm.restLength(k);
+  const auto percent = [arm_length](const std::optional<double>& error) {
+    return error ? json(100 * *error / arm_length) : json();
+  };
+  json captures = json::array();
+  std::vector<double> rms, tip_errors;  // of the valid captures [m]
+  for (const FittedCapture& capture : fitted) {
+    std::optional<double> tags, tip;
+    if (capture.model.converged() && capture.converged()) {
+      tags = tagDistance(scene, capture);
+      tip = (capture.model.tip.translation - measuredTip(*capture.fit).translation).norm();
+      if (capture.sound()) rms.push_back(*tags);
+      if (capture.sound()) tip_errors.push_back(*tip);
+    }
+    captures.push_back(captureJson(capture, *scene.tags));
+    captures.back().update({{"rms_m", toJson(tags)},
+                            {"tip_error_m", toJson(tip)},
+                            {"tip_error_percent", percent(tip)},
+                            {"fit_rms_m", capture.fit ? json(capture.fit->rms) : json()},
+                            {"usual_fit_rms_m", toJson(capture.usual_rms)}});
+  }
+  const std::optional<double> tip_error = median(tip_errors);
+  std::string reason = reasonForNoFit(fitted);
+  if (reason.empty() && !tip_error) {
+    const auto lacking =
+        std::find_if(fitted.begin(), fitted.end(),
+                     [](const FittedCapture& capture) { return !capture.model.converged(); });
+    reason = "the model finds no shape for any valid capture: " +
+             reasonForNoShape(lacking->model.status);
+  }
+  return {{"scene", scene.name},
+          {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+          {"captures", captures},
+          {"median_rms_m", toJson(median(rms))},
+          {"median_tip_error_percent", percent(tip_error)},
+          {"arm_length_m", arm_length},
+          {"reason", textOrNull(reason)}};
+}
+
+// Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
+// @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
+int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
+  procedures::pressuresWithinLimits(data, scene.arm);
+  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
+  const json report = comparisonOf(scene, captures);
+  json shown = without(report, {"converged", "usual_fit_rms_m"});
+  for (const FittedCapture& capture : captures) {
+    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
+    if (capture.model.converged()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " +
+                             reasonForNoShape(capture.model.status));
+  }
+  const auto table = [&report] {
+    printComments(report, {"median_rms_m", "median_tip_error_percent"});
+    printReason(report);
+    return CsvTable(report["captures"],
+                    {"capture", "status", "pressure_pa", "rms_m", "tip_error_m",
+                     "tip_error_percent", "outlier_tags", "unknown_tags", "model_status"});
+  };
+  printResult(format, report, table, shown);
+  return report["reason"].is_null() ? kDone : kNotPossible;
+}
+
+void requireComparable(const io::Scene& scene, const io::DataSet& data) {
+  if (data.find("curvature_rad") < 0) {
+    throw CallerError(data.path +
+                      " has no measurements to compare with; expected the columns pressure_1_kpa "
+                      ".. and curvature_rad, or tag poses");
+  }
+  requirePressureDriven(scene);
+  if (scene.arm.sectionCount() != 1) {
+    throw CallerError("curvature_rad applies to arms of one section; scene " + scene.name +
+                      " has " + std::to_string(scene.arm.sectionCount()));
+  }
+}
+
+// Length-scaled curvature of every row: |(w_y, w_z)| of the section.
+int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
+  requireComparable(scene, data);
+  const Eigen::MatrixXd pressures = procedures::pressuresWithinLimits(data, scene.arm);
+  const Eigen::VectorXd measured = data.values.col(data.find("curvature_rad"));
+  json points = json::array(), reason;
+  double square = 0, most = 0;
+  int count = 0;
+  for (Eigen::Index row = 0; row < pressures.rows(); ++row) {
+    const statics::Solution solution = scene.model.solve(pressures.row(row));
+    json model, difference;
+    if (solution.converged()) {
+      const double curvature = model::curvatureOf(solution.shape.twists().col(0));
+      const double off = curvature - measured[row];
+      model = curvature;
+      difference = off;
+      square += off * off;
+      most = std::max(most, std::abs(off));
+      ++count;
+    } else if (reason.is_null()) {
+      reason = "row " + std::to_string(row + 1) + ": " + reasonForNoShape(solution.status);
+    }
+    points.push_back({{"pressure_pa", toJson(pressures.row(row))},
+                      {"measured_rad", measured[row]},
+                      {"model_rad", model},
+                      {"difference_rad", difference}});
+  }
+  const json report{{"scene", scene.name},
+                    {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+                    {"rms_rad", count > 0 ? json(std::sqrt(square / count)) : json()},
+                    {"max_rad", count > 0 ? json(most) : json()},
+                    {"reason", reason},
+                    {"points", without(points, {"difference_rad"})}};
+  json shown = report;
+  shown["points"] = points;
+  const auto table = [&] {
+    printComments(report, {"rms_rad", "max_rad"});
+    printReason(report);
+    return CsvTable(points, {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
+  };
+  printResult(format, report, table, shown);
+  return reason.is_null() ? kDone : kNotPossible;
+}
+
+int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const io::DataSet data = io::loadDataSet(options.data);
+  const bool tags = data.find("curvature_rad") < 0 && data.find("tag") >= 0;
+  return tags ? evaluateTags(scene, data, global.format)
+              : evaluateCurvature(scene, data, global.format);
+}
+
+}  // namespace
+
+Subcommand addFit(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
+  const auto options = std::make_shared<CaptureOptions>();
+  addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
+  addOption(*command, "TAG_POSES", options->data,
+            "data set (# comments, a header, one row per tag) with the columns capture, "
+            "pressure_1_kpa .. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
+            "tags.frame (default: the arm's base)",
+            kRequired);
+  command->footer(
+      R"(json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless
+converged, the search began at the shape without load), twist, covariance, rms_m (of the
+tags that fit), tip and base (fitted, relative to the base's nominal pose),
+outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),
+unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m
+over the captures whose tags all fit, flagged_captures (the others), unknown_tags,
+reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or
+no shape fits most of them, twist is null. csv: one row per capture.
+The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of
+captures, even if few tags determine the noise (chi-square with as many degrees of
+freedom as entries).
+Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.)");
+  return {command, [options](const GlobalOptions& global) { return runFit(*options, global); }};
+}
+
+Subcommand addEvaluate(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("evaluate", "compare the model with measurements");
+  const auto options = std::make_shared<CaptureOptions>();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
+  addOption(
+      *command, "DATA", options->data,
+      "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
+      "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes",
+      kRequired);
+  command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
+measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
+model_rad is null there, exit code 1).
+Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
+reason, model_status (as that of forward), rms_m (the model's tags against those
+measured that fit one shape), tip_error_m and tip_error_percent (model against fitted
+tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where
+fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and
+median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
+reason.
+csv: the summary as # comments, then one row per point or capture.)");
+  return {command,
+          [options](const GlobalOptions& global) { return runEvaluate(*options, global); }};
+}
+
+}  // namespace helix_arm::cli
