@@ -157,6 +157,8 @@ class Package:
                 value = re.match(r'.*\bk\w+\[\] =\s*(?:"([^"]+)")?', line) or re.match(r'\s+"([^"]+)";', line)
                 if into is not None and value and value.group(1):
                     into.add(value.group(1).lstrip("/"))
+        for path in (self.root / "python").rglob("*.py"):
+            services |= set(re.findall(r'(?:self\._serve|rospy\.Service)\("~?(\w+)"', path.read_text(encoding="utf-8")))
         return topics, services
 
     def has_type(self, name):

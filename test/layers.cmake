@@ -28,14 +28,13 @@ set(below_ros_bridge "")  # names alone
 set(below_ros_bridge/common "${below_procedures}|procedures|ros_bridge")
 set(below_ros_bridge/pressure "${below_ros_bridge/common}|ros_bridge/common")
 set(below_ros_bridge/vision "${below_ros_bridge/pressure}")
-set(below_ros_bridge/calibration "${below_ros_bridge/pressure}|bag")
 set(below_ros_bridge/follow "${below_ros_bridge/pressure}|ros_bridge/pressure")
 set(below_ros_bridge/tools "${below_ros_bridge/pressure}|ros_bridge/pressure|ros_bridge/vision")
 set(below_ros_bridge/cockpit "${below_ros_bridge/common}|ros_bridge/common")
 set(below_rviz_panel "ros_bridge|ros_bridge/cockpit|ros_bridge/common")  # and what a box shows: values and words, no message
-set(below_nodes "ros_bridge|ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/calibration|ros_bridge/tools|ros_bridge/common")
+set(below_nodes "ros_bridge|ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/tools|ros_bridge/common")
 set(below_cli "${below_procedures}|procedures|bag")
-set(below_python "${below_procedures}|procedures")
+set(below_python "${below_procedures}|procedures|bag")
 
 foreach(layer basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace control response localization
     calibration tracking follow io/data procedures)
@@ -55,7 +54,7 @@ set(others_rviz_panel "rviz|pluginlib")  # and Qt, whose headers have no folder
 
 set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace control response localization
   calibration tracking follow vision regulator simulation io/document io/scene io/data procedures bag ros_bridge nodes cli python rviz_panel)
-foreach(package common pressure vision calibration cockpit follow tools)
+foreach(package common pressure vision cockpit follow tools)
   list(APPEND layers ros_bridge/${package})
   set(others_ros_bridge/${package} ".*")
 endforeach()

@@ -20,9 +20,10 @@ from geometry_msgs.msg import Transform
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from helix_arm import _core, run_record
+from helix_arm.file_access import RECORDED_RUN, FileAccess, quoted
 from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
                            PressureArray)
-from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, quoted, run, to_write
+from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
 
 MOST_ACTUATORS = 100
 LONGEST_NAME = 40  # of an actuator, a frame or a state
@@ -97,16 +98,16 @@ class RunRecorder:
         # Checked again: something else may be there by now.
         if self._table:
             table = self._comment(_plain(outcome, LONGEST_OUTCOME)) + run_record.csv_of(rows, len(self._names))
-            _core._write(to_write("~record", self._table, ".csv"), table.encode())
+            _core._write(FileAccess({}).to_write("~record", self._table, ".csv"), table.encode())
             log.info(f"{len(rows)} pictures are recorded in {self._table}")
         if self._figure:
             name = quoted(os.path.basename(self._path))
-            _draw(run_record.report_of(rows, name, self._names, self._end), to_write("~figure", self._figure, ".png"))
+            _draw(run_record.report_of(rows, name, self._names, self._end), FileAccess({}).to_write("~figure", self._figure, ".png"))
             log.info(f"they are drawn in {self._figure}")
 
     def _comment(self, outcome: str) -> str:
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        return (f"# recorded run of {_plain(self._path, LONGEST_OUTCOME)}, {now}: {outcome}\n"
+        return (f"# {RECORDED_RUN}{_plain(self._path, LONGEST_OUTCOME)}, {now}: {outcome}\n"
                 f"# One row per picture that the loop used, at the picture's time. Tips seen from {self._frame}. time_s: since "
                 "the start of the path;\n# model: by the scene alone; predicted: by the corrected model; command: in force; pressure: "
                 f"measured. Actuators:{''.join(' ' + name for name in self._names)}.\n")

@@ -13,7 +13,8 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from helix_arm.msg import ArmShape, ModelError, PressureArray, SafetyState, VisionStatus
-from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, Node, Parameters, end, listen, quoted, run
+from helix_arm.file_access import quoted
+from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, Node, Parameters, end, listen, run
 from helix_arm.reload import SCENES, ReloadServer
 
 MOST_ERRORS = 100000  # an hour's at 30 Hz

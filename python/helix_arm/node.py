@@ -1,10 +1,8 @@
 """What the nodes in Python share: their parameters, their log, and how they end. As src/ros_bridge/common of those in C++."""
 from __future__ import annotations
 
-import errno
 import math
 import os
-import pathlib
 import queue
 import re
 import signal
@@ -12,33 +10,27 @@ import socket
 import sys
 import threading
 import time
-import xmlrpc.client
-from typing import Any, Callable, List, Optional, Set
+from typing import Any, Callable, List, Set
 
 import rosgraph
 import rospy
 import rospy.impl.masterslave
 import rospy.impl.tcpros_base
+from actionlib_msgs.msg import GoalID
 from rosgraph_msgs.msg import Clock
 
 from helix_arm import _core
+from helix_arm.client_watch import proxy_of
+from helix_arm.file_access import FileAccess, callers_folder, ros_home
 
 DONE, FAILED, BAD_CONFIGURATION = 0, 1, 2  # exit codes
 LONGEST_MESSAGE = 1000  # of another node that is repeated in the log [characters]
 WARNING_PERIOD = 5.0  # of each kind of fault [s]
-MASTER_PERIOD, MASTER_PATIENCE, MASTER_MISSES = 1.0, 2.0, 3  # [s], [s]
+MASTER_PERIOD, MASTER_MISSES = 1.0, 3  # [s]
 END_PATIENCE, LOST_PATIENCE = 5.0, 1.0  # until a node that cannot end in order exits at once [s]
 END_OF_TIME = 2**31  # [s]
-MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
-TITLES = ("# recorded of scene ", "# recorded run of ")  # in which tables of this package begin, as in parameters.hpp
 COULD_NOT_END = (b"this node could not end in time and exits at once: the ROS master does not answer (run rosnode cleanup once it "
                  b"does), a callback does not return, or the log is blocked\n")
-
-
-def quoted(text: str, most: int = 64) -> str:
-    """An untrusted word for messages: of printable ASCII alone, at most so many characters."""
-    out = "".join(c if " " <= c <= "~" else "?" for c in text[:most])
-    return out + "..." if len(text) > most else out
 
 
 class Log:
@@ -172,14 +164,8 @@ class _Watch:
         os._exit(FAILED)
 
     def _watch_master(self) -> None:
-        class Transport(xmlrpc.client.Transport):
-            def make_connection(self, host: Any) -> Any:
-                connection = super().make_connection(host)
-                connection.timeout = MASTER_PATIENCE
-                return connection
-
         name, uri = rospy.get_name(), rosgraph.get_master_uri()
-        master = xmlrpc.client.ServerProxy(uri, transport=Transport())
+        master = proxy_of(uri)
         missed = 0
         while missed < MASTER_MISSES:
             time.sleep(MASTER_PERIOD)
@@ -210,6 +196,10 @@ def _guard_messages() -> None:
                     message = data_class().deserialize(content)
                     if isinstance(message, Clock) and message.clock.secs >= END_OF_TIME:
                         raise ValueError(f"it gives {message.clock.secs} s, beyond the range of ROS time (2^31 s)")
+                    goal_id = message if isinstance(message, GoalID) else getattr(message, "goal_id", None)
+                    # actionlib would take every later goal for an older one.
+                    if isinstance(goal_id, GoalID) and goal_id.stamp.secs >= END_OF_TIME:
+                        raise ValueError(f"its stamp is {goal_id.stamp.secs} s; expected less than 2^31 s")
                     return message
                 except Exception as fault:
                     if faults.add():
@@ -368,7 +358,7 @@ class Parameters:
     def folder(self, name: str) -> str:
         """Path of a folder; where services read by default, if the parameter is absent or empty."""
         given = self.text(name)
-        return self._absolute(name, given) if given else str(_ros_home() / "helix_arm")
+        return self._absolute(name, given) if given else str(ros_home() / "helix_arm")
 
     def file_to_write(self, name: str, ending: str) -> str:
         """Path of a file that may be written; empty where it is absent or empty."""
@@ -376,7 +366,7 @@ class Parameters:
         if not given:
             return ""
         try:
-            return to_write(f"~{name}", self._absolute(name, given), ending)
+            return FileAccess({}).to_write(f"~{name}", self._absolute(name, given), ending)
         except ValueError as refusal:
             self._faults.append(str(refusal))
             return ""
@@ -409,75 +399,3 @@ class Parameters:
         log.info(f"~{name} is {given}: {path}")
         rospy.set_param("~" + name, path)  # other nodes read it, too
         return path
-
-
-def _is_ours(path: str) -> bool:
-    """Whether this package wrote the file."""
-    with open(path, "rb") as file:
-        begin = file.read(256)
-    if path.endswith(".csv"):
-        return any(begin.startswith(title.encode()) for title in TITLES)
-    return begin.startswith(b"\x89PNG") and b"helix_arm plot_report" in begin
-
-
-def to_write(what: str, given: str, ending: str) -> str:
-    """Path without links of a file to write; one that is there is accepted only if this package wrote it.
-
-    what: its name in messages. Raises ValueError naming the rule.
-    """
-    path = os.path.realpath(given)
-    named = f"{what} is '{quoted(given, 300)}'"
-    if not given.startswith("/") or _core._printable(given) != given or "\n" in given or os.path.splitext(path)[1] != ending:
-        raise ValueError(f"{named}; expected the absolute path of a {ending} file")
-    if os.path.lexists(path):
-        if not os.path.isfile(path) or not _is_ours(path):
-            raise ValueError(f"{named}, which exists and was not written by this package as a calibrated scene, recorded samples, "
-                             "a recorded run or its figure; expected a new name, or that of one of these")
-        if not os.access(path, os.W_OK):
-            raise ValueError(f"{named}, which cannot be overwritten; expected another path")
-    folder = os.path.dirname(path)
-    if not os.access(folder, os.W_OK):
-        why = os.strerror(errno.EACCES if os.path.isdir(folder) else errno.ENOENT)
-        raise ValueError(f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
-    return path
-
-
-def _launchers_folder() -> Optional[pathlib.Path]:
-    """Working directory of the roslaunch that started this node."""
-    process = os.getppid()
-    try:
-        for _ in range(MOST_ANCESTORS):
-            if process <= 1:
-                break
-            of_process = pathlib.Path("/proc", str(process))
-            words = (of_process / "cmdline").read_bytes().split(b"\0")[:3]
-            if any(os.path.basename(word) in (b"roslaunch", b"rostest") for word in words):
-                return pathlib.Path(os.readlink(of_process / "cwd"))
-            process = int((of_process / "stat").read_text().rpartition(") ")[2].split()[1])
-    except OSError:
-        pass
-    return None
-
-
-def _ros_home() -> pathlib.Path:
-    return pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")
-
-
-def callers_folder() -> pathlib.Path:
-    """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
-
-    That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it is the working directory of
-    that roslaunch; and where this cannot be found, PWD, which a node has from the shell in which roslaunch was called.
-    """
-    def is_same(a: pathlib.Path, b: pathlib.Path) -> bool:
-        return a.is_dir() and b.is_dir() and a.samefile(b)
-
-    shell = pathlib.Path(os.environ.get("PWD", ""))
-    folder = pathlib.Path.cwd()
-    if is_same(folder, _ros_home()):
-        launcher = _launchers_folder()
-        if launcher is None and shell.is_absolute():
-            return shell
-        folder = launcher or folder
-    # PWD may reach the same folder over a link, by the name that the user knows.
-    return shell if shell.is_absolute() and is_same(folder, shell) else folder

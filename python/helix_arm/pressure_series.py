@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 import rospy
-from std_srvs.srv import Trigger
 
 from helix_arm.msg import PressureArray, TargetStatus
-from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, quoted, run
+from helix_arm.file_access import quoted
+from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
+from helix_arm.rest_request import PATIENCE, CommandTrace, request_rest
 from helix_arm.scene import Scene
 
 # Refusals, and commands of another arm, end the series only after this number of consecutive messages over this time.
 LEAST_TROUBLE, LONGEST_TROUBLE = 10, 2.0  # [s]
 LONGEST_STEP = 0.1  # after a pause of the node, the series does not jump [s]
-PATIENCE = 1.0  # longest wait for the answer to a target [s]
 # Refusals that do not depend on the values of the target: the arm is not enabled, or was brought to rest by somebody else;
 # messages are late, or clocks differ.
 PASSING = ("not_enabled", "rested", "stale")
@@ -63,38 +63,6 @@ class SeriesPlayer:
         if self.finished or self._time >= self._ramp:
             return to
         return self._from + self._time / self._ramp * (to - self._from)
-
-
-class CommandTrace:
-    """Follows this node's targets and the answers to them, as src/ros_bridge/common/client_watch.hpp."""
-
-    def __init__(self) -> None:
-        self._stamp, self._sent = rospy.Time(), -math.inf
-        self._waits = self._heard = self._accepted = False
-
-    def sent(self, stamp: rospy.Time) -> None:
-        self._stamp, self._sent, self._waits = stamp, time.monotonic(), True
-
-    def answered(self, status: TargetStatus) -> None:
-        accepted = status.outcome != TargetStatus.DROPPED
-        if status.commander != rospy.get_name():
-            self._accepted = self._accepted and not accepted
-            return
-        self._accepted, self._heard = accepted, True
-        if status.target_stamp == self._stamp:
-            self._waits = False
-
-    def commands(self) -> bool:
-        """Whether the arm follows this node."""
-        return self._accepted and (not self._waits or self.awaits_answer())
-
-    def awaits_answer(self) -> bool:
-        """Whether the last target may still be answered."""
-        return self._waits and time.monotonic() - self._sent <= PATIENCE
-
-    def is_unheard(self) -> bool:
-        """Whether targets were sent of which none was answered."""
-        return self._waits and not self._heard
 
 
 class Trouble:
@@ -183,7 +151,7 @@ class PressureSeries(Node):
     def _on_command(self, message: PressureArray) -> None:
         with self._lock:
             try:
-                command = self._scene._command(message.name, message.pressure)
+                command = np.clip(self._scene._reading(message.name, message.pressure), *self._scene.limits_pa.T)
             except ValueError as refusal:
                 self._suffer(self._foreign, f"pressure_command does not match scene {self._scene.name}: {refusal}")
                 return
@@ -268,7 +236,7 @@ class PressureSeries(Node):
         if self._trace.awaits_answer():
             return
         if self._trace.commands():
-            self._request_rest()
+            request_rest()
         end.make()
 
     def _may_be_unheard(self) -> bool:
@@ -284,17 +252,6 @@ class PressureSeries(Node):
         log.fatal(f"{what}, and nothing else for {LONGEST_TROUBLE:g} s")
         self._verdict = FAILED
         end.make()
-
-    @staticmethod
-    def _request_rest() -> None:
-        service = rospy.resolve_name("pressure_command/rest")
-        try:
-            log.info(f"{service}: {quoted(rospy.ServiceProxy(service, Trigger)().message, LONGEST_MESSAGE)}")
-        except rospy.ServiceException:
-            # Nodes that are shut down together may miss each other.
-            write = log.info if end.made() else log.warning
-            write(f"{service} does not exist or does not answer: the arm vents once no target has come for "
-                  "safety.target_timeout_s, as after a fault")
 
 
 def main() -> None:

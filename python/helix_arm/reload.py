@@ -1,17 +1,16 @@
 """`~reload` of a node in Python, as src/ros_bridge/common/parameters.hpp is that of those in C++."""
 import os
-import pathlib
 import threading
 from typing import Callable
 
 import rospy
 
 from helix_arm import Scene, _core
-from helix_arm.node import log, quoted
+from helix_arm.file_access import FileAccess, quoted
+from helix_arm.node import log
 from helix_arm.srv import Reload, ReloadRequest, ReloadResponse
 
 SCENES = "config/scenes"  # of the package
-LONGEST_PATH = 300  # in a message
 
 
 class ReloadServer:
@@ -36,15 +35,8 @@ class ReloadServer:
         if not given.startswith("/"):
             raise ValueError(f"scene is '{quoted(given)}'; expected an absolute path, or the name of a file in {SCENES} of the "
                              "package")
-        is_line = "\n" not in given and _core._printable(given.encode()) == given  # messages repeat it
-        path = os.path.realpath(given) if is_line else ""
-        above = [str(folder) for folder in pathlib.Path(path).parents]
-        if not path.endswith(".yaml") or not {os.path.realpath(self._folder), os.path.realpath(shipped)} & set(above):
-            raise ValueError(f"scene is '{quoted(given, LONGEST_PATH)}'; expected the absolute path of a .yaml file below "
-                             f"{self._folder} (~scene_folder) or {shipped} (the package's own)")
-        if not os.path.isfile(path):
-            raise ValueError(f"scene is '{quoted(given, LONGEST_PATH)}', which is not a regular file")
-        return path
+        access = FileAccess({"~scene_folder": self._folder, "the package's own": shipped})
+        return access.to_read("scene", given, ".yaml")
 
     def _on_reload(self, request: ReloadRequest) -> ReloadResponse:
         try:

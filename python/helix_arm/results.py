@@ -13,6 +13,11 @@ Flags = Union[bool, np.ndarray]
 class Result:
     """Base of all results."""
 
+    @classmethod
+    def of(cls, found: Dict[str, Any]) -> Any:
+        """That of a dict which has its fields, and others."""
+        return cls(**{field.name: found[field.name] for field in dataclasses.fields(cls)})  # type: ignore[arg-type]
+
     def to_dict(self) -> Dict[str, Any]:
         """The fields by name; arrays are not copied."""
 

@@ -242,8 +242,8 @@ class Scene(_core.Scene):
             found["next_pressures_pa"] = np.array(found["next_pressures_pa"] or np.zeros((0, 0)))
         found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
         found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
-        found["contractions"] = [results.Contraction(**one) for one in found["contractions"]]
-        return results.Calibration(**found)
+        found["contractions"] = [results.Contraction.of(one) for one in found["contractions"]]
+        return results.Calibration.of(found)
 
     def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: float, open: bool = False,
                sight: str = "corners", force: Optional[Numbers] = None, blind: Optional[Numbers] = None,

@@ -203,11 +203,27 @@ py::list combinationsOf(const estimation::Calibration& calibration) {
   return out;
 }
 
+py::list curvesOf(const procedures::CalibrationOutcome& outcome) {
+  py::list out;
+  for (const auto& [name, curve] : outcome.contractions) {
+    out.append(py::dict(
+        "name"_a = name, "is_quintic"_a = curve.kind == estimation::CurveKind::kQuintic,
+        "coefficients_m"_a = curve.coefficients,
+        "reference_pressure_pa"_a = curve.reference_pressure, "pressures_pa"_a = curve.pressures,
+        "lengths_m"_a = curve.lengths, "rms_m"_a = curve.rms, "constrained"_a = curve.constrained,
+        "hysteresis_m"_a = curve.hysteresis, "found"_a = curve.curve.has_value()));
+  }
+  return out;
+}
+
 // @param noises  of curvatures [rad], corners [px], positions [m] and rotations [rad]; 0: the
 //     scene's.
-py::dict calibrate(const Scene& self, const std::vector<Data>& data,
+// @param curve  quintic or table; empty: the default. @param branch  both, rising or falling.
+py::dict calibrate(const Scene& self,
+                   const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
                    const std::vector<std::string>& words, const std::string& contraction,
-                   const std::array<double, 4>& noises, bool errors) {
+                   const std::array<double, 4>& noises, bool errors, const std::string& curve,
+                   const std::string& branch) {
   procedures::CalibrationRequest request;
   request.fit = words;
   request.contraction = contraction;
@@ -217,30 +233,34 @@ py::dict calibrate(const Scene& self, const std::vector<Data>& data,
   request.rotation_noise = noises[3];
   request.errors = errors;
   request.date = procedures::utcNow();
-  procedures::CalibrationData measurements;
-  for (const Data& one : data) {
-    procedures::addDataSet(self.scene(), dataSetOf(one), measurements);
+  if (!curve.empty()) {
+    request.curve =
+        curve == "table" ? estimation::CurveKind::kTable : estimation::CurveKind::kQuintic;
   }
-  const auto repeated = procedures::repeatedSource(measurements.sources);
-  basics::require(!repeated, repeated.value_or(""));
+  if (branch == "rising") request.branch = estimation::Branch::kRising;
+  if (branch == "falling") request.branch = estimation::Branch::kFalling;
+  procedures::CalibrationData read;
+  if (const auto* sets = std::get_if<std::vector<Data>>(&data)) {
+    for (const Data& one : *sets) procedures::addDataSet(self.scene(), dataSetOf(one), read);
+    const auto repeated = procedures::repeatedSource(read.sources);
+    basics::require(!repeated, repeated.value_or(""));
+  }
+  const auto* recorded = std::get_if<procedures::CalibrationData>(&data);
   procedures::CalibrationOutcome outcome;
   {
     const OthersRun others_run;
-    outcome = procedures::runCalibration(self.path(), self.overrides(), request, measurements);
-  }
-  py::list contractions;
-  for (const auto& [name, curve] : outcome.contractions) {
-    contractions.append(py::dict("name"_a = name, "coefficients_m"_a = curve.coefficients,
-                                 "reference_pressure_pa"_a = curve.reference_pressure,
-                                 "rms_m"_a = curve.rms));
+    outcome = procedures::runCalibration(self.path(), self.overrides(), request,
+                                         recorded ? *recorded : read);
   }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
                "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),
                "combinations"_a = py::list(), "error_unit"_a = "", "rms"_a = py::none(),
                "held_out_error"_a = py::none(), "next_pressures_pa"_a = py::none(),
-               "contractions"_a = contractions, "tip_error_before_m"_a = outcome.tip_error_before,
+               "contractions"_a = curvesOf(outcome),
+               "tip_error_before_m"_a = outcome.tip_error_before,
                "tip_error_after_m"_a = outcome.tip_error_after, "warnings"_a = outcome.warnings,
-               "scene_text"_a = outcome.scene_text);
+               "scene_text"_a = outcome.scene_text, "response_rms_m"_a = py::none());
+  if (outcome.response) out["response_rms_m"] = outcome.response->fit.rms;
   if (!outcome.calibration) return out;
   const estimation::Calibration& found = *outcome.calibration;
   out["error_unit"] = found.error_unit;
@@ -336,7 +356,7 @@ void bindMeasurements(py::class_<Scene>& scene) {
   scene.def("_fit", fit, py::arg("captures"))
       .def("_localize", localize, py::arg("pictures"), py::arg("pressures_pa"))
       .def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
-           py::arg("noises"), py::arg("errors"))
+           py::arg("noises"), py::arg("errors"), py::arg("curve") = "", py::arg("branch") = "both")
       .def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"), py::arg("open"),
            py::arg("rendered"), py::arg("force"), py::arg("blind"), py::arg("latency_s"),
            py::arg("seed"), py::arg("rig"), py::arg("plant"));

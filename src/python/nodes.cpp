@@ -42,16 +42,6 @@ std::tuple<Eigen::MatrixXd, std::vector<std::string>, std::string> seriesOf(
   return {rows, without, faults.str()};
 }
 
-// The pressures in force, inside the limits: a vented arm is at the atmosphere.
-Eigen::VectorXd commandOf(const Scene& scene, const std::vector<std::string>& names,
-                          const std::vector<double>& pressures) {
-  const auto checked = control::checkReading(scene.arm(), names, pressures);
-  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    throw std::invalid_argument(refusal->message);
-  }
-  return scene.arm().clamped(std::get<Eigen::VectorXd>(checked));
-}
-
 // (points, 4): time [s], x, y, z [m].
 Eigen::MatrixXd tipPathOf(const std::string& path) {
   const auto points = io::loadTipPath(io::loadDataSet(path));
@@ -67,7 +57,6 @@ Eigen::MatrixXd tipPathOf(const std::string& path) {
 void bindNodes(py::module_& module, py::class_<Scene>& scene) {
   scene.def("_series", &seriesOf)
       .def("_tour", [](const Scene& self) { return procedures::pressureTour(self.arm()); })
-      .def("_command", &commandOf)
       .def_property_readonly(
           "_has_vision", [](const Scene& self) { return self.scene().camera && self.scene().tags; })
       .def_property_readonly("_is_pneumatic", &Scene::isPneumatic)

@@ -13,7 +13,6 @@
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/procedures/response_series.hpp"
@@ -30,6 +29,10 @@ constexpr double kStep = 0.01;        // of time [s]
 constexpr int kPicture = 3;           // steps from picture to picture
 constexpr double kLatency = 0.06;     // of a picture [s]
 constexpr double kCornerNoise = 0.3;  // [px]
+// As a run of the calibration node.
+constexpr double kMostRamp = 1e5 * kStep;  // from step to step [Pa]
+constexpr std::size_t kCaptures = 3;       // per pressure
+constexpr int kMostSteps = 100'000;        // of time
 
 model::Response truth() {
   model::Response out;
@@ -68,7 +71,6 @@ Recorded record(const io::Scene& scene, bool loop) {
   procedures::SettleWatch watch(names, {});
   procedures::SeriesRecord series(scene.arm.actuatorCount());
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
-  procedures::CalibrationRun run(out.plan, rest, rest, {});
 
   struct Picture {
     double time;
@@ -80,7 +82,8 @@ Recorded record(const io::Scene& scene, bool loop) {
   std::vector<io::TagCornerCapture> samples;
   Eigen::VectorXd command = rest;
   int looks = 0;
-  for (int step = 1; !run.ended(); ++step) {
+  const auto steps = static_cast<std::size_t>(out.plan.rows());
+  for (int step = 1; out.tips.size() < steps && step < kMostSteps; ++step) {
     const double now = kStep * step;
     rig.command(command);
     rig.step(kStep);
@@ -113,10 +116,17 @@ Recorded record(const io::Scene& scene, bool loop) {
       if (picture.shape) series.seen(picture.time, picture.shape->tip.translation);
       pictures.pop_front();
     }
-    const auto order = run.advance(now, watch.at(now));
-    command = order.pressure;
-    if (order.capture) captures.push_back(*order.capture);
-    if (!order.step_done) continue;
+    const Eigen::VectorXd wanted = out.plan.row(static_cast<Eigen::Index>(out.tips.size()));
+    if (command != wanted) {
+      command += (wanted - command).cwiseMax(-kMostRamp).cwiseMin(kMostRamp);
+      continue;
+    }
+    const procedures::Settling settling = watch.at(now);
+    const bool at_rest = settling.settled() && settling.set_point == command;
+    if (at_rest && (captures.empty() || settling.last->time > captures.back().time)) {
+      captures.push_back(*settling.last);
+    }
+    if (captures.size() < kCaptures) continue;
     const procedures::Sample median = medianOf(captures);
     captures.clear();
     io::TagCornerCapture& sample = samples.emplace_back();
@@ -127,7 +137,7 @@ Recorded record(const io::Scene& scene, bool loop) {
     out.tips.push_back(model::tipPose(rig.twists()).translation);
   }
   out.noise = std::sqrt(out.noise / looks);
-  EXPECT_EQ(run.verdict(), procedures::RunEnd::kCompleted) << run.reason();
+  EXPECT_EQ(out.tips.size(), steps) << "the arm has not come to rest";
   out.data.captures = procedures::makeCaptures(scene, samples, "samples").captures;
   out.data.sources.push_back({"samples", std::string(64, 'a'), static_cast<int>(samples.size())});
   if (loop) out.data.tips = series.series();
@@ -151,9 +161,8 @@ double cycleError(const io::Scene& predicted, const io::Scene& scene) {
   double sum = 0;
   int count = 0, held = 0;
   for (Eigen::Index stop = 0; stop < tour.rows();) {
-    const double most = procedures::RunRules().ramp * kStep;
     const Eigen::VectorXd target = tour.row(stop).transpose();
-    command += (target - command).cwiseMax(-most).cwiseMin(most);
+    command += (target - command).cwiseMax(-kMostRamp).cwiseMin(kMostRamp);
     rig.command(command);
     rig.step(kStep);
     response.follow(kStep * ++count, rig.pressure());

@@ -262,7 +262,7 @@ print(len(objects))
 class UnmadeObjectTest(unittest.TestCase):
     def test_an_object_without_init_is_refused(self):
         result = subprocess.run([sys.executable, "-c", UNMADE], capture_output=True, text=True, timeout=60)
-        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "3\n"))
+        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "10\n"))
 
 
 class RandomCallTest(unittest.TestCase):

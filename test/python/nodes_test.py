@@ -4,8 +4,8 @@ import tempfile
 import unittest
 
 import numpy as np
-from helix_arm import run_record
-from helix_arm.node import to_write
+from helix_arm import _core, run_record
+from helix_arm.file_access import FileAccess
 from helix_arm.pressure_series import SeriesPlayer
 from helix_arm.run_record import AHEAD, MOST_ROWS, MOST_VALUES, REACH, Row, TimeSeries, TipRecord
 
@@ -161,34 +161,83 @@ class RecordTest(unittest.TestCase):
             "0.25,100.5,0,0,0,0.5,0.25,0,0,0,0.002,0,0.003,0,0.003,0.0001,1000,2000,1500,2500,closed\n")
 
 
-class FileTest(unittest.TestCase):
-    def test_new_files_and_ours_are_written_and_nothing_else(self):
-        with tempfile.TemporaryDirectory() as folder:
-            def refusal(name, content=None):
-                path = os.path.join(os.path.realpath(folder), name)
-                if content is not None:
-                    with open(path, "wb") as file:
-                        file.write(content)
-                try:
-                    return "" if to_write("~record", path, os.path.splitext(name)[1]) == path else "another path"
-                except ValueError as error:
-                    self.assertTrue(str(error).startswith(f"~record is '{path}'"), error)
-                    return str(error)
+CALIBRATED = b"""
+calibration:
+  date: "2026-01-31T12:00:00Z"
+  package_version: "0.1.0"
+  from: arm.yaml
+  data:
+    - {file: a.csv, sha256: ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad, captures: 36}
+  parameters:
+    K_kappa: {value: 1.5e-4, standard_error: 2.0e-6, identifiable: true, unit: m^2}
+  rms: 0.3
+  error_unit: px
+"""
 
-            for name, content in (("new.csv", None), ("run.csv", b"# recorded run of circle.csv, 2026\n"),
-                                  ("samples.csv", b"# recorded of scene demo, 2026\n"),
-                                  ("run.png", b"\x89PNG Software helix_arm plot_report")):
-                self.assertEqual(refusal(name, content), "")
-            writer = b"helix_arm plot_report"
-            for name, content in (("data.csv", b"a,b\n"), ("short.csv", b"# recorded"), ("foreign.png", b"\x89PNG somebody"),
-                                  ("named.png", writer), ("hidden.png", b"\x89PNG" + 300 * b" " + writer)):
-                self.assertIn("exists and was not written by this package", refusal(name, content))
-            os.symlink(os.path.join(folder, "data.csv"), os.path.join(folder, "link.csv"))
-            self.assertIn("exists and was not", refusal("link.csv"))
-            self.assertIn("No such file", refusal("none/new.csv"))
-        for path, ending in (("run.csv", ".csv"), ("/run.pdf", ".csv"), ("/a\n.csv", ".csv")):
-            with self.assertRaisesRegex(ValueError, "expected the absolute path of a .csv file"):
-                to_write("~record", path, ending)
+
+class FileTest(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        # The name of the one begins with that of the other.
+        self.inside, self.outside = [os.path.join(os.path.realpath(folder.name), name) for name in ("in", "inside_not")]
+        for name in (self.inside, self.outside):
+            os.mkdir(name)
+            self.write(os.path.join(name, "data.csv"), b"a,b\n")
+        self.access = FileAccess({"~out_folder": self.inside})
+
+    def write(self, path, content):
+        with open(path, "wb") as file:
+            file.write(content)
+
+    def refusal(self, name, content=None, call=None):
+        path = os.path.join(self.inside, name)
+        if content is not None:
+            self.write(path, content)
+        try:
+            self.assertEqual((call or self.access.to_write)("out", path, ".csv", ".png", ".yaml"), os.path.realpath(path))
+            return ""
+        except ValueError as error:
+            self.assertTrue(str(error).startswith(f"out is '{path[:8]}"), error)
+            return str(error)
+
+    def test_new_files_and_ours_are_written_and_nothing_else(self):
+        with open(_core.scene_path("demo"), "rb") as file:
+            demo = file.read()
+        for name, content in (("new.csv", None), ("run.csv", b"# recorded run of circle.csv, 2026\n"),
+                              ("samples.csv", b"# recorded of scene demo, 2026\n"), ("calibrated.yaml", demo + CALIBRATED),
+                              ("run.png", b"\x89PNG Software helix_arm plot_report")):
+            self.assertEqual(self.refusal(name, content), "")
+        writer = b"helix_arm plot_report"
+        os.mkdir(os.path.join(self.inside, "folder.yaml"))
+        os.mkfifo(os.path.join(self.inside, "fifo.yaml"))
+        for name, target in (("link.csv", "data.csv"), ("dangling.yaml", "none.yaml")):
+            os.symlink(os.path.join(self.inside, target), os.path.join(self.inside, name))
+        for name, content in (("data.csv", None), ("short.csv", b"# recorded"), ("foreign.png", b"\x89PNG somebody"),
+                              ("named.png", writer), ("hidden.png", b"\x89PNG" + 300 * b" " + writer), ("empty.csv", b""),
+                              ("hand_made.yaml", demo), ("notes.yaml", b"a: 1\n"), ("empty.yaml", b""), ("link.csv", None),
+                              ("dangling.yaml", None), ("folder.yaml", None), ("fifo.yaml", None)):
+            self.assertIn("exists and was not written by this package", self.refusal(name, content))
+        self.assertIn("No such file", self.refusal("none/new.csv"))
+
+    def test_other_folders_and_other_names_are_not_accessible(self):
+        os.symlink(os.path.join(self.outside, "data.csv"), os.path.join(self.inside, "outside.csv"))
+        os.symlink(self.outside, os.path.join(self.inside, "folder"))
+        for call in (self.access.to_read, self.access.to_write):
+            for name in (os.path.join(self.outside, "data.csv"), "../inside_not/data.csv", "outside.csv", "folder/data.csv",
+                         "data.txt", "/etc/passwd", "a\n.csv", "a\0.csv"):
+                self.assertIn(f"; expected the absolute path of a .csv or .png or .yaml file below {self.inside} (~out_folder)",
+                              self.refusal(name, call=call))
+            with self.assertRaisesRegex(ValueError, "out is 'data.csv'; expected the absolute path of a .csv file"):
+                call("out", "data.csv", ".csv")
+        os.mkfifo(os.path.join(self.inside, "fifo.csv"))
+        for name, words in (("data.csv", ""), ("none.csv", "not a regular file"), ("fifo.csv", "not a regular file")):
+            self.assertIn(words, self.refusal(name, call=self.access.to_read))
+        self.assertEqual(self.refusal("data.csv", call=FileAccess({}).to_read), "")
+        loop = os.path.join(self.inside, "loop")
+        os.symlink(loop, loop)
+        with self.assertRaises(ValueError):
+            FileAccess({"~out_folder": loop}).to_read("out", os.path.join(self.outside, "data.csv"), ".csv")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
-// Which files services read and write.
+// Which files services read.
 #include <fstream>
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "helix_arm/io/scene.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
@@ -14,20 +13,6 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
-constexpr char kCalibration[] = R"(
-calibration:
-  date: "2026-01-31T12:00:00Z"
-  package_version: "0.1.0"
-  from: arm.yaml
-  data:
-    - {file: a.csv, sha256: ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad, captures: 36}
-  parameters:
-    K_kappa: {value: 1.5e-4, standard_error: 2.0e-6, identifiable: true, unit: m^2}
-  rms: 0.3
-  error_unit: px
-)";
 
 class FileAccessTest : public ::testing::Test {
  protected:
@@ -46,9 +31,6 @@ class FileAccessTest : public ::testing::Test {
   // Why not; "accepted" where it is.
   std::string refusalToRead(const std::string& path) const {
     return test::refusal([&] { access().toRead("data", path, {".csv", ".bag"}); });
-  }
-  std::string refusalToWrite(const std::string& path) const {
-    return test::refusal([&] { access().toWrite("out", path, {".yaml", ".csv"}); });
   }
   FileAccess access() const { return FileAccess({{inside_.string(), "~data_folder"}}); }
 
@@ -102,37 +84,6 @@ TEST_F(FileAccessTest, NothingIsBelowAFolderThatCannotBeReached) {
   const FileAccess access({{(inside_ / "loop").string(), "~data_folder"}});
   const std::string path = (outside_ / "data.csv").string();
   EXPECT_THROW(access.toRead("data", path, {".csv"}), std::invalid_argument);
-  EXPECT_THROW(access.toWrite("out", (outside_ / "new.csv").string(), {".csv"}),
-               std::invalid_argument);
-}
-
-TEST_F(FileAccessTest, NewFilesAndOursAreWritten) {
-  EXPECT_EQ(refusalToWrite((inside_ / "new.yaml").string()), "accepted");
-  EXPECT_EQ(refusalToWrite((inside_ / "deeper/new.csv").string()), "accepted");
-  const std::string scene = io::sceneText(kDemo);
-  EXPECT_EQ(refusalToWrite(write(inside_ / "calibrated.yaml", scene + kCalibration)), "accepted");
-  EXPECT_EQ(refusalToWrite(write(inside_ / "samples.csv", "# recorded of scene demo, 2026\n")),
-            "accepted");
-  EXPECT_EQ(refusalToWrite(write(inside_ / "run.csv", "# recorded run of circle.csv, 2026\n")),
-            "accepted");
-}
-
-TEST_F(FileAccessTest, NothingElseIsWrittenOver) {
-  const std::string scene = io::sceneText(kDemo);
-  fs::create_symlink(outside_ / "new.yaml", inside_ / "dangling.yaml");
-  fs::create_symlink(inside_ / "new.yaml", inside_ / "dangling_inside.yaml");
-  fs::create_directories(inside_ / "folder.yaml");
-  ASSERT_EQ(mkfifo((inside_ / "fifo.yaml").c_str(), 0600), 0);
-  for (const std::string& path :
-       {write(inside_ / "hand_made.yaml", scene), write(inside_ / "notes.yaml", "a: 1\n"),
-        write(inside_ / "short.csv", "# recorded"), write(inside_ / "empty.csv", ""),
-        write(inside_ / "script.yaml", "#!/bin/sh\n"), write(inside_ / "empty.yaml", ""),
-        (inside_ / "data.csv").string(), (inside_ / "dangling.yaml").string(),
-        (inside_ / "dangling_inside.yaml").string(), (inside_ / "folder.yaml").string(),
-        (inside_ / "fifo.yaml").string(), (inside_ / "none/new.yaml").string(),
-        (inside_ / "authorized_keys").string(), (outside_ / "new.yaml").string()}) {
-    EXPECT_EQ(refusalToWrite(path).find("out is '"), 0U) << path;
-  }
 }
 
 }  // namespace

@@ -53,7 +53,6 @@ struct Kind {
   std::vector<std::string> arguments;
 };
 const Kind kKinds[] = {
-    {"calibration", "calibration", {kScene}},
     {"pressure_command", "pressure_command", {kScene}},
     {"pressure_command_on_a_topic", "pressure_command", {kScene, "_regulator:=topic"}},
     {"visual_servo", "visual_servo", {kScene}},

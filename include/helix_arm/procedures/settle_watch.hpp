@@ -81,8 +81,6 @@ class SettleWatch {
   /// @throws std::invalid_argument naming the value and its rule.
   SettleWatch(std::vector<std::string> names, const SettleRules& rules);
 
-  const SettleRules& rules() const { return rules_; }
-
   /// New set points: (actuators) [Pa]. Throws std::invalid_argument on a wrong size, as measured()
   /// does.
   void command(double time, const Eigen::VectorXd& set_point);
@@ -90,9 +88,6 @@ class SettleWatch {
   void measured(double time, const Eigen::VectorXd& pressure);
   /// The arm's tags in one picture, unique ids in ascending order.
   void seen(double time, std::vector<TagObservation> tags);
-
-  /// The command in force, absent before the first.
-  const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
 
   /// The state at `now` [s].
   Settling at(double now) const;

@@ -43,33 +43,6 @@ inline bool isSound(const ros::Time& time) {
   return time.sec < kEndOfTime && time.nsec < kNanosecondsASecond;
 }
 
-/// ROS time while it advances. If it stops, for example because the node that simulates it has
-/// ended, a steady clock continues it, so that earlier data still ages.
-///
-/// Call now() more often than every kPatience.
-class MovingClock {
- public:
-  static constexpr double kPatience = 2.0;  ///< longest stop of ROS time [s]
-
-  /// [s]
-  double now() {
-    const ros::Time time = ros::Time::now();
-    const ros::SteadyTime steady = ros::SteadyTime::now();
-    if (time != last_ || since_.isZero()) since_ = steady;
-    last_ = time;
-    const double still = (steady - since_).toSec();
-    stands_ = still > kPatience;
-    return stands_ ? time.toSec() + still : time.toSec();
-  }
-  /// Whether ROS time had stopped at the last call of now().
-  bool stands() const { return stands_; }
-
- private:
-  ros::Time last_;
-  ros::SteadyTime since_;  ///< when ROS time last changed
-  bool stands_ = false;
-};
-
 /// Reads a ROS message from bytes, without allocating more elements than these bytes can hold.
 ///
 /// roscpp's own stream allocates whatever length an array claims before reading its elements: 32

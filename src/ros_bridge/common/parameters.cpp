@@ -1,10 +1,8 @@
 #include "parameters.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <exception>
 #include <fstream>
 #include <sstream>
@@ -27,39 +25,11 @@ namespace fs = std::filesystem;
 using basics::messageOf;
 
 constexpr std::size_t kLongestPath = 300;  // in a message
-constexpr std::size_t kLongestTitle = 64;
 
 bool isBelow(const fs::path& path, const fs::path& folder) {
   const auto [of_folder, of_path] =
       std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
   return !folder.empty() && of_folder == folder.end() && of_path != path.end();
-}
-
-// First bytes of a file.
-std::string beginOf(const std::string& path, std::size_t most) {
-  std::string out(most, '\0');
-  std::ifstream stream(path, std::ios::binary);
-  stream.read(out.data(), static_cast<std::streamsize>(out.size()));
-  out.resize(static_cast<std::size_t>(stream.gcount()));
-  return out;
-}
-
-// Whether the file is one that this package writes under such a name.
-bool isOurs(const std::string& path) {
-  const std::string ending = fs::path(path).extension();
-  if (ending == ".csv") {
-    const std::string begin = beginOf(path, kLongestTitle);
-    const auto has = [&begin](const char* title) {
-      const std::string comment = std::string("# ") + title;
-      return begin.compare(0, comment.size(), comment) == 0;
-    };
-    return has(kRecordedTitle) || has(kRecordedRunTitle);
-  }
-  try {
-    return io::loadScene(path).calibration.has_value();
-  } catch (const std::exception&) {
-    return false;
-  }
 }
 
 constexpr int kMostAncestors = 8;  // between a node and its roslaunch: launch-prefix, a shell
@@ -117,8 +87,8 @@ std::string defaultFolder() {
   return std::string(home != nullptr ? home : "") + "/.ros/helix_arm";
 }
 
-std::string FileAccess::resolved(const std::string& what, const std::string& given,
-                                 const std::vector<std::string>& endings) const {
+std::string FileAccess::toRead(const std::string& what, const std::string& given,
+                               const std::vector<std::string>& endings) const {
   std::string below;
   for (const Folder& folder : folders_) {
     below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
@@ -135,41 +105,14 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
   require(!fault);
   require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
     // Empty if the folder cannot be reached; no path is below that.
-    std::error_code ignored;
-    return isBelow(path, fs::weakly_canonical(folder.path, ignored));
+    std::error_code unreachable;
+    return isBelow(path, fs::weakly_canonical(folder.path, unreachable));
   }));
   require(std::find(endings.begin(), endings.end(), path.extension()) != endings.end());
+  std::error_code ignored;
+  basics::require(fs::is_regular_file(path, ignored), what, " is '", quoted,
+                  "', which is not a regular file");
   return path.string();
-}
-
-std::string FileAccess::toRead(const std::string& what, const std::string& given,
-                               const std::vector<std::string>& endings) const {
-  std::string path = resolved(what, given, endings);
-  std::error_code ignored;
-  basics::require(fs::is_regular_file(path, ignored), what, " is '",
-                  basics::quoted(given, kLongestPath), "', which is not a regular file");
-  return path;
-}
-
-std::string FileAccess::toWrite(const std::string& what, const std::string& given,
-                                const std::vector<std::string>& endings) const {
-  std::string path = resolved(what, given, endings);
-  const std::string quoted = basics::quoted(given, kLongestPath);
-  std::error_code ignored;
-  const fs::file_type type = fs::symlink_status(path, ignored).type();
-  if (type != fs::file_type::not_found) {
-    basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                    "', which exists and was not written by this package as a calibrated scene, "
-                    "recorded samples, a recorded run or its figure; expected a new name, or that "
-                    "of one of these");
-    basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
-                    "', which cannot be overwritten; expected another path");
-  }
-  const std::string folder = fs::path(path).parent_path().string();
-  const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;
-  basics::require(error == 0, what, " is '", quoted, "', but ", folder, " cannot be written (",
-                  std::strerror(error), "); expected a path in a folder that can");
-  return path;
 }
 
 std::filesystem::path callersFolder() {

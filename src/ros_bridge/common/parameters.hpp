@@ -100,16 +100,11 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 /// simulated.
 void warnOfShortSupply(const io::Scene& scene);
 
-/// Start of the comment in a data set of recorded samples; node.py knows it.
-inline constexpr char kRecordedTitle[] = "recorded of scene ";
-/// Start of the comment in the table of a recorded run.
-inline constexpr char kRecordedRunTitle[] = "recorded run of ";
-
-/// Restricts the files that a node's services read and write to some folders, since any client may
-/// name any path. The target of a link counts, not the link's location.
+/// Restricts the files that a node's services read to some folders, since any client may name any
+/// path. The target of a link counts, not the link's location.
 class FileAccess {
  public:
-  /// A folder, and the parameter that names it, such as "~out_folder".
+  /// A folder, and the parameter that names it, such as "~scene_folder".
   struct Folder {
     std::string path, parameter;
   };
@@ -125,16 +120,7 @@ class FileAccess {
   std::string toRead(const std::string& what, const std::string& given,
                      const std::vector<std::string>& endings) const;
 
-  /// The same for a file to write. Its folder must be writable. An existing file is accepted only
-  /// if this package wrote it: a calibrated scene (.yaml), recorded samples or a recorded run
-  /// (.csv).
-  std::string toWrite(const std::string& what, const std::string& given,
-                      const std::vector<std::string>& endings) const;
-
  private:
-  std::string resolved(const std::string& what, const std::string& given,
-                       const std::vector<std::string>& endings) const;
-
   std::vector<Folder> folders_;
 };
 

@@ -253,7 +253,6 @@ int runNode(int argc, char** argv, const std::string& name,
 
 std::unique_ptr<Node> makeNode(const std::string& program) {
   static const std::map<std::string, std::unique_ptr<Node> (*)()> kNodes = {
-      {names::kCalibrationNode, makeCalibration},
       {names::kPressureCommandNode, makePressureCommand},
       {names::kSimulatedRigNode, makeSimulatedRig},
       {names::kVisionNode, makeVision},

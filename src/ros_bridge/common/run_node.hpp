@@ -68,7 +68,6 @@ int runNode(int argc, char** argv, const std::string& name,
 
 // The nodes. Each throws io::DocumentError or std::invalid_argument with every fault of its
 // parameters and files.
-std::unique_ptr<Node> makeCalibration();
 std::unique_ptr<Node> makePressureCommand();
 std::unique_ptr<Node> makeSimulatedRig();
 std::unique_ptr<Node> makeVision();

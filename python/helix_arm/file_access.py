@@ -1,0 +1,122 @@
+"""Files that nodes read and write, and where relative paths begin. As src/ros_bridge/common/file_access.hpp of the nodes in C++."""
+from __future__ import annotations
+
+import errno
+import os
+import pathlib
+from typing import Mapping, Optional, Sequence
+
+from helix_arm import _core
+
+LONGEST_PATH = 300  # in a message
+RECORDED, RECORDED_RUN = "recorded of scene ", "recorded run of "  # after "# ", the begin of a table of this package
+MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
+
+
+def quoted(text: str, most: int = 64) -> str:
+    """An untrusted word for messages: of printable ASCII alone, at most so many characters."""
+    out = "".join(c if " " <= c <= "~" else "?" for c in text[:most])
+    return out + "..." if len(text) > most else out
+
+
+class FileAccess:
+    """Restricts the files that a node reads and writes to some folders, since any client may name any path. The target of a link
+    counts, not the link's location.
+
+    folders: by the parameters that name them, such as "~out_folder"; none: any. Each method takes the name of the file in messages,
+    an absolute path and the allowed endings, and returns the path without links. It raises ValueError naming the rule, in a message
+    that does not reveal whether a path elsewhere exists.
+    """
+
+    def __init__(self, folders: Mapping[str, str]) -> None:
+        self._folders = folders
+
+    def to_read(self, what: str, given: str, *endings: str) -> str:
+        path = self._resolved(what, given, endings)
+        if not os.path.isfile(path):
+            raise ValueError(f"{what} is '{quoted(given, LONGEST_PATH)}', which is not a regular file")
+        return path
+
+    def to_write(self, what: str, given: str, *endings: str) -> str:
+        """Its folder must be writable. A file that is there is accepted only if this package wrote it."""
+        path = self._resolved(what, given, endings)
+        named = f"{what} is '{quoted(given, LONGEST_PATH)}'"
+        dangles = os.path.islink(given) and not os.path.exists(given)
+        if os.path.lexists(path) or dangles:
+            if not os.path.isfile(path) or not _is_ours(path):
+                raise ValueError(f"{named}, which exists and was not written by this package as a calibrated scene, recorded "
+                                 "samples, a recorded run or its figure; expected a new name, or that of one of these")
+            if not os.access(path, os.W_OK):
+                raise ValueError(f"{named}, which cannot be overwritten; expected another path")
+        folder = os.path.dirname(path)
+        if not os.access(folder, os.W_OK):
+            why = os.strerror(errno.EACCES if os.path.isdir(folder) else errno.ENOENT)
+            raise ValueError(f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
+        return path
+
+    def _resolved(self, what: str, given: str, endings: Sequence[str]) -> str:
+        # The system would cut a path at a null character, and messages repeat it.
+        is_line = "\n" not in given and _core._printable(given.encode("utf-8", "surrogateescape")) == given
+        path = os.path.realpath(given) if is_line else ""
+        above = {str(folder) for folder in pathlib.Path(path).parents}
+        is_below = not self._folders or bool(above & {os.path.realpath(folder) for folder in self._folders.values()})
+        if not (given.startswith("/") and is_line and is_below and os.path.splitext(path)[1] in endings):
+            below = " or ".join(f"{path} ({parameter})" for parameter, path in self._folders.items())
+            raise ValueError(f"{what} is '{quoted(given, LONGEST_PATH)}'; expected the absolute path of a {' or '.join(endings)} "
+                             f"file{' below ' if below else ''}{below}")
+        return path
+
+
+def _is_ours(path: str) -> bool:
+    """Whether this package wrote the file."""
+    if path.endswith(".yaml"):
+        try:
+            return _core.Scene(path, [])._is_calibrated
+        except Exception:
+            return False
+    with open(path, "rb") as file:
+        begin = file.read(256)
+    if path.endswith(".csv"):
+        return any(begin.startswith(b"# " + title.encode()) for title in (RECORDED, RECORDED_RUN))
+    return begin.startswith(b"\x89PNG") and b"helix_arm plot_report" in begin
+
+
+def _launchers_folder() -> Optional[pathlib.Path]:
+    """Working directory of the roslaunch that started this node."""
+    process = os.getppid()
+    try:
+        for _ in range(MOST_ANCESTORS):
+            if process <= 1:
+                break
+            of_process = pathlib.Path("/proc", str(process))
+            words = (of_process / "cmdline").read_bytes().split(b"\0")[:3]
+            if any(os.path.basename(word) in (b"roslaunch", b"rostest") for word in words):
+                return pathlib.Path(os.readlink(of_process / "cwd"))
+            process = int((of_process / "stat").read_text().rpartition(") ")[2].split()[1])
+    except OSError:
+        pass
+    return None
+
+
+def ros_home() -> pathlib.Path:
+    return pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")
+
+
+def callers_folder() -> pathlib.Path:
+    """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
+
+    That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it is the working directory of
+    that roslaunch; and where this cannot be found, PWD, which a node has from the shell in which roslaunch was called.
+    """
+    def is_same(a: pathlib.Path, b: pathlib.Path) -> bool:
+        return a.is_dir() and b.is_dir() and a.samefile(b)
+
+    shell = pathlib.Path(os.environ.get("PWD", ""))
+    folder = pathlib.Path.cwd()
+    if is_same(folder, ros_home()):
+        launcher = _launchers_folder()
+        if launcher is None and shell.is_absolute():
+            return shell
+        folder = launcher or folder
+    # PWD may reach the same folder over a link, by the name that the user knows.
+    return shell if shell.is_absolute() and is_same(folder, shell) else folder
