@@ -323,6 +323,10 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
     out.standard_errors.push_back(parameter.standard_error);
     out.identifiable.push_back(parameter.identifiable);
   }
+  if (outcome.mode) {
+    out.rms = outcome.mode->fit.rms;
+    out.error_unit = "m";
+  }
   if (outcome.response) {
     out.rms = outcome.response->fit.rms;
     out.error_unit = "m";
