@@ -98,6 +98,7 @@ const std::vector<FitParameterInfo>& fitParameters() {
       {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
        FitNeed::kFreeLengths},
       {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries},
+      {FitParameter::kMode, "mode", "mode", FitGroup::kNone, FitNeed::kSeries},
       placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,
                 poseNumbers("_x", kBaseTranslation, kBaseRotation), &Options::base),
       placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,

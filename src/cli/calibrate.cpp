@@ -9,6 +9,7 @@
 #include "arguments.hpp"
 #include "bag/bag_captures.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
@@ -112,6 +113,25 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
           {"play_weight", std::move(weight)},
           {"static_rms_m", fit.static_rms},
           {"rms_m", fit.rms}};
+}
+
+json modeJson(const procedures::FittedMode& found) {
+  json rings = json::array();
+  for (const estimation::RingDown& ring : found.fit.rings) {
+    const auto trial = static_cast<std::size_t>(ring.trial);
+    rings.push_back(
+        {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
+         {"time_s", ring.begin},
+         {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
+         {"damping", ring.found() ? estimateJson(ring.damping) : json()},
+         {"rms_m", ring.rms},
+         {"rows", ring.rows},
+         {"reason", textOrNull(ring.reason)}});
+  }
+  const bool fitted = found.fit.fitted();
+  return {{"frequency_hz", fitted ? estimateJson(found.fit.frequency) : json()},
+          {"damping", fitted ? estimateJson(found.fit.damping) : json()},
+          {"releases", std::move(rings)}};
 }
 
 struct CalibrateOptions {
@@ -249,6 +269,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
                                       {"initial", one.initial},
                                       {"unit", one.unit}};
   }
+  if (outcome.mode) result["mode"] = modeJson(*outcome.mode);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     result["status"] = estimation::nameOf(calibration.status);
@@ -279,7 +300,7 @@ CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   for (const auto& [name, fit] : outcome.contractions) {
     std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration && !outcome.response) return {};
+  if (!outcome.calibration && !outcome.response && !outcome.mode) return {};
   if (outcome.calibration && outcome.calibration->by_pressure) {
     std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
               << outcome.calibration->error_unit << "\n";
@@ -377,7 +398,8 @@ Subcommand addCalibrate(CLI::App& app) {
             ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
             "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
             "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
-            "z_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
+            "z_m; for a mode without pressures, too); or rosbags with tag_detections, "
+            "pressure_measured and pressure_command: each "
             "time the arm is at rest is one capture",
             kRequired);
   addOption(*command, "--fit", options->fit,
@@ -404,7 +426,8 @@ Subcommand addCalibrate(CLI::App& app) {
       R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
 parameters {name: {value, standard_error, identifiable, initial, unit}},
 combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
-response, correlation, rms, held_out_error (each pressure predicted by a fit without it) with
+response, mode (if asked for: frequency_hz, damping, releases [{trial, time_s,
+frequency_hz, damping, rms_m, rows, reason}]), correlation, rms, held_out_error (each pressure predicted by a fit without it) with
 error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
 next_pressures_pa (most informative pressures to measure next), warnings, out, reason
 (exit code 1).

@@ -108,6 +108,10 @@ std::optional<std::string> faultOf(const CalibrationRequest& request, const Cali
     return "a response needs readings in the order taken; expected free lengths (pressure_kpa, "
            "length_m) or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m)";
   }
+  if (!data.tips.empty() && data.tips.history.input.cols() == 0) {
+    return "the series of the tip has no pressures; expected columns pressure_1_kpa .. for a "
+           "response";
+  }
   if (!data.lengths.empty() && !data.tips.empty()) {
     return "the data hold free lengths and a series of the tip; expected one of them for a "
            "response";
@@ -241,6 +245,24 @@ std::optional<std::string> fitResponseOf(const io::Scene& scene, const Calibrati
   return std::nullopt;
 }
 
+// Fits the mode to the series of the tip into outcome.mode.
+// @return cause and remedy if none is found.
+std::optional<std::string> fitModeOf(const io::Scene& scene, const CalibrationData& data,
+                                     CalibrationOutcome& outcome) {
+  if (data.tips.empty()) {
+    return "a mode needs a series of the tip (time_s, x_m, y_m, z_m) through a release or a step";
+  }
+  outcome.mode =
+      FittedMode{estimation::fitMode(data.tips.history, data.tips.reading), data.tips.trials, {}};
+  const estimation::ModeFit& fit = outcome.mode->fit;
+  if (!fit.fitted()) return "mode: " + fit.failure;
+  const estimation::Mode before = scene.follow.mode.value_or(estimation::Mode{});
+  outcome.mode->parameters = {
+      {"mode_hz", "Hz", before.frequency, fit.frequency.value, fit.frequency.standard_error, true},
+      {"mode_damping", "", before.damping, fit.damping.value, fit.damping.standard_error, true}};
+  return std::nullopt;
+}
+
 bool areCorners(const std::vector<estimation::Capture>& captures) {
   return !captures.empty() && std::holds_alternative<CornersOfTags>(captures.front().reading);
 }
@@ -324,8 +346,9 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
     if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
     out.error_unit = calibration.error_unit;
   } else {
-    out.rms = outcome.contractions.empty() ? outcome.response->fit.rms
-                                           : outcome.contractions.front().second.rms;
+    out.rms = !outcome.contractions.empty() ? outcome.contractions.front().second.rms
+              : outcome.response            ? outcome.response->fit.rms
+                                            : outcome.mode->fit.rms;
     out.error_unit = "m";
   }
   for (const estimation::Parameter& one : parametersOf(outcome)) {
@@ -397,8 +420,8 @@ class CalibrationJob {
 
   CalibrationOutcome run() {
     using Job = CalibrationJob;
-    for (const auto phase :
-         {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitCurve, &Job::fitArm}) {
+    for (const auto phase : {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitMode,
+                             &Job::fitCurve, &Job::fitArm}) {
       if (const Refusal refusal = (this->*phase)()) {
         outcome_.message = *refusal;
         return std::move(outcome_);
@@ -434,7 +457,8 @@ class CalibrationJob {
              "contraction as well";
     }
     // A series also gives the effective pressures of captures whose times are known.
-    if (!fitsResponse() && !data_.tips.empty() && !timed_) {
+    const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
+    if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows) {
       return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
              "response as well";
     }
@@ -455,6 +479,14 @@ class CalibrationJob {
     for (const std::string& one : names) {
       curves_.responses.emplace_back(one, outcome_.response->response);
     }
+    return std::nullopt;
+  }
+
+  Refusal fitMode() {
+    if (!fitsMode()) return std::nullopt;
+    if (auto fault = fitModeOf(*scene_, data_, outcome_)) return fault;
+    const estimation::ModeFit& fit = outcome_.mode->fit;
+    curves_.mode = estimation::Mode{fit.frequency.value, fit.damping.value};
     return std::nullopt;
   }
 
@@ -488,7 +520,7 @@ class CalibrationJob {
   }
 
   Refusal gatherArms() {
-    if (timed_ && !data_.tips.empty()) {
+    if (timed_ && !data_.tips.empty() && data_.tips.history.input.cols() > 0) {
       EffectiveCaptures effective = effectiveCaptures(scene_->arm, data_.tips, data_.captures);
       captures_ = std::move(effective.captures);
       if (!effective.unknown.empty()) {
@@ -570,6 +602,7 @@ class CalibrationJob {
   void write() {
     changes_.contractions = curves_.contractions;
     changes_.responses = curves_.responses;
+    changes_.mode = curves_.mode;
     changes_.provenance = provenance();
     outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
     if (fitsArm()) compareTips();
@@ -580,6 +613,7 @@ class CalibrationJob {
   bool fits(FitParameter parameter) const { return fitted_.count(parameter) > 0; }
   bool fitsCurve() const { return fits(FitParameter::kContraction); }
   bool fitsResponse() const { return fits(FitParameter::kResponse); }
+  bool fitsMode() const { return fits(FitParameter::kMode); }
   bool fitsArm() const { return std::any_of(fitted_.begin(), fitted_.end(), isOfArm); }
   void warn(const std::vector<std::string>& warnings) {
     outcome_.warnings.insert(outcome_.warnings.end(), warnings.begin(), warnings.end());

@@ -33,6 +33,10 @@ std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcom
     const std::vector<estimation::Parameter>& more = outcome.response->parameters;
     out.insert(out.end(), more.begin(), more.end());
   }
+  if (outcome.mode) {
+    const std::vector<estimation::Parameter>& more = outcome.mode->parameters;
+    out.insert(out.end(), more.begin(), more.end());
+  }
   return out;
 }
 

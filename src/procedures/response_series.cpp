@@ -28,6 +28,24 @@ Eigen::VectorXd columnOf(const io::DataSet& data, const char* name) {
   return data.values.col(column);
 }
 
+// Of every trial of a history: as the file names it, or by its number.
+std::vector<std::string> trialNames(const io::DataSet& data, const model::InputHistory& history) {
+  const int column = data.find("trial");
+  std::vector<std::string> names;
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    if (!history.starts_anew[static_cast<std::size_t>(row)]) continue;
+    const double value = column >= 0 ? data.values(row, column) : 1.0;
+    names.push_back(data.trials.empty() ? io::formatNumber(value)
+                                        : data.trials[static_cast<std::size_t>(value)]);
+  }
+  return names;
+}
+
+bool hasPressures(const io::DataSet& data) {
+  return std::any_of(data.columns.begin(), data.columns.end(),
+                     [](const std::string& name) { return name.compare(0, 9, "pressure_") == 0; });
+}
+
 // Bounds if stamps hardly advance.
 constexpr std::size_t kMostWaitingReadings = 1 << 13;
 constexpr std::size_t kMostWaitingTips = 1 << 8;
@@ -36,13 +54,18 @@ constexpr std::size_t kMostWaitingTips = 1 << 8;
 
 ResponseSeries lengthSeriesOf(const io::DataSet& data) {
   const Eigen::MatrixXd pressure = columnOf(data, "pressure_kpa") * io::pascals(1);
-  return {io::historyOf(data, pressure), columnOf(data, "length_m")};
+  return {io::historyOf(data, pressure), columnOf(data, "length_m"), {}};
 }
 
 ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
-  ResponseSeries out{io::historyOf(data, actuators), Eigen::MatrixXd(data.values.rows(), 3)};
-  int axis = 0;
-  for (const char* name : {"x_m", "y_m", "z_m"}) out.reading.col(axis++) = columnOf(data, name);
+  const Eigen::Index rows = data.values.rows();
+  model::InputHistory history = hasPressures(data) ? io::historyOf(data, actuators)
+                                                   : io::historyOf(data, Eigen::MatrixXd(rows, 0));
+  std::vector<std::string> trials = trialNames(data, history);
+  ResponseSeries out{std::move(history), Eigen::MatrixXd::Zero(rows, 3), std::move(trials)};
+  out.reading.col(0) = columnOf(data, "x_m");
+  out.reading.col(1) = columnOf(data, "y_m");
+  if (data.find("z_m") >= 0) out.reading.col(2) = columnOf(data, "z_m");  // a planar arm has none
   const int seen = data.find("seen");
   for (Eigen::Index row = 0; seen >= 0 && row < out.reading.rows(); ++row) {
     if (data.values(row, seen) == 0) {
@@ -86,6 +109,14 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
                                                        : " has a column time_s, unlike") +
                             " the files of its kind before; expected times in all of them or none");
   }
+  if (more.history.input.cols() != to.history.input.cols()) {
+    throw io::DocumentError(
+        file +
+        (more.history.input.cols() == 0 ? " has no pressures, but" : " has pressures, unlike") +
+        " the files of its kind before; expected pressures in all of them or "
+        "none");
+  }
+  to.trials.insert(to.trials.end(), more.trials.begin(), more.trials.end());
   const Eigen::Index before = to.history.rows();
   Eigen::MatrixXd input(before + more.history.rows(), to.history.input.cols());
   input << to.history.input, more.history.input;
@@ -215,7 +246,8 @@ ResponseSeries SeriesRecord::series() const {
   const auto rows = static_cast<Eigen::Index>(all.times_.size());
   return {
       {Eigen::Map<const Rows>(all.pressures_.data(), rows, actuators_), all.times_, all.starts_},
-      Eigen::Map<const Rows>(all.positions_.data(), rows, 3)};
+      Eigen::Map<const Rows>(all.positions_.data(), rows, 3),
+      {}};
 }
 
 }  // namespace helix_arm::procedures

@@ -92,8 +92,8 @@ TEST(FitWords, OfNoParameterAreRefused) {
         estimation::fitParametersOf({"tags", "springs"}, false);
       }),
       "\"springs\" is not a parameter to fit; expected some of stiffness, K_kappa, K_gamma, "
-      "K_tau, K_eps, length_scale, length_scale_each, contraction, response, placement, base, "
-      "tags, bleed");
+      "K_tau, K_eps, length_scale, length_scale_each, contraction, response, mode, placement, "
+      "base, tags, bleed");
 }
 
 TEST(FitWords, EachActuatorsScaleGoesBeforeTheCommonOne) {

@@ -21,6 +21,7 @@ enum class FitParameter {
   kLengthScaleEach,
   kContraction,
   kResponse,
+  kMode,
   kBase,
   kTags,
   kBleed,
@@ -76,7 +77,7 @@ struct FitParameterInfo {
   const char* name;  ///< name of its numbers in results, without their suffixes
   FitGroup group;
   FitNeed need;
-  /// Absent for contraction and response, which have separate fits.
+  /// Absent for contraction, response and mode, which have separate fits.
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig

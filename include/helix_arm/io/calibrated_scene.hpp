@@ -14,6 +14,7 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "helix_arm/model/response.hpp"
+#include "helix_arm/tracking/mode_estimator.hpp"
 
 namespace helix_arm::io {
 
@@ -32,6 +33,8 @@ struct SceneCalibration {
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   /// Fitted responses of the curves of these names; without lag or play, the key is removed.
   std::vector<std::pair<std::string, model::Response>> responses;
+  /// Of the arm's slowest vibration: follow.mode_hz and follow.mode_damping.
+  std::optional<estimation::Mode> mode;
   Provenance provenance;
 };
 

@@ -11,6 +11,7 @@
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/response/mode_fit.hpp"
 #include "helix_arm/response/response_fit.hpp"
 
 namespace helix_arm::procedures {
@@ -67,6 +68,14 @@ struct FittedResponse {
   std::vector<estimation::Parameter> parameters;
 };
 
+/// The slowest vibration, fitted to a series of the tip.
+struct FittedMode {
+  estimation::ModeFit fit;
+  std::vector<std::string> trials;  ///< names of the trials
+  /// mode_hz [Hz] and mode_damping, if they were found.
+  std::vector<estimation::Parameter> parameters;
+};
+
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
@@ -76,6 +85,7 @@ struct CalibrationOutcome {
   /// The free lengths, at the effective pressures, to which curves were fitted.
   std::vector<estimation::LengthSample> lengths;
   std::optional<FittedResponse> response;  ///< if one was fitted
+  std::optional<FittedMode> mode;          ///< if one was asked for
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;
   std::optional<estimation::Calibration> calibration;
@@ -111,7 +121,7 @@ std::optional<double> medianTipError(const io::Scene& scene,
 
 // What an outcome says, in words.
 
-/// All fitted numbers: those of the calibration, then those of the response.
+/// All fitted numbers: those of the calibration, then those of the response and the mode.
 std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome);
 
 /// Whether a parameter has a standard error and a verdict: not without CalibrationRequest::errors.

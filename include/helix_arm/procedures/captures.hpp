@@ -22,7 +22,7 @@ enum class DataKind {
   kTagPoses,    ///< as loadTagPoses() reads them
   kTagCorners,  ///< as loadTagCorners() reads them
   kLengths,     ///< pressure_kpa, length_m: of one muscle without load
-  kTipSeries,   ///< time_s, pressure_1_kpa .., x_m, y_m, z_m and no tag: of an arm in motion
+  kTipSeries,   ///< time_s, x_m, y_m and no tag: of an arm in motion; pressures
 };
 
 /// @throws DocumentError if the columns match no kind, or more than one.

@@ -16,9 +16,10 @@ namespace helix_arm::procedures {
 
 /// Readings in the order in which they were taken.
 struct ResponseSeries {
-  model::InputHistory history;  ///< measured pressures
+  model::InputHistory history;  ///< measured pressures; without columns where none are known
   /// (rows x 1) free lengths, or (rows x 3) positions of the tip [m]; NaN where none was measured.
   Eigen::MatrixXd reading;
+  std::vector<std::string> trials = {};  ///< names of the trials, in their order
 
   bool empty() const { return history.rows() == 0; }
 };
@@ -29,7 +30,7 @@ struct ResponseSeries {
 ResponseSeries lengthSeriesOf(const io::DataSet& data);
 
 /// Positions of one point of an arm, such as its tip, in any frame that does not move; columns
-/// time_s, pressure_1_kpa .., x_m, y_m, z_m and, optionally, seen (0: only the pressures of the row
+/// time_s, x_m, y_m and, optionally, pressure_1_kpa .., z_m, seen (0: only the pressures of the row
 /// count) and trial.
 /// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator.
 ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
@@ -42,7 +43,7 @@ inline constexpr std::size_t kTipSeriesColumns = 6;
 std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment);
 
 /// Appends another file's series, which begins a new trial.
-/// @throws DocumentError if only one of them has times.
+/// @throws DocumentError if only one of them has times, or pressures.
 void append(const ResponseSeries& more, const std::string& file, ResponseSeries& to);
 
 /// The free lengths against the effective pressures, in the same order.

@@ -24,7 +24,8 @@ const char* const kNames[] = {"capture", "tag",   "curvature_rad", "pressure_kpa
                               "x_m",     "y_m",   "z_m",           "qx",           "qy",
                               "qz",      "qw",    "x1_px",         "y1_px",        "x2_px",
                               "y2_px",   "x3_px", "y3_px",         "x4_px",        "y4_px",
-                              "time_s"};
+                              "time_s",  "trial"};
+const char* const kTrial = "trial";
 
 // pressure_1_kpa, pressure_999_pa, and in units that no table has: pressure_1_psi
 bool isPressure(const std::string& name) {
@@ -166,14 +167,30 @@ class TableReader {
     }
     for (std::size_t i = 0; i < columns; ++i) {
       const std::string_view cell = takeCell(content);
-      if (!skips_[i]) cells_.push_back(numberOf(cell, i, line));
+      if (skips_[i]) continue;
+      const bool name = data_.columns[i] == kTrial;
+      cells_.push_back(name ? trialOf(cell, i, line) : numberOf(cell, i, line));
     }
+  }
+
+  double complain(std::size_t column, int line, const std::string& fault) {
+    faults_.add(line, columnText(data_.columns, column) + " " + fault);
+    return 0.0;
+  }
+
+  double trialOf(std::string_view cell, std::size_t column, int line) {
+    if (cell.empty()) return complain(column, line, "is empty; expected a name");
+    if (cell.size() > kLongestName) {
+      return complain(column, line, atMost(cell.size(), " characters", kLongestName));
+    }
+    const auto [trial, is_new] = trials_.emplace(cell, trials_.size());
+    if (is_new) data_.trials.emplace_back(cell);
+    return static_cast<double>(trial->second);
   }
 
   double numberOf(std::string_view cell, std::size_t column, int line) {
     const auto complain = [&](const std::string& fault) {
-      faults_.add(line, columnText(data_.columns, column) + " " + fault);
-      return 0.0;
+      return this->complain(column, line, fault);
     };
     if (cell.empty()) return complain("is empty; expected a finite number");
     if (cell.size() > kLongestCell) {
@@ -191,8 +208,9 @@ class TableReader {
   DataSet& data_;
   FaultList& faults_;
   const std::vector<std::string>& skipped_;
-  std::vector<bool> skips_;    // a column
-  std::vector<double> cells_;  // in row order, without the skipped columns
+  std::vector<bool> skips_;                    // a column
+  std::vector<double> cells_;                  // in row order, without the skipped columns
+  std::map<std::string, std::size_t> trials_;  // by their names
   std::size_t rows_ = 0;
   std::string cell_;
   bool full_ = false;  // the rest is not read

@@ -272,6 +272,13 @@ Value& tagsOf(const Scene& scene, Value& document) {
   return *findValue(document, "tags");
 }
 
+void putMode(const estimation::Mode& mode, Value& document) {
+  if (findValue(document, "follow") == nullptr) setValue(document, "follow", mapOf({}));
+  Value& follow = *findValue(document, "follow");
+  setValue(follow, "mode_hz", numberValue(mode.frequency));
+  setValue(follow, "mode_damping", numberValue(mode.damping));
+}
+
 // Applies the changes to the document of a scene. Length scales apply to the new curves, so they
 // are written after these.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
@@ -285,6 +292,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
   }
+  if (changes.mode) putMode(*changes.mode, document);
   if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
   if (changes.X_BF) {
     Value frame = mapOf({});
@@ -320,6 +328,7 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
       return;
     case FitParameter::kContraction:  // have fits of their own
     case FitParameter::kResponse:
+    case FitParameter::kMode:
       return;
     case FitParameter::kBase:
       if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
