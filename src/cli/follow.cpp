@@ -12,6 +12,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
@@ -175,6 +176,7 @@ json reportOf(const FollowReport& report) {
           {"unreachable", figures.unreachable},
           {"states", states},
           {"alarms", alarmsJson(report.result)},
+          {"contact_blind_s", report.result.contact_blind},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},
           {"png", textOrNull(report.png)}};
@@ -346,6 +348,10 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     const json tree = reportOf(report);
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
+  if (result.contact_blind > 0) {
+    std::cerr << "for " << io::formatNumber(std::round(100 * result.contact_blind) / 100) << " s "
+              << procedures::kContactBlind << "\n";
+  }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
@@ -410,7 +416,8 @@ figures), path_rms_m and path_max_m (from the path's start to its end; null with
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
-[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], contact_blind_s (time in which
+contacts may not be found: no shape of the model balances a force at the tip), budget (or null), out,
 png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
 of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit

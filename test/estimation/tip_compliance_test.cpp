@@ -1,6 +1,7 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -71,6 +72,23 @@ void expectNear(const Eigen::VectorXd& got, const Eigen::VectorXd& expected, dou
                 const std::string& what) {
   EXPECT_LT((got - expected).norm(), part * expected.norm())
       << what << "\n  got " << got.transpose() << "\n  expected " << expected.transpose();
+}
+
+// The lowest order balances a soft arm that hangs nowhere; that of its model does, up to a load
+// under which none does.
+TEST(TipCompliance, SaysWhetherASoftHangingArmBalancesAForce) {
+  const model::Arm arm = helicalArm();
+  for (const auto& [K_eps, mass, complete] :
+       {std::tuple(30.0, 0.45, true), std::tuple(120.0, 0.45, true), std::tuple(30.0, 50.0, false)}) {
+    statics::Load load = stiffnessAlone(1, K_eps);
+    load.gravity = {-9.81, 0, 3};
+    load.mass = {mass};
+    const statics::TierSetting tier{statics::Tier::kLoaded, 3};
+    TipCompliance compliance(ArmModel(arm, std::nullopt, load, tier));
+    compliance.moveTo(pressureOf(arm), Correction(arm));
+    EXPECT_EQ(compliance.complete(), complete) << K_eps << " N, " << mass << " kg";
+    EXPECT_EQ(compliance.atTip().isZero(0), !complete) << K_eps << " N, " << mass << " kg";
+  }
 }
 
 TEST(TipCompliance, WithoutACameraItIsTheChangeOfTheMeanStrain) {
