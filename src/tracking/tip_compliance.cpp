@@ -151,8 +151,7 @@ struct TipCompliance::Workspace {
       std::optional<Eigen::VectorXd> ends[2];
       Eigen::Vector3d beyond[2];
       for (const int side : {0, 1}) {
-        with.points.back().force =
-            (side == 0 ? -step : step) * Eigen::Vector3d::Unit(axis);
+        with.points.back().force = (side == 0 ? -step : step) * Eigen::Vector3d::Unit(axis);
         const auto shape = shapeUnder(with);
         if (!shape) continue;
         ends[side] = fit ? fit->change(*shape)

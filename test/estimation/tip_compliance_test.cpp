@@ -79,7 +79,8 @@ void expectNear(const Eigen::VectorXd& got, const Eigen::VectorXd& expected, dou
 TEST(TipCompliance, SaysWhetherASoftHangingArmBalancesAForce) {
   const model::Arm arm = helicalArm();
   for (const auto& [K_eps, mass, complete] :
-       {std::tuple(30.0, 0.45, true), std::tuple(120.0, 0.45, true), std::tuple(30.0, 50.0, false)}) {
+       {std::tuple(30.0, 0.45, true), std::tuple(120.0, 0.45, true),
+        std::tuple(30.0, 50.0, false)}) {
     statics::Load load = stiffnessAlone(1, K_eps);
     load.gravity = {-9.81, 0, 3};
     load.mass = {mass};

@@ -102,7 +102,7 @@ struct FollowResult {
   std::vector<FollowState> states;
   std::vector<FollowAlarm> alarms;
   double contact_blind = 0.0;  ///< time in which contacts may not be found [s]
-  int pictures = 0;  ///< accepted
+  int pictures = 0;            ///< accepted
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };
