@@ -10,6 +10,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
@@ -184,6 +185,7 @@ json reportOf(const FollowReport& report) {
           {"states", states},
           {"alarms", alarmsJson(report.result)},
           {"base_moved", movedJson(report.result.moved)},
+          {"contact_blind_s", report.result.contact_blind},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},
           {"png", textOrNull(report.png)}};
@@ -356,6 +358,10 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
   if (result.moved) std::cerr << result.moved->base.message() << "\n";
+  if (result.contact_blind > 0) {
+    std::cerr << "for " << io::formatNumber(std::round(100 * result.contact_blind) / 100) << " s "
+              << procedures::kContactBlind << "\n";
+  }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
@@ -421,9 +427,11 @@ last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when
-and how far camera or base were found to be from where the scene says, and in how many
-standard deviations), budget (or null), out, png. csv: the rows of --out. Progress is printed on stderr, and at the end the error budget
-of the last picture: standard deviations of the tip in mm.
+camera or base were found away from where the scene says, how far, and in how many standard
+deviations), contact_blind_s (time in which contacts may not be found: no shape of the model
+balances a force at the tip), budget (or null), out, png. csv: the rows of --out. Progress is
+printed on stderr, and at the end the error budget of the last picture: standard deviations of
+the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");

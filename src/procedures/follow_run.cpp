@@ -186,8 +186,11 @@ class Lockstep {
     const double now = time();
     if (blind_ && blind_->contains(now)) return;
     const Eigen::VectorXd pressure = parts_.model.arm().clamped(reading_);
-    const model::Shape expected =
+    const model::Shape nominal =
         statics::startingShape(parts_.model, parts_.model.solve(pressure), pressure);
+    // A tip is measured and predicted with the same deviations from the mean twists.
+    const auto corrected = parts_.loop.tracker().shape(pressure);
+    const model::Shape expected = corrected ? corrected->about(nominal.twists()) : nominal;
     if (auto seen = parts_.vision.look(parts_.rig.shape(), expected)) {
       waiting_.push_back({now, now + latency_, std::move(*seen)});
     }
@@ -355,6 +358,7 @@ class FollowRun {
       out_.alarms.back().covariance = load.covariance;
     }
     touched_ = load.contact;
+    if (load.blind) out_.contact_blind += kTurn;
     const follow::Turn& turn = loop_.turn();
     addRow(turn, load.score);
     if (out_.states.empty() || out_.states.back().state != turn.state) {

@@ -247,6 +247,7 @@ struct LoadForks::Workspace {
     load = {};
     load.score = score;
     load.normalised = compliance.normalised();
+    load.blind = !compliance.complete();
     if (!contact) return;
     load.contact = true;
     load.onset = onset;

@@ -1,6 +1,7 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -14,7 +15,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr char kCulprit[] = "compliance of the arm";
-constexpr double kForceStep = 0.25;    // of differences [N]
+constexpr double kForceStep = 0.25 / TipCompliance::kTypicalStiffness;  // of differences, per K_eps
 constexpr double kPressureMove = 1e4;  // beyond it the compliance is computed again [Pa]
 constexpr int kPlacesPerSection = 4;
 constexpr int kMostPlacedSections = 4;  // more have too many positions to compare
@@ -101,19 +102,21 @@ struct TipCompliance::Workspace {
       : load(loadOf(given)),
         normalised(!given.load()),
         places(placesOn(given)),
+        order(std::max(statics::kLeastOrder, given.choice().setting.order)),
         corrected(given),
         computed(places.size()) {}
 
   struct Compliance {
     Eigen::MatrixXd of_fit;  // (6 sections x 3) of the fitted twists
     Eigen::Matrix3d beyond;  // of the tip, less that of the tip of the fitted twists
+    bool complete;           // a shape balances a force along every axis
   };
 
   std::optional<model::Shape> shapeUnder(const statics::Load& with) const {
     const model::Arm& arm = corrected.arm();
     const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
     const statics::Solution solution =
-        statics::LoadedArm(arm, with, statics::kLeastOrder)
+        statics::LoadedArm(arm, with, order)
             .solve(statics::unloadedUnderOfLengths(arm, with, lengths));
     if (!solution.converged()) return std::nullopt;
     return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
@@ -121,7 +124,7 @@ struct TipCompliance::Workspace {
 
   Compliance compute(const ForcePlace& place) {
     Compliance out{Eigen::MatrixXd::Zero(6 * corrected.arm().sectionCount(), 3),
-                   Eigen::Matrix3d::Zero()};
+                   Eigen::Matrix3d::Zero(), false};
     statics::Load with = load;
     for (double& K_eps : with.K_eps) K_eps *= corrected.correction().K_eps_factor;
     if (!unforced) {
@@ -129,6 +132,8 @@ struct TipCompliance::Workspace {
       fits = unforced && fit && fit->lineariseAt(*unforced, tags);
     }
     if (!unforced || (fit && !fits)) return out;
+    const double step = kForceStep * *std::min_element(with.K_eps.begin(), with.K_eps.end());
+    out.complete = true;
     with.points.push_back({});
     with.points.back().section = place.section;
     with.points.back().s = place.s;
@@ -146,8 +151,7 @@ struct TipCompliance::Workspace {
       std::optional<Eigen::VectorXd> ends[2];
       Eigen::Vector3d beyond[2];
       for (const int side : {0, 1}) {
-        with.points.back().force =
-            (side == 0 ? -kForceStep : kForceStep) * Eigen::Vector3d::Unit(axis);
+        with.points.back().force = (side == 0 ? -step : step) * Eigen::Vector3d::Unit(axis);
         const auto shape = shapeUnder(with);
         if (!shape) continue;
         ends[side] = fit ? fit->change(*shape)
@@ -157,9 +161,12 @@ struct TipCompliance::Workspace {
                 ? Eigen::Vector3d(model::tipPose(*shape).translation - tipOf(*ends[side]))
                 : Eigen::Vector3d::Zero();
       }
-      if (!ends[0] || !ends[1]) continue;
-      out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);
-      out.beyond.col(axis) = (beyond[1] - beyond[0]) / (2 * kForceStep);
+      if (!ends[0] || !ends[1]) {
+        out.complete = false;
+        continue;
+      }
+      out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * step);
+      out.beyond.col(axis) = (beyond[1] - beyond[0]) / (2 * step);
     }
     return out;
   }
@@ -173,6 +180,7 @@ struct TipCompliance::Workspace {
   const statics::Load load;  // with nominal K_eps
   const bool normalised;
   const std::vector<ForcePlace> places;
+  const int order;  // that of the model, else a soft arm may find no balance
   statics::CorrectedModel corrected;
   std::optional<LinearFit> fit;
 
@@ -225,5 +233,7 @@ const Eigen::MatrixXd& TipCompliance::at(std::size_t place) { return work_->at(p
 const Eigen::Matrix3d& TipCompliance::tipBeyondFit(std::size_t place) {
   return work_->at(place).beyond;
 }
+
+bool TipCompliance::complete() { return work_->at(places().size() - 1).complete; }
 
 }  // namespace helix_arm::estimation

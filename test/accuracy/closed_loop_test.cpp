@@ -45,6 +45,18 @@ std::vector<Eigen::Vector3d> randomTips(const statics::ArmModel& model, int coun
   return tips;
 }
 
+// Tips that the true arm reaches at random pressures.
+std::vector<Eigen::Vector3d> trueTips(const io::Scene& scene, int count, test::Random& random) {
+  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
+  std::vector<Eigen::Vector3d> tips;
+  for (int k = 0; k < count; ++k) {
+    Eigen::VectorXd fraction(scene.arm.actuatorCount());
+    for (double& one : fraction) one = random.uniform(0.05, 0.95);
+    tips.push_back(model::tipPose(truth.shape(scene.arm.inputAt(fraction))).translation);
+  }
+  return tips;
+}
+
 FollowPlan steps(const io::Scene& scene, int count, double seconds_each) {
   FollowPlan plan;
   plan.tips = randomTips(scene.model, count, 3);
@@ -219,6 +231,32 @@ INSTANTIATE_TEST_SUITE_P(
                     SwingingArm{
                         "one_and_a_half_hz", 1.5, 0.05, 10, 0.0012, 2.0, {0.0015, 0.002, 0.004}}),
     [](const auto& swinging) { return std::string(swinging.param.name); });
+
+// Soft arms that hang, whose load is told 10 % too low: measured and predicted tips have the same
+// deviations from the mean twists, and a force at the tip has a balance.
+TEST(ClosedLoop, SoftHangingArmsWithALoadToldWrong) {
+  for (const double K_eps : {30.0, 60.0, 120.0}) {
+    const auto hanging = [K_eps](double mass) {
+      return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/loaded.yaml",
+                           {{"arm.stiffness.K_eps_n", std::to_string(K_eps)},
+                            {"load.mass_kg", std::to_string(mass)},
+                            {"simulation.arm", "{}"}});
+    };
+    const io::Scene scene = hanging(0.405), rig = hanging(0.45);
+    test::Random random(3);
+    FollowPlan plan;
+    plan.tips = trueTips(rig, 8, random);
+    plan.seconds = 32;
+    const FollowResult result = procedures::runFollow(scene, rig, plan);
+    const StepFigures figures = figuresOf(result);
+    std::printf("[  FIGURE  ] hanging, K_eps %.0f N: steady RMS %.2f mm\n", K_eps,
+                kMm * figures.steady_rms);
+    EXPECT_EQ(figures.reached, 8);
+    EXPECT_LE(figures.steady_rms, 0.001);
+    EXPECT_EQ(result.contact_blind, 0.0);
+    EXPECT_TRUE(result.alarms.empty());
+  }
+}
 
 struct Drawing {
   const char* name;
@@ -418,18 +456,6 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
     EXPECT_LT(most, 0.018);
     EXPECT_NE(result.states.back().state, follow::LoopState::kClosed);
   }
-}
-
-// Tips that the true arm reaches at random pressures.
-std::vector<Eigen::Vector3d> trueTips(const io::Scene& scene, int count, test::Random& random) {
-  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
-  std::vector<Eigen::Vector3d> tips;
-  for (int k = 0; k < count; ++k) {
-    Eigen::VectorXd fraction(scene.arm.actuatorCount());
-    for (double& one : fraction) one = random.uniform(0.05, 0.95);
-    tips.push_back(model::tipPose(truth.shape(scene.arm.inputAt(fraction))).translation);
-  }
-  return tips;
 }
 
 // Arms for which the loop was not tuned.

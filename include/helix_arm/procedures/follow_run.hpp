@@ -101,13 +101,14 @@ struct FollowResult {
   std::string vented;
   std::vector<FollowState> states;
   std::vector<FollowAlarm> alarms;
-  int pictures = 0;  ///< accepted
   /// The camera or the arm's base, once the pictures showed that it is not where the scene says.
   struct Move {
     double time;  ///< [s]
     estimation::BaseMove base;
   };
   std::optional<Move> moved;
+  double contact_blind = 0.0;  ///< time in which contacts may not be found [s]
+  int pictures = 0;            ///< accepted
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };

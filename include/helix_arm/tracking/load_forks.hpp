@@ -29,6 +29,9 @@ struct ExternalLoad {
   /// Where it acts; nothing if the pictures do not tell.
   std::optional<ForcePlace> place;
   bool normalised = false;  ///< K_eps of the arm is unknown
+  /// No shape of the model balances a force at the tip along every axis, or the tags do not
+  /// determine it: some contacts, or all, are not found, whatever the score.
+  bool blind = false;
 };
 
 /// How far the measured tip has left the one that was learnt of the arm. A force that began or

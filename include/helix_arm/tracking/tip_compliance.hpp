@@ -61,6 +61,9 @@ class TipCompliance {
   /// those of an arm of constant twists [m/N]. 0 without a view of the arm: how its tip follows
   /// from measured twists is then unknown. Otherwise as at().
   const Eigen::Matrix3d& tipBeyondFit(std::size_t place);
+  /// Whether a shape balances a force at the tip along every axis, so that no column of atTip() is
+  /// 0 for want of one.
+  bool complete();
 
  private:
   struct Workspace;

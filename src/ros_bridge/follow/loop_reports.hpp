@@ -136,6 +136,7 @@ class LoopDiagnostics {
     addValue(out, "drift_mm", fixed(1e3 * loop.drift().distance, 2));
     addValue(out, "drift_allowed_mm", fixed(1e3 * loop.drift().allowed, 2));
     addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
+    addValue(out, "contact_watch", loop.load().blind ? procedures::kContactBlind : "works");
     return out;
   }
   /// The status `<node>: correction`: how the arm differs from its model; WARN if it is to be
