@@ -426,12 +426,11 @@ figures), path_rms_m and path_max_m (from the path's start to its end; null with
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
-[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when
-camera or base were found away from where the scene says, how far, and in how many standard
-deviations), contact_blind_s (time in which contacts may not be found: no shape of the model
-balances a force at the tip), budget (or null), out, png. csv: the rows of --out. Progress is
-printed on stderr, and at the end the error budget of the last picture: standard deviations of
-the tip in mm.
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
+far and in how many standard deviations camera or base were found away from their place in the
+scene), contact_blind_s (time in which contacts may not be found: the model balances no force
+at the tip), budget (or null), out, png. csv: the rows of --out. On stderr: the progress, and at
+the end the error budget of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");

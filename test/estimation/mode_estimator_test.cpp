@@ -28,8 +28,9 @@ std::ostream& operator<<(std::ostream& out, const TrueArm& arm) {
   return out;
 }
 
-// Steps of random pressures every two seconds, through the lag, then through the mode in steps of a
-// millisecond. Gains of the entries differ from the model's by up to 30 %.
+// Steps of random pressures every two seconds, through the lag, then through the mode, whose
+// frequency goes with 1 / length, in steps of a millisecond. Gains of the entries differ from the
+// model's by up to 30 %.
 std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_known,
                               double pause = 0.0) {
   const model::Arm arm = helicalModel().arm();
@@ -56,7 +57,8 @@ std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_
     pressure += (truth.lag > 0 ? kStep / truth.lag : 1.0) * (known - pressure);
     const Eigen::VectorXd goal = arm.lengths(arm.clamped(pressure));
     if (truth.mode) {
-      const double turn = 2 * basics::kPi * truth.mode->frequency;
+      const double rest = arm.lengths(arm.inputAt(0.0)).mean();
+      const double turn = 2 * basics::kPi * truth.mode->frequency * rest / goal.mean();
       rate += kStep * (turn * turn * (goal - lengths) - 2 * truth.mode->damping * turn * rate);
       lengths += kStep * rate;
     } else {

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "support/has.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -29,12 +30,24 @@ class Bench {
     rig << 0.002, -0.001, 0.0015, 0.006, -0.004, 0.003, 0.0;
   }
 
-  const TwistFit& fit(const model::Shape& shape) {
+  std::vector<CornerObservation> observe(const model::Shape& shape) {
     ArmView truth = view_;
     truth.X_CB = view_.X_CB * lie::SE3::exp(rig.head<6>());
-    const auto seen = test::observe(truth, visibleTags(truth, shape, 0.3), 0.3, random);
+    return test::observe(truth, visibleTags(truth, shape, 0.3), 0.3, random);
+  }
+  const TwistFit& fit(const model::Shape& shape) {
     fitter_.know(memory.estimate());
-    return fitter_.fit(seen, view_.X_CB, view_.camera.focal(), shape);
+    return fitter_.fit(observe(shape), view_.X_CB, view_.camera.focal(), shape);
+  }
+  // A second of pictures of different shapes.
+  void show(BaseWatch& watch) {
+    for (int k = 0; k < 30; ++k) {
+      const model::Shape shape = anyShape();
+      watch.see(observe(shape), view_.X_CB, view_.camera.focal(), shape, shape);
+    }
+  }
+  BaseWatch watch(const Matrix& by_placements) const {
+    return {view_.layout, 1, freeRig(), by_placements};
   }
   void learn(const model::Shape& shape) {
     const TwistFit& result = fit(shape);
@@ -120,6 +133,34 @@ TEST(RigMemory, BeginsAnewWherePicturesAreNotExplained) {
   bench.memory.learn(failed);
   EXPECT_FALSE(bench.memory.isHeld());
   EXPECT_TRUE(bench.memory.estimate().mean.isZero(0));
+}
+
+TEST(BaseWatch, NamesABaseThatIsFartherThanThePriorAllows) {
+  Bench bench;
+  BaseWatch watch = bench.watch(Matrix::Zero());
+  bench.show(watch);
+  EXPECT_FALSE(watch.move()) << "a deviation of the prior";
+  bench.rig.head<3>() += Eigen::Vector3d(0.012, -0.012, 0.010);
+  bench.show(watch);
+  ASSERT_TRUE(watch.move());
+  EXPECT_LT((watch.move()->xi - bench.rig.head<6>()).head<3>().norm(), 0.002);
+  EXPECT_GT(watch.move()->deviations, 5);
+  EXPECT_TRUE(test::has(watch.move()->message(), "the camera or the arm's base is 2"))
+      << watch.move()->message();
+  bench.rig.head<3>() -= Eigen::Vector3d(0.012, -0.012, 0.010);
+  bench.show(watch);
+  EXPECT_FALSE(watch.move()) << "moved back";
+}
+
+// 20 mm are ten deviations of the prior, and three of it with placements that err as much.
+TEST(BaseWatch, ErrorsByPlacementsExcuseAsMuchAsTheyMayCause) {
+  for (const double factor : {0.0, 9.0}) {
+    Bench bench;
+    BaseWatch watch = bench.watch(factor * RigEstimate(freeRig()).covariance);
+    bench.rig.head<3>() = Eigen::Vector3d(0.012, -0.012, 0.010);
+    bench.show(watch);
+    EXPECT_EQ(watch.move().has_value(), factor == 0) << factor;
+  }
 }
 
 TEST(RigMemory, HasNothingToLearnWhereNothingIsFitted) {

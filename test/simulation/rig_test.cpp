@@ -446,5 +446,32 @@ TEST_F(Mounts, TheSeedDecides) {
   expectSame(deviate(view_.layout, arm_, first).tags[5].X_ST, a.layout.tags[5].X_ST);
 }
 
+// The frequency goes with 1 / length, and nothing but bends swings.
+TEST(Swing, OnlyBendsSwing) {
+  const model::Arm arm = ringArm(helicalRing());
+  constexpr double kStep = 1e-3, kDamping = 0.05;
+  const double root = std::sqrt(1 - kDamping * kDamping);
+  const model::Twists from = arm.twistsOfLengths(arm.lengths(arm.inputAt(0.0)));
+  for (const double part : {0.3, 0.9}) {
+    model::Twists to = arm.twistsOfLengths(arm.lengths(arm.inputAt(part)));
+    to(4, 0) += 0.5;
+    Swing swing({2.0, kDamping}, arm.restLength());
+    swing.step(model::shapeOf(arm, from), 0.0);
+    double most = 0.0, time_of_most = 0.0;
+    for (int k = 1; k * kStep < 0.4; ++k) {
+      swing.step(model::shapeOf(arm, to), kStep);
+      const model::Twists now = swing.shape().twists();
+      EXPECT_LT((now - to).topRows<4>().norm(), 1e-12);
+      const double moved = (now - from)(4, 0) / (to - from)(4, 0);
+      if (moved <= most) continue;
+      most = moved;
+      time_of_most = k * kStep;
+    }
+    const double half_period = 0.25 * to.topRows<3>().norm() / arm.restLength() / root;
+    EXPECT_NEAR(time_of_most, half_period, 2 * kStep);
+    EXPECT_NEAR(most, 1 + std::exp(-kDamping * kPi / root), 1e-3);
+  }
+}
+
 }  // namespace
 }  // namespace helix_arm::test
