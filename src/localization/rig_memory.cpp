@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -26,6 +27,9 @@ constexpr double kKept = 0.995;
 constexpr int kWatchPeriod = 10;
 constexpr double kMovedBeyond = 5.0;
 constexpr int kWatchPatience = 3;
+// Fits of the usual base: fewest that count, and most. Part of P0 + Q by which it may change.
+constexpr int kLeastFits = 10, kUsualFits = 100;
+constexpr double kChanges = 0.25;
 constexpr BasePrior kAnywhere = {0.5, 1.0};
 
 TwistFitOptions unknownBase(TwistFitOptions options) {
@@ -109,9 +113,12 @@ void RigMemory::reset() { *this = RigMemory(options_, by_placements_); }
 
 std::string BaseMove::message() const {
   return basics::format(
-      "the camera or the arm's base is %.0f mm and %.1f deg from where the scene says (%.0f "
-      "standard deviations): fix both, then place the camera anew with helix_arm camera place",
-      1e3 * xi.head<3>().norm(), xi.tail<3>().norm() * 180 / basics::kPi, deviations);
+      "the camera or the arm's base %s %.0f mm and %.1f deg%s (%.0f standard deviations): fix "
+      "both, "
+      "then place the camera anew with helix_arm camera place",
+      since_before ? "has moved by" : "is", 1e3 * xi.head<3>().norm(),
+      xi.tail<3>().norm() * 180 / basics::kPi, since_before ? "" : " from where the scene says",
+      deviations);
 }
 
 BaseWatch::BaseWatch(TagLayout layout, int sections, const TwistFitOptions& options,
@@ -124,12 +131,12 @@ void BaseWatch::see(const std::vector<CornerObservation>& seen, const lie::SE3& 
   if (pictures_++ % kWatchPeriod != 0) return;
   const TwistFit& fit = fitter_.fit(seen, X_CB, focal, start, model);
   if (fit.status != FitStatus::kConverged) return;
-  const BaseMove now = {
-      fit.rig.mean.head<6>(),
-      std::sqrt(fit.rig.mean.head<6>().dot(
-          Eigen::LLT<Eigen::Matrix<double, 6, 6>>(known_ + fit.rig.covariance.topLeftCorner<6, 6>())
-              .solve(fit.rig.mean.head<6>())))};
+  const BaseMove now = moveOf(fit.rig);
   const bool moved = now.deviations > kMovedBeyond;
+  if (!moved) {
+    fits_ = std::min(fits_ + 1, kUsualFits);
+    usual_ += (fit.rig.mean.head<6>() - usual_) / fits_;
+  }
   contradictions_ = moved == move_.has_value() ? 0 : contradictions_ + 1;
   if (contradictions_ >= kWatchPatience || (moved && move_)) {
     move_ = moved ? std::optional<BaseMove>(now) : std::nullopt;
@@ -137,8 +144,21 @@ void BaseWatch::see(const std::vector<CornerObservation>& seen, const lie::SE3& 
   }
 }
 
+BaseMove BaseWatch::moveOf(const RigEstimate& rig) const {
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  const lie::Vector6 x = rig.mean.head<6>();
+  const Matrix6 noise = rig.covariance.topLeftCorner<6, 6>();
+  const auto distance = [&noise](const lie::Vector6& from, const Matrix6& known) {
+    return std::sqrt(from.dot(Eigen::LLT<Matrix6>(known + noise).solve(from)));
+  };
+  const BaseMove of_scene = {x, distance(x, known_), false};
+  if (fits_ < kLeastFits) return of_scene;
+  const BaseMove since = {x - usual_, distance(x - usual_, kChanges * known_), true};
+  return since.deviations > of_scene.deviations ? since : of_scene;
+}
+
 void BaseWatch::reset() {
-  pictures_ = contradictions_ = 0;
+  pictures_ = fits_ = contradictions_ = 0;
   move_.reset();
 }
 

@@ -163,6 +163,17 @@ TEST(BaseWatch, ErrorsByPlacementsExcuseAsMuchAsTheyMayCause) {
   }
 }
 
+TEST(BaseWatch, AMoveSinceEarlierPicturesIsNamedSooner) {
+  for (const int seconds : {1, 5}) {
+    Bench bench;
+    BaseWatch watch = bench.watch(9.0 * RigEstimate(freeRig()).covariance);
+    for (int k = 0; k < seconds; ++k) bench.show(watch);
+    bench.rig.head<3>() += Eigen::Vector3d(0.014, -0.014, 0.012);
+    bench.show(watch);
+    EXPECT_EQ(watch.move().value_or(BaseMove()).since_before, seconds > 3);
+  }
+}
+
 TEST(RigMemory, HasNothingToLearnWhereNothingIsFitted) {
   TwistFitOptions options = freeRig();
   options.free_base = options.free_bleed = false;

@@ -57,10 +57,12 @@ class RigMemory {
   int failures_ = 0;                     // in a row
 };
 
-/// The camera or the arm's base, where it is not as the scene says.
+/// The camera or the arm's base, where it is not as expected.
 struct BaseMove {
-  lie::Vector6 xi = lie::Vector6::Zero();  ///< log of the base seen from the nominal one [m, rad]
-  double deviations = 0.0;                 ///< of what is known of it, by Mahalanobis
+  /// Log of the base seen from the nominal one, or from where earlier pictures showed it [m, rad].
+  lie::Vector6 xi = lie::Vector6::Zero();
+  double deviations = 0.0;    ///< of what is known of it, by Mahalanobis
+  bool since_before = false;  ///< it was elsewhere in earlier pictures
 
   /// What has moved, by how much, and the remedy.
   std::string message() const;
@@ -69,7 +71,8 @@ struct BaseMove {
 /// Says that the camera or the arm's base has moved, from fits that know nothing of the base.
 ///
 /// With x the base of such a fit, C its covariance, P0 that of the prior and Q that of errors by
-/// placements, x' (C + P0 + Q)^-1 x beyond 25 in three fits in a row is a move.
+/// placements, x' (C + P0 + Q)^-1 x beyond 25 in three fits in a row is a move. So is the same of x
+/// less its mean in earlier fits with a quarter of P0 + Q: errors by placements change little.
 class BaseWatch {
  public:
   /// Arguments as for TwistFitter and RigMemory.
@@ -84,10 +87,14 @@ class BaseWatch {
   void reset();
 
  private:
+  BaseMove moveOf(const RigEstimate& rig) const;
+
   TwistFitter fitter_;
   const Eigen::Matrix<double, 6, 6> known_;  // P0 + Q
   int pictures_ = 0;
-  int contradictions_ = 0;  // fits in a row that contradict `move_`
+  lie::Vector6 usual_ = lie::Vector6::Zero();  // mean of the fits that showed no move
+  int fits_ = 0;                               // of that mean
+  int contradictions_ = 0;                     // fits in a row that contradict `move_`
   std::optional<BaseMove> move_;
 };
 

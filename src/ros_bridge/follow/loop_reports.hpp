@@ -19,6 +19,7 @@
 #include "helix_arm/ExternalLoad.h"
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/TagDetections.h"
+#include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -336,11 +337,13 @@ class LoopPublisher {
   /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
   /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
   /// while something touches the arm.
-  void publishLoad(const ros::Time& picture) {
+  /// @param moved  VisionStatus::base_moved.
+  void publishLoad(const ros::Time& picture, const std::string& moved) {
     const double since = secondsBetween(last_budget_, picture);
     // During a contact that is not doubted the budget is that of an earlier picture.
     const bool present = loop_.budget() && loop_.budget()->time == picture.toSec();
-    if (present && (since < 0 || since >= kBudgetPeriod)) publishBudget(picture, *loop_.budget());
+    if (present && (since < 0 || since >= kBudgetPeriod))
+      publishBudget(picture, *loop_.budget(), moved);
     tellLoad(picture);
   }
   /// Draws what was published last.
@@ -446,7 +449,8 @@ class LoopPublisher {
     return out;
   }
 
-  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget) {
+  void publishBudget(const ros::Time& picture, const estimation::TipErrorBudget& budget,
+                     const std::string& moved) {
     last_budget_ = picture;
     ErrorBudget out;
     out.header = toHeaderMsg(picture, base_frame_);
@@ -465,8 +469,10 @@ class LoopPublisher {
     out.error = toVectorMsg(budget.error);
     out.distance2 = budget.distance2;
     out.limit = budget.limit;
-    out.state = nameOf(budget.state);
-    if (loop_.drift().doubtful) {
+    out.state = moved.empty() ? nameOf(budget.state) : ErrorBudget::OUTSIDE;
+    if (!moved.empty()) {
+      out.message = moved;
+    } else if (loop_.drift().doubtful) {
       out.message = procedures::driftText(loop_.drift());
     } else if (isOutside()) {
       out.message = std::string(kUnexplained) + "; check the arm, then calibrate again";

@@ -715,6 +715,8 @@ class VisualServoNode : public Node {
     look();
   }
 
+  void onVision(const VisionStatusConstPtr& status) { moved_ = status->base_moved; }
+
   void onTags(const TagDetectionsConstPtr& detections) {
     if (!scene_.tags) return;
     matcher_.addTags(detections->header.stamp, fittedTags(*detections, *scene_.tags),
@@ -736,7 +738,7 @@ class VisualServoNode : public Node {
                   seen.tags.has_value());
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
-    publisher_.publishLoad(seen.stamp);
+    publisher_.publishLoad(seen.stamp, moved_);
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
@@ -756,7 +758,7 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
-    publisher_.publishLoad(stamp_);
+    publisher_.publishLoad(stamp_, moved_);
     response.success = true;
     response.message =
         "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -803,7 +805,7 @@ class VisualServoNode : public Node {
     loop_ = std::move(loop);
     targets_.admission().adopt();
     matcher_.clear();
-    publisher_.publishLoad(stamp_);
+    publisher_.publishLoad(stamp_, moved_);
   }
 
   void turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
@@ -903,6 +905,7 @@ class VisualServoNode : public Node {
   // Forces and budget are doubts: a camera that has moved looks like them.
   std::string closedReason() const {
     const std::string out = "follows the measured shape";
+    if (!moved_.empty()) return out + ", but " + moved_;
     if (loop_.load().contact) {
       return out + ", which shows contact (external_load): a load, or the camera or base has moved";
     }
@@ -927,6 +930,7 @@ class VisualServoNode : public Node {
   ros::Time stamp_;                        ///< of the last turn
   ros::SteadyTime last_reading_;           ///< zero: none yet
   std::optional<ros::Time> last_picture_;  ///< that the loop used
+  std::string moved_;  ///< where camera or base are not where the scene says: VisionStatus
   FaultCount bad_readings_;
 
   ros::NodeHandle node_, private_node_{"~"};
@@ -951,6 +955,7 @@ class VisualServoNode : public Node {
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
   const ros::Subscriber measured_ = listen(node_, names::kMeasured, 10, &Self::onMeasured, this);
   const ros::Subscriber tags_ = listen(node_, names::kTagDetections, 10, &Self::onTags, this);
+  const ros::Subscriber vision_ = listen(node_, names::kVisionStatus, 10, &Self::onVision, this);
   const ros::ServiceServer close_ =
       serve(private_node_, names::kCloseLoop, &Self::onCloseLoop, this);
   const ros::ServiceServer reset_ = serve(private_node_, names::kReset, &Self::onReset, this);

@@ -240,6 +240,7 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
   if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
   out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
   out.lines = {out.tip, summarise(observation, out.tags)};
+  if (observation.moved) out.lines.push_back(observation.moved->message());
   return out;
 }
 
@@ -312,6 +313,9 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const Observatio
   status_.repeated_tags += observation.repeated_ids.size();
   status_.tags = static_cast<std::uint32_t>(report.tags);
   if (measurement.measured()) ++status_.measured;
+  const std::string moved = observation.moved ? observation.moved->message() : std::string();
+  if (status_.base_moved.empty() && !moved.empty()) logWarning("%s", moved.c_str());
+  status_.base_moved = moved;
   calibration_ = measurement.calibration;
   enterLocked(kStates[static_cast<int>(observation.state)],
               report.account + "; calibration: " + calibration_);
@@ -367,8 +371,11 @@ DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
 }
 
 DiagnosticStatus VisionStatusPublisher::measurementStatus(double seconds) const {
-  return makeStatus("measurement", measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
-                    status_.message,
+  return makeStatus("measurement",
+                    !status_.base_moved.empty() ? DiagnosticStatus::ERROR
+                    : measured()                ? DiagnosticStatus::OK
+                                                : DiagnosticStatus::WARN,
+                    status_.base_moved.empty() ? status_.message : status_.base_moved,
                     {{"state", nameOfState(status_.state)},
                      {"measured_hz", rateText(status_.measured - reported_.measured, seconds)},
                      {"tags", std::to_string(status_.tags)},
