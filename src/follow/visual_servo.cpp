@@ -202,6 +202,10 @@ VisualServoConfig knownOf(const model::Arm& arm, const VisualServoConfig& config
 // Pictures with other tags until these are the usual ones.
 constexpr int kUsual = 15;
 
+// A contact begins while the tip is this close to where it settles, and swings no more: what moves
+// it later or sooner than the model looks like a force [m].
+constexpr double kStillTip = 0.0025;
+
 estimation::TipCompliance complianceOf(const statics::ArmModel& model,
                                        const VisualServoConfig& config) {
   if (!config.placed) return estimation::TipCompliance(model);
@@ -258,9 +262,10 @@ class ContactWatch {
         forks_(config.contact) {}
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  /// @param settled  as for LoadForks::see().
+  /// @param settled  as for LoadForks::see(). @param swing  what a mode adds at most to each of the
+  ///     watch's rows.
   void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
-           bool settled, estimation::ArmFilter& watch) {
+           bool settled, const Eigen::VectorXd& swing, estimation::ArmFilter& watch) {
     // A picture that is not used, such as a repeated one, says nothing of the tags either.
     if (watch.check(picture) != estimation::ObservationFault::kNone) return;
     if (tags) takeTags(*tags, picture, watch);
@@ -270,7 +275,11 @@ class ContactWatch {
     compliance_.moveTo(picture.pressure, watch.correction(), tags);
     const model::Shape measured = model::shapeOf(arm_, picture.twists);
     const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
-    forks_.see(picture.time, largestDeviation(tip), measured, settled, watch, compliance_);
+    model::Twists at_rest = picture.twists;
+    at_rest.reshaped()(watch.rows()) -= watch.lastStep()->swing.cwiseAbs() + swing;
+    const lie::SE3 now = model::tipPose(measured), then = model::tipPose(measured.about(at_rest));
+    const bool still = (now.translation - then.translation).norm() < kStillTip;
+    forks_.see(picture.time, largestDeviation(tip), measured, settled, still, watch, compliance_);
   }
 
   /// Forgets the pictures.
@@ -605,6 +614,15 @@ struct VisualServo::Workspace {
     return out;
   }
 
+  // What a mode adds at most to each of the tracker's rows.
+  Eigen::VectorXd swingPeak() const {
+    Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(tracker.rows().size()));
+    const auto& step = tracker.lastStep();
+    if (!mode || !step) return out;
+    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing.peak();
+    return out;
+  }
+
   // What the swing may err in a picture (6 sections x 6 sections).
   Eigen::MatrixXd swingNoise() const {
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
@@ -843,7 +861,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                            w.by_lag,
                                            w.bends_by_lag};
   const bool touched = w.contact.load().contact;
-  w.contact.see(input, tags, w.settled, w.watch);
+  w.contact.see(input, tags, w.settled, w.swingPeak(), w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();

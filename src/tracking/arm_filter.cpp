@@ -445,10 +445,10 @@ Observation ArmFilter::see(const Input& input) {
   step.bias_growth = w.biasGrowth(motion, step.dt);
   if (!w.last_time) w.settled = model->twists;
   w.settled -= std::expm1(-step.dt / w.options.settling_time) * (model->twists - w.settled);
-  const Eigen::VectorXd swing = model->twists - w.settled;
+  step.swing = model->twists - w.settled;
   const Eigen::MatrixXd by_pressure =
       model->by_pressure * input.variance.asDiagonal() * model->by_pressure.transpose();
-  const Eigen::MatrixXd by_swing = swing * swing.transpose();
+  const Eigen::MatrixXd by_swing = step.swing * step.swing.transpose();
   step.picture_noise = w.pickedCovariance(input.covariance) + by_pressure + by_swing;
   step.noise = step.picture_noise + (kPressurePersistence - 1) * by_pressure +
                (kSwingPersistence - 1) * by_swing;

@@ -390,7 +390,7 @@ LoadForks::LoadForks(LoadForks&&) noexcept = default;
 LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
 
 void LoadForks::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
-                    ArmFilter& watch, TipCompliance& compliance) {
+                    bool still, ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
   ++w.pictures;
@@ -400,7 +400,7 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
     watch.setState(w.hypotheses.back().state.withoutForce());
     if (!w.load.contact) w.hypotheses.clear();
   } else {
-    w.search(time, watch, compliance, w.seen_time >= kArmingTime && sure);
+    w.search(time, watch, compliance, w.seen_time >= kArmingTime && sure && still);
   }
   w.report(compliance);
   w.explain(std::min(watch.lastStep()->dt, kLongestGap));

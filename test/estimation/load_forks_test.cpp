@@ -67,7 +67,7 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, watch,
+    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, still, watch,
               compliance);
   }
   void run(double seconds) {
@@ -108,6 +108,7 @@ class Bench {
   double time = 0.0, noise = 1.0, tip_deviation = 1e-3;
   double place = 1.0;   // of the force
   bool creeps = false;  // the true arm, as the filter assumes
+  bool still = true;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   Eigen::VectorXd pressure = model.arm().inputAt(Eigen::Vector3d(0.3, 0.5, 0.4));
 
@@ -207,6 +208,17 @@ TEST(LoadForks, NothingIsFoundWhileTheTipIsUncertain) {
   bench.tip_deviation = 2.99e-3;
   bench.see();
   EXPECT_TRUE(loadOf(bench).contact);
+}
+
+TEST(LoadForks, AForceDuringMotionIsFoundOnceTheArmIsStill) {
+  Bench bench(2);
+  bench.run(11.0);
+  bench.still = false;
+  bench.force = {0, 0.5, 0};
+  EXPECT_EQ(bench.delay(1.0), INFINITY);
+  EXPECT_GT(loadOf(bench).score, LoadForksOptions().limit);
+  bench.still = true;
+  EXPECT_LT(bench.delay(1.0), 0.1);
 }
 
 TEST(LoadForks, TheLimitIsThatOfTheOptions) {

@@ -74,6 +74,7 @@ class ArmFilter {
     Eigen::VectorXd measured;       ///< (d)
     Eigen::MatrixXd noise;          ///< (d x d) of the measurement, pressures and swinging included
     Eigen::MatrixXd picture_noise;  ///< (d x d) likewise, but of a single picture: nothing persists
+    Eigen::VectorXd swing;          ///< (d) how far the model is from where it settles
     Eigen::MatrixXd bias_growth;    ///< (d x d) added to the covariance of b before the update
     double dt = 0.0;                ///< since the picture before [s]
   };

@@ -71,9 +71,11 @@ class LoadForks {
   /// @param measured       the picture's shape.
   /// @param settled        the pressures are where they were ordered. Otherwise lags that the scene
   ///     does not know look like a drift, and `doubtful` stays as it is.
+  /// @param still          the arm is near where it settles: contacts are found only then, since
+  ///     motion that the model times wrong looks like a force.
   /// @param compliance     moved to the arm's pressures.
   void see(double time, double tip_deviation, const model::Shape& measured, bool settled,
-           ArmFilter& watch, TipCompliance& compliance);
+           bool still, ArmFilter& watch, TipCompliance& compliance);
   /// Adds to the covariance of b, (d x d) of the measured rows, in the watch too: other tags are
   /// seen, which err otherwise.
   void growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch);
