@@ -42,12 +42,19 @@ TEST(Follow, TipsGiveAFigureEach) {
   const Outcome outcome = follow({"--tip", kTips, "--seconds", "6", "--seed", "3"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
-  EXPECT_EQ(keysOf(result),
-            (std::set<std::string>{"scene",        "rig",        "plant",       "seed",
-                                   "sight",        "open",       "seconds",     "pictures",
-                                   "reason",       "path_rms_m", "path_max_m",  "last_turn_rms_m",
-                                   "steady_rms_m", "settle_s",   "unreachable", "states",
-                                   "alarms",       "budget",     "out",         "png"}));
+  EXPECT_EQ(keysOf(result), (std::set<std::string>{"scene",        "rig",
+                                                   "plant",        "seed",
+                                                   "sight",        "open",
+                                                   "seconds",      "pictures",
+                                                   "reason",       "path_rms_m",
+                                                   "path_max_m",   "last_turn_rms_m",
+                                                   "steady_rms_m", "settle_s",
+                                                   "unreachable",  "states",
+                                                   "alarms",       "budget",
+                                                   "out",          "png",
+                                                   "base_moved",   "contact_blind_s"}));
+  EXPECT_EQ(result["base_moved"], nullptr);
+  EXPECT_EQ(result["contact_blind_s"], 0);
   EXPECT_EQ(result["scene"], "demo");
   EXPECT_EQ(result["rig"], nullptr);
   EXPECT_EQ(result["seed"], 3);
@@ -168,6 +175,20 @@ TEST(Follow, ThePictureShowsTheRun) {
   EXPECT_EQ(outcome.json()["png"], folder / "run.png");
   EXPECT_EQ(contentOf(folder / "run.png").substr(1, 3), "PNG");
   EXPECT_NE(outcome.err.find("open loop, for the picture: 6 of 6 s"), std::string::npos);
+}
+
+// A camera that is centimetres from its place in the scene.
+TEST(Follow, ACameraThatHasMovedIsNamed) {
+  const Outcome outcome =
+      follow({"--tip", kTips, "--seconds", "2", "--set",
+              "simulation.mounts.camera_translation_m=0.02", "--set", "simulation.mounts.seed=3"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json moved = outcome.json()["base_moved"];
+  ASSERT_TRUE(moved.is_object());
+  EXPECT_LT(moved["time_s"], 2);
+  EXPECT_GT(moved["translation_m"], 0.01);
+  EXPECT_GT(moved["deviations"], 5);
+  EXPECT_TRUE(has(outcome.err, "the camera or the arm's base is")) << outcome.err;
 }
 
 }  // namespace

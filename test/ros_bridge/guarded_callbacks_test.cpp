@@ -169,7 +169,7 @@ TEST(GuardedCallbacks, NoNodeBypassesThem) {
 
 // rosconsole would block the thread that logs while the terminal is held up.
 TEST(Log, NoNodeBypassesIt) {
-  expectNowhereBut("log.cpp", R"(\bROS_(DEBUG|INFO|WARN|ERROR|FATAL|LOG)\w*\s*\()",
+  expectNowhereBut("diagnostics.cpp", R"(\bROS_(DEBUG|INFO|WARN|ERROR|FATAL|LOG)\w*\s*\()",
                    "logs in its own thread; see diagnostics.hpp");
 }
 
