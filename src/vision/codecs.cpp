@@ -1,5 +1,3 @@
-#include "helix_arm/vision/jpeg.hpp"
-
 #include <algorithm>
 #include <array>
 #include <csetjmp>
@@ -10,6 +8,7 @@
 #include <png.h>
 #include <turbojpeg.h>
 
+#include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {

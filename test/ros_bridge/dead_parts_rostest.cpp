@@ -168,18 +168,20 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   EXPECT_EQ(rig_.safety.last().cause, "guard_lost") << rig_.safety.last().reason;
   // Its targets go on; every look of the node starts a guard that ends at once.
   const int kLooks = 2, before = guardsStarted();
+  // A busy machine may also miss the device for a moment, which is then the reason.
   std::string refusal;
+  const std::string guard = "the guard, which vents the arm if this process is killed";
   bool enabled = false, inflated = false;
   EXPECT_TRUE(waitFor([&] {
     const auto answer = rig_.trigger(names::kEnable);
     enabled = enabled || answer.success;
-    if (!answer.success) refusal = answer.message;
+    if (!answer.success && !has(refusal, guard)) refusal = answer.message;
     inflated = inflated || !regulator_.isVented();
     return guardsStarted() >= before + kLooks;
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_TRUE(has(refusal, "the guard, which vents the arm if this process is killed"));
+  EXPECT_TRUE(has(refusal, guard));
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);
   EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;

@@ -9,15 +9,15 @@
 
 namespace helix_arm::io {
 
-/// A table of measurements: `#` comments, a header that names its units, rows of numbers. The column
-/// `trial` may hold any names; its values are their indices in trials.
+/// A table of measurements: `#` comments, a header that names its units, rows of numbers. The
+/// column `trial` may hold any names; its values are their indices in trials.
 struct DataSet {
   std::string path;
   std::vector<std::string> columns;
-  Eigen::MatrixXd values;  ///< (rows x columns), in the units of the file; all finite
-  std::vector<int> lines;  ///< (rows) line of each row in the file, counted from 1
+  Eigen::MatrixXd values;           ///< (rows x columns), in the units of the file; all finite
+  std::vector<int> lines;           ///< (rows) line of each row in the file, counted from 1
   std::vector<std::string> trials;  ///< their names, in order of appearance; empty if not of a file
-  std::string sha256;      ///< hash of the bytes that were read
+  std::string sha256;               ///< hash of the bytes that were read
 
   /// Index of a column, -1 if absent.
   int find(const std::string& column) const;

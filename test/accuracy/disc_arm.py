@@ -1,0 +1,185 @@
+#!/usr/bin/python3
+"""The arm of the scene demo as a plant that shares no code with helix_arm, but the form of the elastic energy: six discs with six
+strains between each two, inertia with Coriolis terms, Kelvin-Voigt damping, and muscles with dead time, lag and play, whose strokes
+and stiffnesses are not those of the scene. Its protocol is that of `helix_arm follow --plant` (docs/closed_loop.md)."""
+
+import argparse
+import json
+import math
+import sys
+
+import numpy as np
+
+N = 6  # discs
+# Free length of a muscle, a quintic in p / P_REF [m].
+COEFFICIENTS = [4.269760703e-1, -2.38941682740e-2, -2.95784735616000e-1, 1.165161535272000e-1, 3.4560820177920000e-1,
+                -2.3348750434848000e-1]
+P_REF = 413.6856e3
+RADIUS, TILT = 0.0254, math.radians(15)
+# The truth: K_gamma and K_kappa of the scene times 0.7 and 1.1; stiffness grows with pressure, up to P_REF.
+STIFFNESS = (1, 70, 70, 1e-12, 1.1 * 9.8e-5, 1.1 * 9.8e-5)
+STROKES, UNEVEN, GROWTH = (1.10, 0.93, 1.04), 0.05, 0.2
+MASS_KG, DISC_M, PLAY_PA, DEAD_S, STEP_S = 0.5, 0.037, 5e3, 0.02, 0.005
+
+
+def skew(w):
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def adjoint(R, p):
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R
+    A[:3, 3:] = skew(p) @ R
+    return A
+
+
+def small_ad(g):
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = skew(g[3:])
+    A[:3, 3:] = skew(g[:3])
+    return A
+
+
+def exponential(g):
+    w = g[3:]
+    angle = np.linalg.norm(w)
+    W = skew(w)
+    if angle < 1e-6:
+        a, b, c = 1.0, 0.5, 1 / 6
+    else:
+        a, b, c = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
+    W2 = W @ W
+    return np.eye(3) + a * W + b * W2, (np.eye(3) + b * W + c * W2) @ g[:3]
+
+
+def tangent(g):
+    """Body velocity by rates of g: series of the right Jacobian; strains of a segment are below 1 rad."""
+    A = -small_ad(g)
+    out, term = np.eye(6), np.eye(6)
+    for k in range(2, 8):
+        term = term @ A / k
+        out = out + term
+    return out
+
+
+def quaternion(R):
+    K = np.array([
+        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
+        [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
+        [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
+        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R[0, 0] + R[1, 1] + R[2, 2]]])
+    return np.linalg.eigh(K)[1][:, -1]
+
+
+class Arm:
+    def __init__(self, frequency_hz, damping, lag_s):
+        self.lag = lag_s
+        self.stroke = np.array(STROKES)
+        self.uneven = np.array([1 + UNEVEN, 1 - UNEVEN, 1.0])
+        self.inverse_ad = []
+        for i in range(3):
+            th = 2 * math.pi * i / 3
+            cx, sx = math.cos(th - math.pi / 2), math.sin(th - math.pi / 2)
+            Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+            cz, sz = math.cos(-TILT), math.sin(-TILT)
+            Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+            self.inverse_ad.append(np.linalg.inv(adjoint(Rx @ Rz, RADIUS * np.array([0, math.cos(th), math.sin(th)]))))
+        self.K = np.diag(STIFFNESS)
+        self.inertia = np.diag([MASS_KG / N] * 3 + [MASS_KG / N * DISC_M**2 / 2] + [MASS_KG / N * DISC_M**2 / 4] * 2)
+        self.lagged = np.zeros(3)
+        self.played = np.zeros(3)
+        self.delayed = [np.zeros(3)] * max(1, round(DEAD_S / 0.01) + 1)
+        A, b = self.balance(np.zeros(3))
+        g = np.linalg.solve(A, b)
+        self.q = np.tile(g / N, (N, 1)).ravel()
+        self.v = np.zeros(6 * N)
+        # Scale of the stiffness at which the lowest mode at rest has the frequency.
+        M = self.mass(self.q)
+        big = np.kron(np.eye(N), A * N)
+        lowest = np.sort(np.linalg.eigvals(np.linalg.solve(M, big)).real)[0]
+        turn = 2 * math.pi * frequency_hz
+        self.scale = turn**2 / lowest
+        self.beta = 2 * damping / turn
+
+    def free_lengths(self, p):
+        x = np.clip(p, 0, P_REF) / P_REF
+        contraction = sum(c * x**k for k, c in enumerate(COEFFICIENTS) if k > 0)
+        return COEFFICIENTS[0] + self.stroke * contraction
+
+    def balance(self, p):
+        """A g = b of the whole arm's twist."""
+        A, b, lengths = np.zeros((6, 6)), np.zeros(6), self.free_lengths(p)
+        for i in range(3):
+            k = self.uneven[i] * (1 + GROWTH * max(p[i], 0) / P_REF)
+            J = self.inverse_ad[i]
+            A += k * J.T @ self.K @ J
+            b += k * J.T @ self.K[:, 0] * lengths[i]
+        return A, b
+
+    def bodies(self, q):
+        R, p, J, out = np.eye(3), np.zeros(3), np.zeros((6, 6 * N)), []
+        for j in range(N):
+            g = q[6 * j:6 * j + 6]
+            E, e = exponential(g)
+            J = adjoint(E.T, -E.T @ e) @ J
+            J[:, 6 * j:6 * j + 6] += tangent(g)
+            R, p = R @ E, p + R @ e
+            out.append((R, p, J))
+        return out
+
+    def mass(self, q):
+        return sum(J.T @ self.inertia @ J for _, _, J in self.bodies(q)) + 1e-9 * np.eye(6 * N)
+
+    def step(self, pressure, dt):
+        self.delayed.append(np.array(pressure))
+        source = self.delayed.pop(0)
+        n = max(1, round(dt / STEP_S))
+        h = dt / n
+        for _ in range(n):
+            self.lagged = self.lagged + (1 - math.exp(-h / self.lag)) * (source - self.lagged)
+            self.played = np.clip(self.played, self.lagged - PLAY_PA, self.lagged + PLAY_PA)
+            A, b = self.balance(self.played)
+            A, b = self.scale * A, self.scale * b
+            K = np.kron(np.eye(N), A * N)
+            D = self.beta * K
+            bodies = self.bodies(self.q)
+            M = 1e-9 * np.eye(6 * N)
+            inertial = np.zeros(6 * N)
+            later = self.bodies(self.q + 1e-4 * self.v)
+            for (R, _, J), (_, _, J2) in zip(bodies, later):
+                V = J @ self.v
+                acceleration = (J2 @ self.v - V) / 1e-4
+                M += J.T @ self.inertia @ J
+                inertial += J.T @ (self.inertia @ acceleration - small_ad(V).T @ self.inertia @ V)
+            elastic = K @ self.q - np.tile(b, N)
+            force = -elastic - D @ self.v - inertial
+            dv = np.linalg.solve(M + h / 2 * D + h * h / 4 * K, h * force - h * h / 2 * (K @ self.v))
+            self.q = self.q + h * (self.v + dv / 2)
+            self.v = self.v + dv
+
+    def poses(self, places):
+        out, bodies = [], self.bodies(self.q)
+        for _, s in places:
+            j = min(int(s * N), N - 1)
+            E, e = exponential(self.q[6 * j:6 * j + 6] * (s * N - j))
+            R, p = (np.eye(3), np.zeros(3)) if j == 0 else bodies[j - 1][:2]
+            out.append({"position_m": list(p + R @ e), "quaternion_xyzw": list(quaternion(R @ E))})
+        return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frequency", type=float, default=3.0, help="of the lowest mode at rest [Hz]")
+    parser.add_argument("--damping", type=float, default=0.2, help="its ratio")
+    parser.add_argument("--lag", type=float, default=0.1, help="of the muscles [s]")
+    o = parser.parse_args()
+    first, arm = json.loads(sys.stdin.readline()), Arm(o.frequency, o.damping, o.lag)
+    print(json.dumps({"ready": True, "poses": arm.poses(first["places"])}), flush=True)
+    for line in sys.stdin:
+        turn = json.loads(line)
+        arm.step(turn["pressure_pa"], turn["dt_s"])
+        print(json.dumps({"poses": arm.poses(first["places"])}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
