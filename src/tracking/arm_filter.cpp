@@ -24,6 +24,9 @@ constexpr double kStiffnessStep = 1e-3;  // of logarithms, in central difference
 constexpr double kPressurePersistence = 15.0;
 // The error due to a vibration persists for about ten pictures.
 constexpr double kSwingPersistence = 10.0;
+// Play of an actuator: by how much the variance of its effective pressure grows for each Pa by
+// which its pressure changes [Pa]. Of small changes nothing may arrive.
+constexpr double kPlay = 1000.0;
 constexpr double kFarthestTheta = 4.0;  // in standard deviations; beyond it the model is not linear
 constexpr int kMostOutliers = 2;        // consecutive ones; a third one indicates a change
 // Smallest pivot of a covariance that counts as positive, relative to its largest entry.
@@ -405,6 +408,7 @@ struct ArmFilter::Workspace {
   Gaussian state;
   std::optional<double> last_time;
   Eigen::VectorXd last_lengths;
+  Eigen::VectorXd smooth;   // pressures, delayed by the settling time (n) [Pa]
   Eigen::VectorXd settled;  // twists of the model, delayed by the settling time
   std::optional<Step> step;
   int outliers = 0;  // consecutive
@@ -443,6 +447,12 @@ Observation ArmFilter::see(const Input& input) {
   const Eigen::VectorXd motion =
       before ? model->twists - *before : Eigen::VectorXd::Zero(w.biasCount()).eval();
   step.bias_growth = w.biasGrowth(motion, step.dt);
+  if (!w.last_time) w.smooth = input.pressure;
+  const Eigen::VectorXd change =
+      -std::expm1(-step.dt / w.options.settling_time) * (input.pressure - w.smooth);
+  w.smooth += change;
+  step.play_growth =
+      kPlay * model->by_pressure * change.cwiseAbs().asDiagonal() * model->by_pressure.transpose();
   if (!w.last_time) w.settled = model->twists;
   w.settled -= std::expm1(-step.dt / w.options.settling_time) * (model->twists - w.settled);
   step.swing = model->twists - w.settled;

@@ -162,8 +162,10 @@ struct LoadForks::Workspace {
     load.score = 0.0;
     for (std::size_t i = 0; i < forks.size(); ++i) {
       Fork& fork = forks[i];
-      fork.origin.predict(step, options.creep);
-      fork.state.predict(step, options.creep);
+      for (LoadFork* one : {&fork.origin, &fork.state}) {
+        one->predict(step, options.creep);
+        one->growBias(step.play_growth);
+      }
       fork.state.update(fork.state.expect(step, by_force));
       const double score = fork.state.score();
       if (pictures - fork.picture < kLeastAge || score <= load.score) continue;

@@ -76,6 +76,7 @@ class ArmFilter {
     Eigen::MatrixXd picture_noise;  ///< (d x d) likewise, but of a single picture: nothing persists
     Eigen::VectorXd swing;          ///< (d) how far the model is from where it settles
     Eigen::MatrixXd bias_growth;    ///< (d x d) added to the covariance of b before the update
+    Eigen::MatrixXd play_growth;    ///< (d x d) what play may add to it, which a force must not be
     double dt = 0.0;                ///< since the picture before [s]
   };
 
