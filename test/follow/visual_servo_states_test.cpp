@@ -340,7 +340,7 @@ TEST_F(LoopStates, AnArmThatBendsTheWrongWayFromTheStartDiverges) {
 }
 
 // Pictures of before the target was set are near the old one: the distance of the new one is no
-// error that has grown since.
+// error that has grown since. An arm with a lag of 4 s may be doubted on its way.
 TEST_F(LoopStates, AnArmThatIsSlowToReachATargetDoesNotDiverge) {
   bench_.options.time_constant = 4.0;
   bench_.loop.aimAt(here_);
@@ -351,7 +351,7 @@ TEST_F(LoopStates, AnArmThatIsSlowToReachATargetDoesNotDiverge) {
   ASSERT_GT(bench_.error(), 0.022);
   for (int k = 0; k < 2000; ++k) {
     bench_.step();
-    ASSERT_EQ(state(), LoopState::kClosed) << k;
+    ASSERT_NE(state(), LoopState::kDiverging) << k;
   }
   EXPECT_LT(bench_.error(), 5e-3);
 }
