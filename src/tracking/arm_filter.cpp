@@ -357,6 +357,16 @@ struct ArmFilter::Workspace {
     return out;
   }
 
+  // Derivative of the measured entries by the lag.
+  Eigen::VectorXd byLag(const Linearisation& at, const Input& input) const {
+    Eigen::VectorXd out(biasCount());
+    for (Eigen::Index i = 0; i < biasCount(); ++i) {
+      const bool bend = bends(rows[static_cast<std::size_t>(i)]);
+      out[i] = at.by_lengths.row(i).dot(bend ? input.bends_by_lag : input.by_lag);
+    }
+    return out;
+  }
+
   Eigen::MatrixXd jacobian() const {
     Eigen::MatrixXd H(biasCount(), scale.size());
     H << step->model.by_theta, Eigen::MatrixXd::Identity(biasCount(), biasCount());
@@ -434,13 +444,7 @@ Observation ArmFilter::see(const Input& input) {
   step.dt = w.last_time ? input.time - *w.last_time : 0.0;
   step.theta = w.theta();
   if (const auto& lag = w.parameters.lag()) {
-    if (input.by_lag.size() > 0) {
-      for (Eigen::Index i = 0; i < w.biasCount(); ++i) {
-        const bool bend = bends(w.rows[static_cast<std::size_t>(i)]);
-        model->by_theta(i, *lag) =
-            model->by_lengths.row(i).dot(bend ? input.bends_by_lag : input.by_lag);
-      }
-    }
+    if (input.by_lag.size() > 0) model->by_theta.col(*lag) = w.byLag(*model, input);
     step.theta[*lag] = input.lag;
   }
   step.measured = w.pick(input.twists);
