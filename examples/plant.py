@@ -52,8 +52,8 @@ class Arm:
         return [pose(twist, s) for _, s in places]
 
 
-def main():
-    first, arm = json.loads(sys.stdin.readline()), Arm()
+def serve(arm):
+    first = json.loads(sys.stdin.readline())
     print(json.dumps({"ready": True, "poses": arm.poses(first["places"])}), flush=True)
     for line in sys.stdin:
         turn = json.loads(line)
@@ -62,4 +62,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    serve(Arm())

@@ -607,9 +607,8 @@ struct VisualServo::Workspace {
     const auto& step = tracker.lastStep();
     if (!mode || !step) return out;
     const Eigen::VectorXd swings = step->model.by_lengths * swing.beyond();
-    for (std::size_t i = 0; i < tracker.rows().size(); ++i) {
-      const int row = tracker.rows()[i];
-      if (estimation::bends(row)) out.reshaped()[row] -= swings[static_cast<Eigen::Index>(i)];
+    for (const int i : bending) {
+      out.reshaped()[tracker.rows()[static_cast<std::size_t>(i)]] -= swings[i];
     }
     return out;
   }
@@ -628,10 +627,10 @@ struct VisualServo::Workspace {
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
     const auto& step = tracker.lastStep();
     if (!mode || !step) return out;
-    Eigen::MatrixXd by_peak = kSwingError * step->model.by_lengths * swing.peak().asDiagonal();
-    for (Eigen::Index i = 0; i < by_peak.rows(); ++i) {
-      if (!estimation::bends(tracker.rows()[static_cast<std::size_t>(i)])) by_peak.row(i).setZero();
-    }
+    Eigen::MatrixXd by_peak =
+        Eigen::MatrixXd::Zero(step->model.by_lengths.rows(), arm.actuatorCount());
+    by_peak(bending, Eigen::all) =
+        kSwingError * step->model.by_lengths(bending, Eigen::all) * swing.peak().asDiagonal();
     out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
     return out;
   }

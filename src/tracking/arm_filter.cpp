@@ -357,6 +357,15 @@ struct ArmFilter::Workspace {
     return out;
   }
 
+  // What play adds to the covariance of b while the delayed pressures go this share of their way.
+  Eigen::MatrixXd playGrowth(const Eigen::MatrixXd& by_pressure, const Eigen::VectorXd& pressure,
+                             double share) {
+    if (!last_time) smooth = pressure;
+    const Eigen::VectorXd change = share * (pressure - smooth);
+    smooth += change;
+    return kPlay * by_pressure * change.cwiseAbs().asDiagonal() * by_pressure.transpose();
+  }
+
   // Derivative of the measured entries by the lag.
   Eigen::VectorXd byLag(const Linearisation& at, const Input& input) const {
     Eigen::VectorXd out(biasCount());
@@ -451,14 +460,10 @@ Observation ArmFilter::see(const Input& input) {
   const Eigen::VectorXd motion =
       before ? model->twists - *before : Eigen::VectorXd::Zero(w.biasCount()).eval();
   step.bias_growth = w.biasGrowth(motion, step.dt);
-  if (!w.last_time) w.smooth = input.pressure;
-  const Eigen::VectorXd change =
-      -std::expm1(-step.dt / w.options.settling_time) * (input.pressure - w.smooth);
-  w.smooth += change;
-  step.play_growth =
-      kPlay * model->by_pressure * change.cwiseAbs().asDiagonal() * model->by_pressure.transpose();
+  const double share = -std::expm1(-step.dt / w.options.settling_time);
+  step.play_growth = w.playGrowth(model->by_pressure, input.pressure, share);
   if (!w.last_time) w.settled = model->twists;
-  w.settled -= std::expm1(-step.dt / w.options.settling_time) * (model->twists - w.settled);
+  w.settled += share * (model->twists - w.settled);
   step.swing = model->twists - w.settled;
   const Eigen::MatrixXd by_pressure =
       model->by_pressure * input.variance.asDiagonal() * model->by_pressure.transpose();

@@ -102,10 +102,6 @@ struct ArmLocalizer::Workspace {
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
     if (memory) fitter.know(memory->estimate());
-    if (base) {
-      base->see(seen, view.X_CB, focal, start, model);
-      observation.moved = base->move();
-    }
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
@@ -155,6 +151,10 @@ struct ArmLocalizer::Workspace {
     if (doubtful && !observation.whole_picture) {
       take(tracker.search(gray));
       fit(start, model);
+    }
+    if (base && static_cast<int>(seen.size()) >= config.min_tags) {
+      base->see(seen, view.X_CB, camera.focal(), start, model);
+      observation.moved = base->move();
     }
     remember(model);
     return observation;

@@ -4,11 +4,14 @@ strains between each two, inertia with Coriolis terms, Kelvin-Voigt damping, and
 and stiffnesses are not those of the scene. Its protocol is that of `helix_arm follow --plant` (docs/closed_loop.md)."""
 
 import argparse
-import json
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "examples"))
+import plant  # noqa: E402
 
 N = 6  # discs
 # Free length of a muscle, a quintic in p / P_REF [m].
@@ -173,12 +176,7 @@ def main():
     parser.add_argument("--damping", type=float, default=0.2, help="its ratio")
     parser.add_argument("--lag", type=float, default=0.1, help="of the muscles [s]")
     o = parser.parse_args()
-    first, arm = json.loads(sys.stdin.readline()), Arm(o.frequency, o.damping, o.lag)
-    print(json.dumps({"ready": True, "poses": arm.poses(first["places"])}), flush=True)
-    for line in sys.stdin:
-        turn = json.loads(line)
-        arm.step(turn["pressure_pa"], turn["dt_s"])
-        print(json.dumps({"poses": arm.poses(first["places"])}), flush=True)
+    plant.serve(Arm(o.frequency, o.damping, o.lag))
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ std::string budgetText(const estimation::TipErrorBudget& budget);
 /// What ExternalLoad::blind means, and the remedy.
 inline constexpr char kContactBlind[] =
     "contacts may not be found: the model finds no shape under a force at the tip, or the seen "
-    "tags "
-    "do not determine one; check load and K_eps_n";
+    "tags do not determine one; check load and K_eps_n";
 
 /// Why the pictures are doubted while Drift::doubtful, and the remedy.
 std::string driftText(const estimation::Drift& drift);
