@@ -134,9 +134,23 @@ json modeJson(const procedures::FittedMode& found) {
           {"releases", std::move(rings)}};
 }
 
+json seriesJson(const estimation::SeriesFit& fit) {
+  json choices = json::array();
+  for (const estimation::Choice& one : fit.choices) {
+    choices.push_back(
+        {{"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}});
+  }
+  return {{"rms_m", fit.rms},
+          {"rms_without_offset_m", fit.rms_about_offset},
+          {"held_out_rms_m", fit.held_out_rms},
+          {"choices", std::move(choices)},
+          {"rules", fit.rules}};
+}
+
 struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
   std::vector<std::string> data, also;
+  double rest_offset_mm = 3;
   procedures::CalibrationRequest request;
 };
 
@@ -270,6 +284,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
                                       {"unit", one.unit}};
   }
   if (outcome.mode) result["mode"] = modeJson(*outcome.mode);
+  if (outcome.series) result["series"] = seriesJson(*outcome.series);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     result["status"] = estimation::nameOf(calibration.status);
@@ -372,6 +387,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   request.curve = curveKindOf(options.curve);
   if (options.branch == "rising") request.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
+  request.rest_offset = 1e-3 * options.rest_offset_mm;
   request.date = procedures::utcNow();
   const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
   std::vector<procedures::CompanionArm> companions;
@@ -419,6 +435,11 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--branch", options->branch,
             "branch of the free lengths: both, rising or falling",
             CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+  addOption(
+      *command, "--rest-offset-mm", options->rest_offset_mm,
+      "expected standard deviation of the tip's offset from trial to trial, per axis [mm], of "
+      "a series; 0: none",
+      kShowDefault);
   addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
             "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
             "scene's, vision.*");

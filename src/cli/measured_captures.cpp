@@ -8,11 +8,14 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -169,7 +172,7 @@ std::optional<double> median(std::vector<double> values) {
 }
 
 struct CaptureOptions {
-  std::string scene, data;
+  std::string scene, data, png;
 };
 
 json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
@@ -408,9 +411,86 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   return reason.is_null() ? kDone : kNotPossible;
 }
 
+json residualJson(const estimation::SeriesResidual& one) {
+  return {{"rows", one.rows},
+          {"rms_m", one.rms},
+          {"rms_without_offset_m", one.rms_about_offset},
+          {"worst_m", one.worst},
+          {"rms_at_rest_m", one.rms_at_rest},
+          {"rms_in_motion_m", one.rms_in_motion},
+          {"offset_m", toJson(one.offset)}};
+}
+
+// For plot_report: the coordinates of measured and modelled tips over the time.
+json plotOf(const io::Scene& scene, const procedures::ResponseSeries& tips,
+            const estimation::SeriesComparison& found) {
+  json time = json::array(), measured = json::array(), model = json::array(), trial = json::array();
+  Eigen::Index row = 0;
+  int current = -1;
+  for (std::size_t k = 0; k < found.rows.size(); ++k) {
+    for (; row <= found.rows[k]; ++row) {
+      current += tips.history.starts_anew[static_cast<std::size_t>(row)] ? 1 : 0;
+    }
+    const Eigen::VectorXd seen =
+        tips.reading.row(found.rows[k]).head(found.deviation.cols()).transpose();
+    const Eigen::VectorXd off = found.deviation.row(static_cast<Eigen::Index>(k)).transpose();
+    time.push_back(tips.history.time[static_cast<std::size_t>(found.rows[k])]);
+    trial.push_back(basics::printable(tips.trials[static_cast<std::size_t>(current)]));
+    measured.push_back(toJson(seen));
+    model.push_back(toJson(Eigen::VectorXd(seen + off)));
+  }
+  return {{"scene", scene.name},
+          {"series",
+           {{"time_s", time}, {"trial", trial}, {"measured_m", measured}, {"model_m", model}}}};
+}
+
+// Compares the model's tip with a series of measured ones, and prints it. @return the exit code.
+int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const CaptureOptions& options,
+                   Format format) {
+  requirePressureDriven(scene);
+  const procedures::ResponseSeries tips = procedures::tipSeriesOf(data, scene.arm.actuatorCount());
+  if (tips.history.time.empty()) {
+    throw CallerError(data.path + " has no column time_s; expected one in a series of the tip");
+  }
+  const estimation::SeriesComparison found =
+      estimation::compareSeries({scene.model, scene.X_BF}, procedures::ofArm(tips));
+  json trials = json::array();
+  for (std::size_t k = 0; k < found.trials.size(); ++k) {
+    json one{{"trial", basics::printable(tips.trials[k])}};
+    one.update(residualJson(found.trials[k]));
+    trials.push_back(std::move(one));
+  }
+  const bool solved = found.deviation.allFinite();
+  json report{{"scene", scene.name},
+              {"tier", statics::nameOf(scene.model.choice().setting.tier)},
+              {"reason", solved ? json()
+                                : json("the model finds no shape under its load at some pressures; "
+                                       "check load and stiffness of the scene")}};
+  report.update(residualJson(found.all));
+  report["trials"] = trials;
+  report["png"] = textOrNull(options.png);
+  if (!options.png.empty()) {
+    procedures::drawReport(plotOf(scene, tips, found).dump(), options.png, "leave out --png");
+  }
+  const auto table = [&] {
+    printComments(report, {"rms_m", "rms_without_offset_m", "worst_m"});
+    printReason(report);
+    return CsvTable(trials, {"trial", "rows", "rms_m", "rms_without_offset_m", "worst_m",
+                             "rms_at_rest_m", "rms_in_motion_m", "offset_m"});
+  };
+  printResult(format, report, table);
+  return solved ? kDone : kNotPossible;
+}
+
 int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const io::DataSet data = io::loadDataSet(options.data);
+  if (data.find("x_m") >= 0 && data.find("tag") < 0) {
+    return evaluateSeries(scene, data, options, global.format);
+  }
+  if (!options.png.empty()) {
+    throw CallerError("--png draws a series of the tip; " + data.path + " holds none");
+  }
   const bool tags = data.find("curvature_rad") < 0 && data.find("tag") >= 0;
   return tags ? evaluateTags(scene, data, global.format)
               : evaluateCurvature(scene, data, global.format);
@@ -450,8 +530,11 @@ Subcommand addEvaluate(CLI::App& app) {
   addOption(
       *command, "DATA", options->data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
-      "one is 0) and curvature_rad (length-scaled curvature), or the tag poses that fit takes",
+      "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, or a "
+      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, trial)",
       kRequired);
+  addOption(*command, "--png", options->png,
+            "picture of a series: model and measurement over the time");
   command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
 measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
 model_rad is null there, exit code 1).
@@ -462,7 +545,10 @@ tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (onl
 fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and
 median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
 reason.
-csv: the summary as # comments, then one row per point or capture.)");
+Series, json: rms_m and worst_m of the tip's distance, rms_without_offset_m (with the mean
+deviation of each trial taken off), rms_at_rest_m and rms_in_motion_m, offset_m, rows,
+trials [{trial and the same}], tier, reason, png. The arm rests at the start of each trial.
+csv: the summary as # comments, then one row per point, capture or trial.)");
   return {command,
           [options](const GlobalOptions& global) { return runEvaluate(*options, global); }};
 }

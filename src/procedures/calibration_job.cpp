@@ -267,12 +267,18 @@ bool areCorners(const std::vector<estimation::Capture>& captures) {
   return !captures.empty() && std::holds_alternative<CornersOfTags>(captures.front().reading);
 }
 
+// Whether the data are motions of the tip alone, to which an arm can be fitted.
+bool isSeries(const CalibrationData& data) {
+  return data.captures.empty() && data.lengths.empty() && !data.tips.empty() &&
+         data.tips.history.input.cols() > 0;
+}
+
 // Parameters that the words of a request select for this data.
 std::set<FitParameter> fittedOf(const CalibrationRequest& request, const CalibrationData& data) {
   std::set<FitParameter> fitted =
       estimation::fitParametersOf(request.fit, areCorners(data.captures));
   // Captures of an arm determine the error of its curves, but not the curves themselves.
-  if (data.lengths.empty() && fitted.erase(FitParameter::kContraction) > 0) {
+  if (data.lengths.empty() && !isSeries(data) && fitted.erase(FitParameter::kContraction) > 0) {
     fitted.insert(FitParameter::kLengthScale);
   }
   return fitted;
@@ -346,9 +352,10 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
     if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
     out.error_unit = calibration.error_unit;
   } else {
-    out.rms = !outcome.contractions.empty() ? outcome.contractions.front().second.rms
-              : outcome.response            ? outcome.response->fit.rms
-                                            : outcome.mode->fit.rms;
+    out.rms = outcome.series                  ? outcome.series->rms
+              : !outcome.contractions.empty() ? outcome.contractions.front().second.rms
+              : outcome.response              ? outcome.response->fit.rms
+                                              : outcome.mode->fit.rms;
     out.error_unit = "m";
   }
   for (const estimation::Parameter& one : parametersOf(outcome)) {
@@ -458,19 +465,19 @@ class CalibrationJob {
     }
     // A series also gives the effective pressures of captures whose times are known.
     const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
-    if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows) {
+    if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows && !ofSeries()) {
       return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
              "response as well";
     }
     const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
-    if (!fitsCurve() && !of_curve) return std::nullopt;
+    if ((!fitsCurve() && !of_curve) || ofSeries()) return std::nullopt;
     std::string message;
     name_ = curveName(*scene_, request_.contraction, message);
     return name_ ? Refusal() : message;
   }
 
   Refusal fitResponse() {
-    if (!fitsResponse()) return std::nullopt;
+    if (!fitsResponse() || ofSeries()) return std::nullopt;
     std::vector<std::string> names;
     for (const auto& [one, response] : scene_->contractions) {
       if (!name_ || one == *name_) names.push_back(one);
@@ -491,7 +498,7 @@ class CalibrationJob {
   }
 
   Refusal fitCurve() {
-    if (!fitsCurve()) return std::nullopt;
+    if (!fitsCurve() || ofSeries()) return std::nullopt;
     const model::Response response =
         outcome_.response ? outcome_.response->response : scene_->contractions.at(*name_);
     remembers_ = !response.instant();
@@ -544,6 +551,7 @@ class CalibrationJob {
       return "other arms share the stiffness, but it is not fitted; fit it, or leave out the other "
              "arms";
     }
+    if (ofSeries()) return fitArmToSeries();
     const model::Arm before = scene_->arm;
     if (fitsCurve() || fitsResponse()) putCurves();
     if (auto refusal = gatherArms()) return refusal;
@@ -590,6 +598,44 @@ class CalibrationJob {
     outcome_.arms.front().arm = scene_->arm;
   }
 
+  Refusal fitArmToSeries() {
+    if (!companions_.empty()) {
+      return "other arms share the stiffness of captures, but the data is a series of the tip; "
+             "leave the other arms out";
+    }
+    if (fits(FitParameter::kBase) && !scene_->tags) {
+      return "the base is fitted as the frame of the positions, tags.frame, but scene " +
+             scene_->name + " has no tags; expected a section tags, or a fit without base";
+    }
+    estimation::SeriesOptions options;
+    options.arm = optionsOf(*scene_, request_, fitted_, data_);
+    options.response = fitsResponse();
+    options.rest_offset = request_.rest_offset;
+    outcome_.series =
+        estimation::fitSeries({scene_->model, scene_->X_BF}, ofArm(data_.tips), options);
+    const estimation::SeriesFit& fit = *outcome_.series;
+    if (!fit.failure.empty()) return fit.failure;
+    changes_.stiffness = fit.stiffness;
+    changes_.K_eps = fit.K_eps;
+    changes_.length_scale = fit.length_scale;
+    if (options.arm.base) changes_.X_BF = fit.X_BF;
+    for (const estimation::FittedCurve& curve : fit.curves) {
+      estimation::ContractionFit table;
+      table.status = estimation::ContractionFitStatus::kFitted;
+      table.kind = estimation::CurveKind::kTable;
+      table.pressures = curve.pressure;
+      table.lengths = curve.length;
+      table.curve = model::Contraction::table(curve.pressure, curve.length);
+      table.rms = fit.rms;
+      curves_.contractions.emplace_back(curve.name, std::move(table));
+    }
+    for (const auto& [name, response] : scene_->contractions) {
+      if (options.response) curves_.responses.emplace_back(name, fit.response);
+    }
+    outcome_.contractions = curves_.contractions;
+    return std::nullopt;
+  }
+
   void compareTips() {
     outcome_.tip_error_before = medianTipError(*scene_, data_.captures);
     const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
@@ -605,7 +651,7 @@ class CalibrationJob {
     changes_.mode = curves_.mode;
     changes_.provenance = provenance();
     outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
-    if (fitsArm()) compareTips();
+    if (fitsArm() && !ofSeries()) compareTips();
     outcome_.success = true;
     outcome_.message = resultText(scene_->name, outcome_);
   }
@@ -614,6 +660,7 @@ class CalibrationJob {
   bool fitsCurve() const { return fits(FitParameter::kContraction); }
   bool fitsResponse() const { return fits(FitParameter::kResponse); }
   bool fitsMode() const { return fits(FitParameter::kMode); }
+  bool ofSeries() const { return fitsArm() && isSeries(data_); }
   bool fitsArm() const { return std::any_of(fitted_.begin(), fitted_.end(), isOfArm); }
   void warn(const std::vector<std::string>& warnings) {
     outcome_.warnings.insert(outcome_.warnings.end(), warnings.begin(), warnings.end());

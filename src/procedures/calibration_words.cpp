@@ -29,6 +29,7 @@ int digitsOf(const estimation::Parameter& one) {
 std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome) {
   std::vector<estimation::Parameter> out;
   if (outcome.calibration) out = outcome.calibration->parameters;
+  if (outcome.series) out = outcome.series->parameters;
   if (outcome.response) {
     const std::vector<estimation::Parameter>& more = outcome.response->parameters;
     out.insert(out.end(), more.begin(), more.end());

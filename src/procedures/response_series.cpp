@@ -65,7 +65,8 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
   ResponseSeries out{std::move(history), Eigen::MatrixXd::Zero(rows, 3), std::move(trials)};
   out.reading.col(0) = columnOf(data, "x_m");
   out.reading.col(1) = columnOf(data, "y_m");
-  if (data.find("z_m") >= 0) out.reading.col(2) = columnOf(data, "z_m");  // a planar arm has none
+  out.planar = data.find("z_m") < 0;
+  if (!out.planar) out.reading.col(2) = columnOf(data, "z_m");
   const int seen = data.find("seen");
   for (Eigen::Index row = 0; seen >= 0 && row < out.reading.rows(); ++row) {
     if (data.values(row, seen) == 0) {
@@ -73,6 +74,10 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
     }
   }
   return out;
+}
+
+estimation::TipSeries ofArm(const ResponseSeries& tips) {
+  return {tips.history, tips.reading.leftCols(tips.planar ? 2 : 3)};
 }
 
 std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment) {
@@ -115,6 +120,11 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
         (more.history.input.cols() == 0 ? " has no pressures, but" : " has pressures, unlike") +
         " the files of its kind before; expected pressures in all of them or "
         "none");
+  }
+  if (more.planar != to.planar) {
+    throw io::DocumentError(
+        file + (more.planar ? " has no column z_m, but" : " has a column z_m, unlike") +
+        " the files of its kind before; expected z_m in all of them or none");
   }
   to.trials.insert(to.trials.end(), more.trials.begin(), more.trials.end());
   const Eigen::Index before = to.history.rows();

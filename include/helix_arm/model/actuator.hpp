@@ -65,6 +65,7 @@ struct ActuatorOf {
   /// If the section is tapered: poses at evenly spaced s from its beginning, X_O, to its end, >= 2;
   /// between them the position is linear in s, and the rotation is about a constant axis.
   std::vector<Group> taper{};
+  std::string curve{};  ///< name of its contraction curve in the scene; empty without a scene
 };
 
 using Actuator = ActuatorOf<lie::SE3>;

@@ -8,6 +8,7 @@
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/captures.hpp"
@@ -31,6 +32,7 @@ struct CalibrationRequest {
   double corner_noise = 0;     ///< [px]
   double position_noise = 0;   ///< of tag poses [m]
   double rotation_noise = 0;   ///< of tag poses [rad]
+  double rest_offset = 0.003;  ///< as of SeriesOptions [m]
   /// As of CalibrationOptions. A curve that is fitted together with the arm has errors in any case:
   /// whether it is taken depends on them.
   bool errors = true;
@@ -86,6 +88,8 @@ struct CalibrationOutcome {
   std::vector<estimation::LengthSample> lengths;
   std::optional<FittedResponse> response;  ///< if one was fitted
   std::optional<FittedMode> mode;          ///< if one was asked for
+  /// The arm fitted to a series of its tip, in place of `calibration`.
+  std::optional<estimation::SeriesFit> series;
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;
   std::optional<estimation::Calibration> calibration;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "helix_arm/calibration/contraction_fit.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
@@ -20,6 +21,7 @@ struct ResponseSeries {
   /// (rows x 1) free lengths, or (rows x 3) positions of the tip [m]; NaN where none was measured.
   Eigen::MatrixXd reading;
   std::vector<std::string> trials = {};  ///< names of the trials, in their order
+  bool planar = false;                   ///< the positions have no z, which is 0 in `reading`
 
   bool empty() const { return history.rows() == 0; }
 };
@@ -34,6 +36,9 @@ ResponseSeries lengthSeriesOf(const io::DataSet& data);
 /// count) and trial.
 /// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator.
 ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
+
+/// The same for a fit of the arm: without z where there is none.
+estimation::TipSeries ofArm(const ResponseSeries& tips);
 
 /// Columns of such a data set besides the pressures: time_s, three positions, seen and trial.
 inline constexpr std::size_t kTipSeriesColumns = 6;

@@ -195,7 +195,9 @@ std::optional<model::Actuator> readFitting(const MapReader& keys,
                          curve,
                          readLimits(keys, *name, *found->second),
                          drive,
-                         response};
+                         response,
+                         {},
+                         *name};
 }
 
 // Length scales of a ring: one factor, or one per actuator. Invalid ones are reported and read as

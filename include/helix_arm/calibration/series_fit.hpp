@@ -1,0 +1,105 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/model/response.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+
+/// An arm fitted to recorded motions of its tip, in its own geometry.
+namespace helix_arm::estimation {
+
+/// Positions of the tip through motions.
+struct TipSeries {
+  model::InputHistory history;  ///< measured pressures (rows x actuators), with times [Pa], [s]
+  /// (rows x 3) seen from a frame F at rest, or (rows x 2) in its x-y plane [m]; NaN where there is
+  /// none.
+  Eigen::MatrixXd position;
+};
+
+/// What is known of the arm before.
+struct SeriesPrior {
+  statics::ArmModel model;
+  lie::SE3 X_BF;  ///< frame of the positions seen from the base
+};
+
+/// What is fitted. Stiffness, length scales, contraction, base and their priors are those of
+/// CalibrationOptions: contraction frees the curves of the actuators that move.
+struct SeriesOptions {
+  CalibrationOptions arm;
+  bool response = false;  ///< lag, play and slow state, one for all actuators
+  /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
+  /// from hour to hour. 0: no offset. [m]
+  double rest_offset = 0.003;
+};
+
+/// A part of the model that is kept where it predicts what was left out.
+struct Choice {
+  std::string part;  ///< "lag", "slow state", "play", "length scales"
+  bool kept = false;
+  /// By how much the RMS error of what was left out falls, mean over the blocks, and the standard
+  /// error of that mean [m].
+  double gain = 0.0, scatter = 0.0;
+};
+
+/// Curve of free length that several actuators share.
+struct FittedCurve {
+  std::string name;                      ///< Actuator::curve
+  std::vector<double> pressure, length;  ///< [Pa], [m]
+};
+
+/// Agreement of the model with a trial, or with all.
+struct SeriesResidual {
+  int rows = 0;                   ///< with a position
+  double rms = 0.0, worst = 0.0;  ///< distance [m]
+  double rms_about_offset = 0.0;  ///< with the mean deviation of each trial taken off [m]
+  double rms_at_rest = 0.0, rms_in_motion = 0.0;  ///< NaN where there are no such rows [m]
+  Eigen::VectorXd offset;                         ///< (2 or 3) mean of model - measured, in F [m]
+};
+
+/// The model against a series.
+struct SeriesComparison {
+  std::vector<SeriesResidual> trials;
+  SeriesResidual all;
+  std::vector<Eigen::Index> rows;  ///< of the series, with a position
+  Eigen::MatrixXd deviation;       ///< (these rows x 2 or 3) model - measured, in F [m]
+};
+
+struct SeriesFit {
+  std::string failure;  ///< cause and remedy; empty if fitted
+  std::vector<Parameter> parameters;
+  std::optional<model::Stiffness> stiffness;    ///< of every actuator, if fitted
+  std::optional<double> K_eps;                  ///< [N], if fitted
+  std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
+  std::vector<FittedCurve> curves;              ///< if contraction is fitted
+  lie::SE3 X_BF;
+  model::Response response;  ///< as fitted or as before
+  std::vector<Choice> choices;
+  /// What the data cannot tell apart, and the rule that decides.
+  std::vector<std::string> rules;
+  double rms = 0.0;               ///< distance over all rows used [m]
+  double rms_about_offset = 0.0;  ///< with the trials' offsets [m]
+  double held_out_rms = 0.0;      ///< of blocks that were left out [m]
+};
+
+/// Fits the arm to the series, in its own geometry: pressures through lag, play and slow state to
+/// free lengths, to a shape, to the tip.
+///
+/// The response begins with none; lag, slow state and one play, and length scales beyond a common
+/// one, are kept where leaving out trials (with fewer than three trials, fifths of each) shows that
+/// they predict better by two standard errors of the difference. Readings count as fewer where
+/// their residuals are correlated in time. Standard errors are the larger of those of the normal
+/// equations and those of leaving out blocks.
+SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
+                    const SeriesOptions& options);
+
+/// The model, with the responses of its actuators, against a series. Where it finds no shape under
+/// its load, the deviation is NaN.
+SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series);
+
+}  // namespace helix_arm::estimation
