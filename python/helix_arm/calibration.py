@@ -258,13 +258,13 @@ class RunAction:
         """Raises ValueError with the reason where the run cannot begin."""
         self._calibrator.check(goal.fit)
         self._calibrator.scene_path(goal.out)  # otherwise refused only after a long run
-        rules = RunRules(goal.captures_per_pressure or USUAL_CAPTURES, self._rules.ramp, self._rules.patience)
+        scene = self._recorder.scene()
+        rules = RunRules(goal.captures_per_pressure or USUAL_CAPTURES, self._rules.ramp, self._rules.patience + scene._rest_time_s)
         rules.validate()
         require(goal.loop or not _core._fits_response(goal.fit),
                 "response is fitted to a series that only a run with loop records; set loop: true")
         require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
         require(not end.made(), "the node is shutting down")
-        scene = self._recorder.scene()
         require(scene._has_vision, f"scene {scene.name} has no `camera` or no `tags`, so nothing can be recorded; add them to it")
         plan = scene._plan(goal.plan, goal.loop)
         _, _, state = self._recorder.observe()

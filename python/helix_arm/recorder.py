@@ -73,6 +73,7 @@ class Recorder:
         self._scene, self._rules = scene, rules
         self._clock = MovingClock()
         self._watch = _core.SettleWatch(scene.actuators, rules)
+        self._watch.wait_for_rest(scene)
         self._vision: Optional[VisionStatus] = None  # the last one
         self._foreign = FaultCount()
         self._samples: List[Any] = []
@@ -152,6 +153,7 @@ class Recorder:
         """Replaces the scene; the samples stay, the calibrated one does not."""
         with self._lock:
             self._scene, self._calibrated = scene, ""
+            self._watch.wait_for_rest(scene)
 
     def _on_detections(self, message: TagDetections) -> None:
         tags = [(tag.id, tag.corners) for tag in message.tags if not tag.repeated]

@@ -114,6 +114,7 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
     actuators.push_back(scene.arm.actuator(i).name);
   }
   procedures::SettleWatch watch(actuators, rules);
+  watch.waitForRest(scene.arm);
   std::vector<procedures::Sample> out, standing;
   const auto moveOn = [&] {
     if (!standing.empty()) out.push_back(medianOf(standing));

@@ -342,7 +342,8 @@ for each input. With --history the result is that of its last row;
 json: effective_pressure_pa, history [{time_s, pressure_pa, effective_pressure_pa, memory_known,
 tip}]; csv: one row for each of its rows. Of actuators with a response: response
 {history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of
-the effective pressures, until the memory is known), note (without a history: what is left out)}.
+the effective pressures, until the memory is known), note (without a history: what is left
+out), with a slow state rest_time_s}.
 --tier, --order, --accuracy and --budget replace everything that the scene says about
 the tier.
 Exit code 1 if no shape balances the load.)");

@@ -226,11 +226,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   Eigen::VectorXd start = startOf(arguments, scene);
   model::ArmResponse response(scene.arm);
   Eigen::Index rows = 0;
+  model::AfterMove after = model::AfterMove::kSlowHeld;
   if (!arguments.history.empty()) {
     const model::InputHistory history = historyOfFile(scene, arguments.history);
     for (; rows < history.rows(); ++rows) response.follow(history, rows);
+    // A row after those of a history without times is at rest too.
+    if (history.time.empty()) after = model::AfterMove::kAtRest;
     Eigen::VectorXd lower = start, upper = start;
-    response.effectiveLimits(scene.arm, lower, upper);
+    response.effectiveLimits(scene.arm, lower, upper, after);
     solver.limit(lower, upper);
     start = start.cwiseMax(lower).cwiseMin(upper);
   }
@@ -245,7 +248,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
   InverseAnswer answer{result, result.input, response, rows};
-  if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure);
+  if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);

@@ -74,8 +74,9 @@ model::InputHistory historyOfFile(const io::Scene& scene, const std::string& pat
 
 std::string noteOnResponse(const model::Arm& arm) {
   if (model::ArmResponse(arm).instant()) return {};
-  const double widest = halfWidths(arm).maxCoeff();
-  return "at rest, with every effective pressure the pressure itself" +
+  const double widest = halfWidths(arm).maxCoeff(), rest = model::ArmResponse(arm).restTime();
+  return "at rest, " + (rest > 0 ? basics::format("which takes %g s, ", rest) : "") +
+         "with every effective pressure the pressure itself" +
          (widest > 0
               ? basics::format(": the middle of hysteresis loops of up to +-%g kPa", 1e-3 * widest)
               : "");
@@ -88,7 +89,8 @@ void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eige
   out["history_rows"] = rows;
   out["memory_known"] = rows > 0 && response.known();
   out["half_width_pa"] = toJson(halfWidths(arm));
-  out["uncertainty_pa"] = toJson(response.uncertainty());
+  if (const double rest = response.restTime(); rest > 0) out["rest_time_s"] = rest;
+  out["uncertainty_pa"] = toJson(response.uncertainty(arm));
   out["note"] = rows > 0 ? nlohmann::json() : nlohmann::json(noteOnResponse(arm));
 }
 

@@ -160,7 +160,7 @@ class ResponseTracker {
       by_lag = beyond->by_lag;
     }
     // Evenly distributed between its bounds.
-    estimate.variance += response_.uncertainty().cwiseAbs2() / 3.0;
+    estimate.variance += response_.uncertainty(arm_).cwiseAbs2() / 3.0;
   }
 
   /// Limits an aim to effective pressures that are attainable from here.

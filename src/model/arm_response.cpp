@@ -52,7 +52,7 @@ void ArmResponse::restart() {
 
 void ArmResponse::stepOne(Eigen::Index i, double input, double dt) noexcept {
   ResponseState& state = states_[static_cast<std::size_t>(i)];
-  state.step(input, dt, rise_, fall_);
+  state.step(input, dt, shares_);
   effective_[i] = state.response().instant() ? input : state.effective();
 }
 
@@ -95,37 +95,46 @@ bool ArmResponse::known() const {
                      [](const ResponseState& state) { return state.known(); });
 }
 
-Eigen::VectorXd ArmResponse::uncertainty() const {
+double ArmResponse::restTime() const {
+  double longest = 0.0;
+  for (const ResponseState& state : states_) {
+    longest = std::max(longest, state.response().restTime());
+  }
+  return longest;
+}
+
+Eigen::VectorXd ArmResponse::uncertainty(const Arm& arm) const {
   Eigen::VectorXd out(size());
-  for (int i = 0; i < size(); ++i) out[i] = state(i).uncertainty();
+  for (int i = 0; i < size(); ++i) out[i] = state(i).uncertainty(arm.actuator(i).limits);
   return out;
 }
 
 void ArmResponse::effectiveLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
-                                  Eigen::Ref<Eigen::VectorXd> upper) const noexcept {
+                                  Eigen::Ref<Eigen::VectorXd> upper,
+                                  AfterMove after) const noexcept {
   for (int i = 0; i < size(); ++i) {
     const Range& limits = arm.actuator(i).limits;
-    const Range effective = state(i).started() ? state(i).effectiveRange(limits) : limits;
+    const Range effective = state(i).started() ? state(i).effectiveRange(limits, after) : limits;
     // Readings may have been outside of the limits, where the curve may end.
     lower[i] = std::clamp(effective.lower, limits.lower, limits.upper);
     upper[i] = std::clamp(effective.upper, limits.lower, limits.upper);
   }
 }
 
-Eigen::VectorXd ArmResponse::effectiveAt(const InputRef& input) const {
+Eigen::VectorXd ArmResponse::effectiveAt(const InputRef& input, AfterMove after) const {
   requireSize(input.size());
   Eigen::VectorXd out = input;
   for (int i = 0; i < size(); ++i) {
-    if (state(i).started()) out[i] = state(i).effectiveAt(input[i]);
+    if (state(i).started()) out[i] = state(i).effectiveAt(input[i], after);
   }
   return out;
 }
 
 void ArmResponse::inputsFor(const Arm& arm, const InputRef& effective,
-                            Eigen::Ref<Eigen::VectorXd> input) const noexcept {
+                            Eigen::Ref<Eigen::VectorXd> input, AfterMove after) const noexcept {
   for (int i = 0; i < size(); ++i) {
     const Range& limits = arm.actuator(i).limits;
-    input[i] = state(i).started() ? state(i).inputFor(effective[i], limits)
+    input[i] = state(i).started() ? state(i).inputFor(effective[i], limits, after)
                                   : std::clamp(effective[i], limits.lower, limits.upper);
   }
 }

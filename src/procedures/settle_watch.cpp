@@ -8,6 +8,7 @@
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/model/arm_response.hpp"
 
 namespace helix_arm::procedures {
 
@@ -106,6 +107,10 @@ SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rule
   rules_.validate();
 }
 
+void SettleWatch::waitForRest(const model::Arm& arm) {
+  rest_time_ = model::ArmResponse(arm).restTime();
+}
+
 void SettleWatch::checkSize(const Eigen::VectorXd& pressure) const {
   basics::require(pressure.size() == static_cast<Eigen::Index>(names_.size()), pressure.size(),
                   " pressures for ", names_.size(), " actuators; expected one each");
@@ -135,7 +140,7 @@ void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   checkSize(pressure);
   add(readings_, Reading{time, pressure}, kMostReadings);
   // Pictures arrive later than pressures, so the history that they may need is kept.
-  const double oldest = time - rules_.window - rules_.max_age;
+  const double oldest = time - readingTime() - rules_.max_age;
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
 
@@ -161,15 +166,15 @@ std::string SettleWatch::pictureStaleness(double now) const {
                    now, rules_.max_age, "tag detections", "are camera and vision running?");
 }
 
-std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
-  const double end = observations_.back().time;
-  if (set_point_ && set_since_ > begin) {
+std::string SettleWatch::pressureFault(Eigen::VectorXd& mean) const {
+  const double end = observations_.back().time, begin = end - readingTime();
+  if (set_point_ && set_since_ > end - holdTime()) {
     return basics::format("the set point has held for %.2f s of the tags' time; expected %g s",
-                          std::max(0.0, end - set_since_), rules_.window);
+                          std::max(0.0, end - set_since_), holdTime());
   }
   if (readings_.front().time > begin) {
     return basics::format("pressures were measured for %.2f s; expected %g s",
-                          readings_.back().time - readings_.front().time, rules_.window);
+                          readings_.back().time - readings_.front().time, readingTime());
   }
   // Mean over each half: noise averages out, a drift does not.
   const double middle = 0.5 * (begin + end);
@@ -229,11 +234,10 @@ Settling SettleWatch::at(double now) const {
   }
   const Observation& last = observations_.back();
   const char* const no_tags = "no tag of the arm is in sight; check the camera's picture";
-  const double begin = windowBegin();
   Eigen::VectorXd mean;
-  if (fails(SettleState::kPressure, pressureFault(begin, mean)) ||
+  if (fails(SettleState::kPressure, pressureFault(mean)) ||
       fails(SettleState::kNoTags, last.tags.empty() ? no_tags : "") ||
-      fails(SettleState::kMoving, motion(begin))) {
+      fails(SettleState::kMoving, motion(windowBegin()))) {
     return out;
   }
   out.state = SettleState::kSettled;
@@ -244,7 +248,7 @@ Settling SettleWatch::at(double now) const {
 std::vector<Sample> SettleWatch::samples() const {
   std::vector<Sample> out;
   Eigen::VectorXd mean;
-  pressureFault(windowBegin(), mean);
+  pressureFault(mean);
   for (const Observation& observation : observations_)
     out.push_back({observation.time, mean, observation.tags});
   return out;

@@ -14,6 +14,7 @@
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/procedures/response_series.hpp"
@@ -115,6 +116,7 @@ void bindWatch(py::module_& module) {
       .def_readwrite("max_age", &SettleRules::max_age);
   py::class_<SettleWatch>(module, "SettleWatch")
       .def(py::init<std::vector<std::string>, const SettleRules&>())
+      .def("wait_for_rest", [](SettleWatch& self, const Scene& of) { self.waitForRest(of.arm()); })
       .def("command", &SettleWatch::command)
       .def("measured", &SettleWatch::measured)
       .def("seen", &seePicture)
@@ -161,6 +163,9 @@ void bindRecordings(py::module_& module, py::class_<Scene>& scene) {
              return accepted(procedures::checkPlan(self.arm(), rows, loop));
            })
       .def_property_readonly("_tendons", &tendonsOf)
+      .def_property_readonly(
+          "_rest_time_s",
+          [](const Scene& self) { return model::ArmResponse(self.arm()).restTime(); })
       .def_property_readonly("_sha256", [](const Scene& self) { return self.scene().sha256; })
       .def_property_readonly(
           "_is_calibrated", [](const Scene& self) { return self.scene().calibration.has_value(); });

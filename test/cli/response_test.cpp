@@ -97,6 +97,33 @@ TEST(Response, TheInverseGivesThePressuresToGoToFromAHistory) {
   EXPECT_LT(std::hypot(a[0] - b[0], a[1] - b[1]), 2e-6);
 }
 
+TEST(Response, ASlowStateIsFollowedInvertedAndToldWhenItRests) {
+  const std::vector<std::string> slow{
+      "--set", "contractions.planar_muscle.response={slow_time_constant_s: 2, slow_weight: 0.6}"};
+  const std::string rows = "time_s,pressure_1_kpa,pressure_2_kpa\n0,0,0\n1,200,0\n";
+  const TemporaryFile series(rows);
+  const nlohmann::json result = run("forward", {"--history", series.path()}, slow).json();
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(),
+              200e3 * (0.4 + 0.6 * (1 - std::exp(-0.5))), 1e-6);
+  EXPECT_EQ(result["response"]["rest_time_s"], 10);
+  EXPECT_EQ(result["response"]["memory_known"], false);
+  EXPECT_NEAR(numbersOf(result["response"]["uncertainty_pa"])[0], 0.6 * 413685.6 * std::exp(-0.5),
+              1e3);
+  EXPECT_EQ(run("forward", {"--pressure-kpa", "200,50"}, slow).json()["response"]["note"],
+            "at rest, which takes 10 s, with every effective pressure the pressure itself");
+
+  // Inverted where it is; of rows at rest, at rest.
+  const std::string tip = commaList(numbersOf(result["tip"]["position_m"]));
+  const auto pressureFrom = [&](const std::string& path) {
+    return numbersOf(
+        run("inverse", {"--tip", tip, "--history", path, "--prefer", "min-change"}, slow)
+            .json()["pressure_pa"])[0];
+  };
+  EXPECT_NEAR(pressureFrom(series.path()), 200e3, 200);
+  const TemporaryFile rests("pressure_1_kpa,pressure_2_kpa\n0,0\n");
+  EXPECT_NEAR(pressureFrom(rests.path()), result["effective_pressure_pa"][0].get<double>(), 200);
+}
+
 TEST(Response, UnattainableEffectivePressuresAreOutOfReach) {
   // Straight at rest is out of reach on the way down from 300 kPa, where half the loop remains.
   const TemporaryFile high("pressure_1_kpa,pressure_2_kpa\n0,0\n400,0\n300,0\n");

@@ -333,6 +333,8 @@ TEST(CalibratedScene, ResponsesAreWrittenKeptAndRemoved) {
   response.play_count = 2;
   response.plays[0] = {1e4 / 3, 0.1};
   response.plays[1] = {3e4, 0.7};
+  response.slow_time = 22.0 / 3;
+  response.slow_weight = 0.1;
   change.responses = {{"muscle", response}};
   const Scene scene = calibrated(kSpatialScene, change, given);
   const model::Response& written = scene.arm.actuator(0).response;
@@ -341,6 +343,8 @@ TEST(CalibratedScene, ResponsesAreWrittenKeptAndRemoved) {
   ASSERT_EQ(written.play_count, 2);
   EXPECT_NEAR(written.plays[0].reach, 1e4 / 3, 1e-9);
   EXPECT_EQ(written.plays[1].weight, 0.7);
+  EXPECT_EQ(written.slow_time, response.slow_time);
+  EXPECT_EQ(written.slow_weight, 0.1);
   EXPECT_EQ(scene.contractions.at("muscle").play_count, 2);
   EXPECT_TRUE(scene.arm.actuator(3).response.instant()) << "another curve";
 

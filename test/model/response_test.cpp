@@ -73,7 +73,7 @@ TEST(Response, WithoutItTheEffectiveInputIsTheInputBitForBit) {
     EXPECT_EQ(state.effective(), input);
     EXPECT_EQ(state.inputFor(input, kLimits), input);
     EXPECT_TRUE(state.known());
-    EXPECT_EQ(state.uncertainty(), 0);
+    EXPECT_EQ(state.uncertainty(kLimits), 0);
   }
 }
 
@@ -207,19 +207,19 @@ TEST(Response, UncertaintyBoundsWhatAnUnknownStartCanChange) {
     const Response response = randomResponse(random);
     ResponseState truth = after(response, randomInputs(random, 5));
     ResponseState state(response);
-    EXPECT_EQ(state.uncertainty(), response.halfWidth());
+    EXPECT_EQ(state.uncertainty(kLimits), response.halfWidth());
     double x = truth.lagged();
     for (int i = 0; i < 30; ++i) {
       truth.step(x, kRest);
       state.step(x, kRest);
       const double error = std::abs(state.effective() - truth.effective());
-      EXPECT_LE(error, state.uncertainty() + kRounding);
-      EXPECT_LE(state.uncertainty(), response.halfWidth() + kRounding);
+      EXPECT_LE(error, state.uncertainty(kLimits) + kRounding);
+      EXPECT_LE(state.uncertainty(kLimits), response.halfWidth() + kRounding);
       if (state.known()) {
-        EXPECT_EQ(state.uncertainty(), 0);
+        EXPECT_EQ(state.uncertainty(kLimits), 0);
         EXPECT_LE(error, kRounding);
         ++known;
-      } else if (error > 0.5 * state.uncertainty()) {
+      } else if (error > 0.5 * state.uncertainty(kLimits)) {
         ++largest;
       }
       x = std::clamp(x + random.uniform(-3e4, 3e4), 0.0, 5e5);
@@ -240,7 +240,7 @@ TEST(Response, IsKnownAfterAStrokeOfTwiceTheLargestPlay) {
   EXPECT_TRUE(state.known());
   state.restart();
   EXPECT_FALSE(state.known());
-  EXPECT_EQ(state.uncertainty(), kTwoPlays.halfWidth());
+  EXPECT_EQ(state.uncertainty(kLimits), kTwoPlays.halfWidth());
 }
 
 TEST(Response, AReadingThatIsNoNumberStepsNothing) {
@@ -288,6 +288,113 @@ TEST(Response, TheLagIsExactForStepsOfAnySize) {
   }
 }
 
+Response slowOf(double lag, double time, double weight, Response response = {}) {
+  response.rise_time = response.fall_time = lag;
+  response.slow_time = time;
+  response.slow_weight = weight;
+  return response;
+}
+
+// s behind a lag from 1e5 to 3e5, from x = s, by Runge-Kutta steps of its differential equation.
+double integratedSlow(double lag, double slow, double time) {
+  constexpr int kSteps = 20000;
+  const double dt = time / kSteps;
+  double s = 1e5;
+  for (int i = 0; i < kSteps; ++i) {
+    const auto rate = [&](double t, double at) {
+      const double left = lag == 0 ? 0.0 : std::exp(-(i * dt + t) / lag);
+      return (3e5 - 2e5 * left - at) / slow;
+    };
+    const double a = rate(0, s), b = rate(dt / 2, s + dt / 2 * a), c = rate(dt / 2, s + dt / 2 * b),
+                 d = rate(dt, s + dt * c);
+    s += dt / 6 * (a + 2 * b + 2 * c + d);
+  }
+  return s;
+}
+
+TEST(Response, TheSlowStateIsExactForStepsOfAnySize) {
+  Random random(10);
+  for (const double lag : {0.0, 0.3, 2.0, 2.0 + 1e-12, 2.0 + 1e-6, 2.1, 30.0}) {
+    const Response response = slowOf(lag, 2.0, 0.6);
+    for (const double time : {1e-9, 0.1, 3.0, 40.0}) {
+      ResponseState one(response), many(response);
+      one.step(1e5, 0);
+      many.step(1e5, 0);
+      one.step(3e5, time);
+      double left = time;
+      for (int i = 0; i < 100; ++i) {
+        const double dt = random.uniform(0, 0.05) * left;
+        many.step(3e5, dt);
+        left -= dt;
+      }
+      many.step(3e5, left);
+      EXPECT_NEAR(many.effective(), one.effective(), 10 * kRounding) << lag << " " << time;
+      const double s = integratedSlow(lag, 2.0, time);
+      EXPECT_NEAR(one.effective(), 0.4 * one.lagged() + 0.6 * s, 1e-3) << lag << " " << time;
+    }
+    EXPECT_EQ(after(response, {1e5, 3e5}).effective(), 3e5);  // at rest
+  }
+}
+
+TEST(Response, TheInverseClosesWithTheSlowStateHeldAndAtRest) {
+  Random random(11);
+  int inside = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    Response response = randomResponse(random);
+    for (int j = 0; j < kMaxPlays; ++j) response.plays[j].weight *= 0.5;
+    if (trial % 3 == 0) response.play_count = 0;
+    response = slowOf(0, 5, random.uniform(0, 0.45), response);
+    ResponseState state(response);
+    for (const double input : randomInputs(random, 10)) {
+      state.step(input, random.uniform(0, 10));
+      for (const AfterMove when : {AfterMove::kSlowHeld, AfterMove::kAtRest}) {
+        const Range range = state.effectiveRange(kLimits, when);
+        const double wanted = random.uniform(range.lower, range.upper);
+        const double x = state.inputFor(wanted, kLimits, when);
+        ASSERT_TRUE(kLimits.contains(x));
+        inside += x > kLimits.lower && x < kLimits.upper;
+        ResponseState moved = state;
+        moved.step(x, when == AfterMove::kAtRest ? kRest : 0.0);
+        EXPECT_NEAR(moved.effective(), wanted, 20 * kRounding);
+        EXPECT_EQ(state.inputFor(range.upper + 1, kLimits, when), kLimits.upper);
+      }
+    }
+  }
+  EXPECT_GT(inside, 3000);
+}
+
+TEST(Response, WhatIsUnknownOfASlowStateDecaysWithItsTime) {
+  Random random(12);
+  int known = 0, largest = 0;
+  const Response response = slowOf(0, 4, 0.6);
+  EXPECT_GT(response.restTime(), 19);
+  EXPECT_EQ(kTwoPlays.restTime(), 0);
+  EXPECT_EQ(ResponseState(response).uncertainty(kLimits), 0.6 * 5e5);
+  for (int trial = 0; trial < 300; ++trial) {
+    ResponseState truth(response), state(response);
+    for (const double input : randomInputs(random, 3)) truth.step(input, random.uniform(0, 9));
+    state.step(truth.lagged(), 0);
+    for (double time = 0; time < 25; time += 0.5) {
+      const double error = std::abs(state.effective() - truth.effective());
+      EXPECT_LE(error, state.uncertainty(kLimits) + kRounding);
+      EXPECT_LE(state.uncertainty(kLimits), 0.6 * 5e5 * std::exp(-time / 4) + kRounding);
+      EXPECT_EQ(state.known(), time >= 20);
+      known += state.known();
+      largest += error > 0.5 * state.uncertainty(kLimits);
+      const double x = random.uniform(0, 5e5);
+      truth.step(x, 0.5);
+      state.step(x, 0.5);
+    }
+    // A weight keeps it, another time constant does not.
+    state.adopt(slowOf(0, 4, 0.3));
+    EXPECT_TRUE(state.known());
+    state.adopt(slowOf(0, 5, 0.3));
+    EXPECT_FALSE(state.known());
+  }
+  EXPECT_GT(known, 100);
+  EXPECT_GT(largest, 100);
+}
+
 TEST(Response, PlaysFollowTheLaggedInput) {
   Response response = kTwoPlays;
   response.rise_time = response.fall_time = 0.8;
@@ -331,6 +438,10 @@ TEST(Response, RefusesValuesThatBreakARule) {
   EXPECT_EQ(check(playsOf({{2e4, 0.5}, {4e4, 0.46}})),
             "response: the sum of the weights is 0.96; expected at most 0.95");
   EXPECT_EQ(check(playsOf({{2e4, 0.3}, {4e4, 0.65}})), "accepted");
+  EXPECT_EQ(check(slowOf(0, 7, 0.3, playsOf({{2e4, 0.66}}))),
+            "response: the sum of the weights is 0.96; expected at most 0.95");
+  EXPECT_EQ(check(slowOf(0, 0, 0.3)),
+            "response: the slow weight is 0.3; expected 0 without a slow time constant");
   Response many;
   many.play_count = 5;
   EXPECT_EQ(check(many), "response: the number of plays is 5; expected 0 to 4");
@@ -376,7 +487,8 @@ TEST(ArmResponse, ATimeThatGoesBackRestarts) {
   EXPECT_TRUE(effective.follow(3, Eigen::Vector3d(2e5, 2e5, 2e5)));
   EXPECT_FALSE(effective.known());
   EXPECT_EQ(effective.effective(), Eigen::Vector3d(2e5, 2e5, 2e5));
-  EXPECT_EQ(effective.uncertainty(), Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
+  EXPECT_EQ(effective.uncertainty(armWith(kTwoPlays)),
+            Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
 }
 
 TEST(ArmResponse, WithoutResponsesReadingsPassBitForBit) {
@@ -407,8 +519,7 @@ TEST(ArmResponse, InputsGiveTheEffectiveOnesWithinWhatIsInReach) {
 }
 
 TEST(ArmResponse, DoesNotAllocate) {
-  Response response = kTwoPlays;
-  response.rise_time = 0.1;
+  const Response response = slowOf(0.1, 7, 0.2, kTwoPlays);
   const Arm arm = armWith(response);
   ArmResponse effective(arm);
   Eigen::VectorXd reading = Eigen::Vector3d(1e5, 2e5, kNaN), lower(3), upper(3);

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "support/has.hpp"
+#include "support/sample_arm.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -286,6 +287,24 @@ TEST(SettleWatch, WithoutSetPointsPressuresMustStayNearTheirMean) {
   arm.passAt(2,
              [](double t) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(2e4 * t, 0); });
   EXPECT_EQ(arm.state().state, SettleState::kPressure);
+}
+
+TEST(SettleWatch, CreepThatAWindowDoesNotSeeIsWaitedFor) {
+  model::Actuator slow = test::sampleArm().actuator(0);
+  slow.response.slow_time = 2;
+  slow.response.slow_weight = 0.5;
+  std::vector<model::Section> sections(1);
+  sections[0].actuators = {slow};
+  for (const bool commanded : {true, false}) {
+    Watched arm;
+    arm.watch.waitForRest(model::Arm(sections));
+    arm.commanded = commanded;
+    arm.pass(9.9);
+    EXPECT_EQ(arm.state().state, SettleState::kPressure);
+    EXPECT_TRUE(test::has(arm.state().reason, "expected 10 s")) << arm.state().reason;
+    arm.pass(0.3);
+    EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
+  }
 }
 
 TEST(SettleWatch, APressureThatIsNoNumberIsNotSettled) {

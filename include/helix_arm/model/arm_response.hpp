@@ -45,25 +45,29 @@ class ArmResponse {
 
   int size() const { return static_cast<int>(states_.size()); }
   const ResponseState& state(int i) const { return states_[static_cast<std::size_t>(i)]; }
-  /// Whether no actuator has lag or play.
+  /// Whether no actuator has a lag, play or slow state.
   bool instant() const;
   /// Whether effective() is independent of what came before the start.
   bool known() const;
-  /// w (n) [Pa]. Of an actuator with neither lag nor play: its last input as it was, even NaN.
+  /// The longest Response::restTime() [s].
+  double restTime() const;
+  /// w (n) [Pa]. Of an actuator whose response is instant: its last input as it was, even NaN.
   const Eigen::VectorXd& effective() const { return effective_; }
-  /// Largest error (n) of effective() from what is unknown of the start [Pa].
-  Eigen::VectorXd uncertainty() const;
+  /// Largest error (n) of effective() from what is unknown of the start [Pa], if inputs have been
+  /// within the arm's limits.
+  Eigen::VectorXd uncertainty(const Arm& arm) const;
 
   /// The least and largest effective inputs (n) that inputs within the arm's limits reach from
   /// here, within those limits. @param lower, upper  (n).
   void effectiveLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
-                       Eigen::Ref<Eigen::VectorXd> upper) const noexcept;
+                       Eigen::Ref<Eigen::VectorXd> upper,
+                       AfterMove after = AfterMove::kSlowHeld) const noexcept;
   /// The effective inputs (n) of inputs that are reached in one direction from here.
-  Eigen::VectorXd effectiveAt(const InputRef& input) const;
+  Eigen::VectorXd effectiveAt(const InputRef& input, AfterMove after = AfterMove::kSlowHeld) const;
   /// Inputs (n) within the arm's limits that, reached in one direction from here, have these
   /// effective ones.
-  void inputsFor(const Arm& arm, const InputRef& effective,
-                 Eigen::Ref<Eigen::VectorXd> input) const noexcept;
+  void inputsFor(const Arm& arm, const InputRef& effective, Eigen::Ref<Eigen::VectorXd> input,
+                 AfterMove after = AfterMove::kSlowHeld) const noexcept;
 
  private:
   void requireSize(Eigen::Index count) const;
@@ -71,7 +75,7 @@ class ArmResponse {
 
   std::optional<Response> common_;
   std::vector<ResponseState> states_;
-  LagShare rise_, fall_;
+  ResponseShares shares_;
   std::vector<double> times_;  // of the last input of each actuator; NaN before one
   Eigen::VectorXd effective_;
 };

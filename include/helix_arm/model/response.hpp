@@ -9,14 +9,16 @@ struct Range;
 /// Maximum number of plays of a response.
 inline constexpr int kMaxPlays = 4;
 
-/// How an actuator follows its measured input p, as a lag x and plays y_j behind it:
+/// How an actuator follows its measured input p, as a lag x, and plays y_j and a slow state s (the
+/// creep of rubber) behind it:
 ///
 ///     x' = (p - x) / tau,  tau = rise_time where p > x, else fall_time
 ///     y_j = min(max(y_j, x - r_j), x + r_j)
-///     w = (1 - sum a_j) x + sum a_j y_j
+///     s' = (x - s) / T,  T = slow_time
+///     w = (1 - sum a_j - a) x + sum a_j y_j + a s,  a = slow_weight
 ///
 /// Its contraction curve takes w in place of p: l = L(w). w stays within the inputs visited, so the
-/// curve is not extrapolated, and dw/dx lies between 1 - sum a_j and 1.
+/// curve is not extrapolated. While s holds, dw/dx lies between 1 - sum a_j - a and 1 - a.
 struct Response {
   struct Play {
     double reach = 0.0;   ///< r_j > 0 [Pa]: how far x turns back before the play follows, halved
@@ -24,14 +26,25 @@ struct Response {
   };
   /// Largest sum of the weights: with 1, an input would not be determined by what it is to give.
   static constexpr double kMostWeight = 0.95;
+  /// Time constants in which a slow state comes to rest: exp(-5) = 0.7 % of its distance is left.
+  static constexpr double kRestTimes = 5.0;
 
   double rise_time = 0.0;  ///< tau where the input rises, >= 0 [s]
   double fall_time = 0.0;  ///< tau where it falls, >= 0 [s]
   int play_count = 0;
   std::array<Play, kMaxPlays> plays{};  ///< the first play_count count; by ascending reach
+  double slow_time = 0.0;               ///< T >= 0 [s]; 0: no slow state
+  double slow_weight = 0.0;             ///< a >= 0
 
-  /// Whether w = p: neither lag nor play.
-  bool instant() const { return rise_time == 0 && fall_time == 0 && play_count == 0; }
+  /// Whether w = p: neither lag, play nor slow state.
+  bool instant() const {
+    return rise_time == 0 && fall_time == 0 && play_count == 0 && slow_time == 0;
+  }
+  /// sum a_j + a.
+  double weights() const;
+  /// How long an input holds until a slow state is at rest [s]; 0 without one, since the end of a
+  /// lag is seen: nothing moves any more.
+  double restTime() const;
   /// Half the width of the hysteresis loop of large strokes, sum a_j r_j [Pa].
   double halfWidth() const;
   /// Stroke in one direction after which w is known whatever came before, 2 r_n [Pa].
@@ -50,16 +63,38 @@ class LagShare {
   double dt_ = -1.0, time_constant_ = -1.0, share_ = 0.0;
 };
 
-/// Lag and plays of one actuator at present. Fixed size; no call allocates.
+/// What a slow state takes over of the distance between a lag and its input, computed once for all
+/// actuators alike.
+class SlowShare {
+ public:
+  /// The part of x - p at the begin that s - p has after dt, if s - p was 0, while p holds.
+  double of(double dt, double time_constant, double slow_time) noexcept;
+
+ private:
+  double dt_ = -1.0, time_constant_ = -1.0, slow_time_ = -1.0, share_ = 0.0;
+};
+
+/// All that a step of a response takes of exponentials.
+struct ResponseShares {
+  LagShare rise, fall, slow;
+  SlowShare slow_rise, slow_fall;
+};
+
+/// What a move of x finds: the slow state where it was, as right after the move, or at rest with x.
+enum class AfterMove { kSlowHeld, kAtRest };
+
+/// Lag, plays and slow state of one actuator at present. Fixed size; no call allocates.
 ///
-/// Starts at the first input with y_j = x, which is known to +- r_j; each play is known once no
-/// place that it may have started from makes a difference.
+/// Starts at the first input with y_j = s = x. y_j is known to +- r_j; each play is known once no
+/// place that it may have started from makes a difference. s may have been anywhere where inputs
+/// have been; what is unknown of it decays with exp(-t / T).
 class ResponseState {
  public:
   /// @throws as Response::validate().
   explicit ResponseState(const Response& response = {});
 
-  /// Takes another response, and keeps x and y_j. A play whose reach changes is unknown again.
+  /// Takes another response, and keeps x, y_j and s. A play whose reach changes and a slow state
+  /// whose time constant changes are unknown again.
   /// @throws as Response::validate().
   void adopt(const Response& response);
   /// Forgets everything; the next input starts anew.
@@ -70,7 +105,7 @@ class ResponseState {
   /// input is a start: the actuator is taken to rest there.
   void step(double input, double dt) noexcept;
   /// The same, with shares kept from the actuators before.
-  void step(double input, double dt, LagShare& rise, LagShare& fall) noexcept;
+  void step(double input, double dt, ResponseShares& shares) noexcept;
 
   const Response& response() const { return response_; }
   /// Whether an input has come.
@@ -79,19 +114,23 @@ class ResponseState {
   double lagged() const;
   /// w [Pa]; NaN before the first input.
   double effective() const;
-  /// Whether w is independent of what came before the start.
+  /// Whether w is independent of what came before the start; of a slow state, a share of
+  /// exp(-Response::kRestTimes) may be left of that.
   bool known() const;
   /// Largest error of w from what is unknown of the start [Pa]: at first Response::halfWidth(),
-  /// then less, and 0 once known().
-  double uncertainty() const;
+  /// then less, and 0 once known(). A slow state adds at most slow_weight times the width of
+  /// `past`, which decays with exp(-t / T).
+  /// @param past  where inputs have been before the start: the actuator's limits.
+  double uncertainty(const Range& past) const;
 
   /// w after a move of x, in one direction, to the given one: f(x), rising. Only after a start.
-  double effectiveAt(double x) const noexcept;
-  /// The x, within limits, with effectiveAt(x) = effective: the exact inverse. A effective outside
-  /// of effectiveRange(limits) gives the nearer limit. Only after a start.
-  double inputFor(double effective, const Range& limits) const noexcept;
+  double effectiveAt(double x, AfterMove after = AfterMove::kSlowHeld) const noexcept;
+  /// The x, within limits, with effectiveAt(x, after) = effective: the exact inverse. A effective
+  /// outside of effectiveRange(limits, after) gives the nearer limit. Only after a start.
+  double inputFor(double effective, const Range& limits,
+                  AfterMove after = AfterMove::kSlowHeld) const noexcept;
   /// [f(lower), f(upper)]: all that moves within limits can reach. Only after a start.
-  Range effectiveRange(const Range& limits) const noexcept;
+  Range effectiveRange(const Range& limits, AfterMove after = AfterMove::kSlowHeld) const noexcept;
 
  private:
   struct Memory {
@@ -99,11 +138,16 @@ class ResponseState {
     double lower = 0.0;  // least and largest place where it may be
     double upper = 0.0;
   };
-  void start(double input) noexcept;
+  void start(double input, double held) noexcept;
   void forget(int j) noexcept;
+  void stepSlow(double input, double dt, ResponseShares& shares) noexcept;
+  bool creeps() const { return response_.slow_time > 0; }
 
   Response response_;
   double x_ = 0.0;
+  double s_ = 0.0;           // if there is a slow state, as what follows
+  double slow_start_ = 0.0;  // s at its start
+  double slow_age_ = 0.0;    // time since then [s]
   std::array<Memory, kMaxPlays> memory_{};
   bool started_ = false;
 };

@@ -1,10 +1,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <deque>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "helix_arm/model/arm.hpp"
 
 namespace helix_arm::procedures {
 
@@ -81,6 +84,10 @@ class SettleWatch {
   /// @throws std::invalid_argument naming the value and its rule.
   SettleWatch(std::vector<std::string> names, const SettleRules& rules);
 
+  /// From now on pressures have to hold for model::ArmResponse::restTime() of this arm as well: a
+  /// slow state creeps too slowly for a window to see.
+  void waitForRest(const model::Arm& arm);
+
   /// New set points: (actuators) [Pa]. Throws std::invalid_argument on a wrong size, as measured()
   /// does.
   void command(double time, const Eigen::VectorXd& set_point);
@@ -109,16 +116,19 @@ class SettleWatch {
   void checkSize(const Eigen::VectorXd& pressure) const;
   std::string pressureStaleness(double now) const;
   std::string pictureStaleness(double now) const;
-  std::string pressureFault(double begin, Eigen::VectorXd& mean) const;
+  std::string pressureFault(Eigen::VectorXd& mean) const;
   std::string motion(double begin) const;
   double windowBegin() const { return observations_.back().time - rules_.window; }
+  double holdTime() const { return std::max(rules_.window, rest_time_); }
+  double readingTime() const { return set_point_ ? rules_.window : holdTime(); }
 
   std::vector<std::string> names_;
   SettleRules rules_;
+  double rest_time_ = 0;  ///< [s]
   std::optional<Eigen::VectorXd> set_point_;
   double set_since_ = 0;          ///< when its value last changed
   double set_last_ = 0;           ///< when it was last received
-  std::deque<Reading> readings_;  ///< both by ascending time, covering two windows
+  std::deque<Reading> readings_;  ///< both by ascending time, covering two windows or more
   std::deque<Observation> observations_;
 };
 

@@ -130,7 +130,7 @@ void putContraction(const Scene& scene, const std::string& name,
   }
 }
 
-// Replaces the response of a curve; one with neither lag nor play is removed.
+// Replaces the response of a curve; an instant one is removed.
 void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
@@ -150,6 +150,10 @@ void putResponse(const Scene& scene, const std::string& name, const model::Respo
     }
     setValue(keys, "play_kpa", numbersValue(reach));
     setValue(keys, "play_weight", numbersValue(weight));
+  }
+  if (response.slow_time > 0) {
+    setValue(keys, "slow_time_constant_s", numberValue(response.slow_time));
+    setValue(keys, "slow_weight", numberValue(response.slow_weight));
   }
   setValue(contraction, kResponseKey, std::move(keys));
 }

@@ -16,6 +16,7 @@ namespace {
 constexpr NumberRule kResponseTime = within(kNotNegative, 0, 60, " s");
 constexpr NumberRule kPlayReach = within(kPositive, 1e-3, 1e4, " kPa");
 constexpr NumberRule kPlayWeight = within(kNotNegative, 0, model::Response::kMostWeight);
+constexpr NumberRule kSlowTime = within(kPositive, 1e-2, 3600, " s");
 
 // Whether each value exceeds the one before; the first that does not is a fault.
 bool areAscending(const MapReader& keys, const std::string& key, const std::vector<double>& values,
@@ -59,6 +60,29 @@ void readPlays(const MapReader& keys, model::Response& response) {
     keys.complain("play_weight", "has the sum " + formatNumber(sum) + "; expected at most " +
                                      formatNumber(model::Response::kMostWeight) +
                                      ", so that every length belongs to one pressure");
+  }
+}
+
+// Adds the slow state of two keys that are read; none if they have faults. After the plays.
+void addSlowState(const MapReader& keys, double time, double weight, model::Response& response) {
+  const char* const pair[] = {"slow_time_constant_s", "slow_weight"};
+  for (int given : {0, 1}) {
+    if (keys.has(pair[given]) && !keys.has(pair[1 - given])) {
+      keys.complain(pair[given],
+                    std::string("is given without ") + pair[1 - given] + "; expected both or none");
+    }
+  }
+  if (time == 0) return;
+  model::Response slow = response;
+  slow.slow_time = time;
+  slow.slow_weight = weight;
+  try {
+    slow.validate();
+    response = slow;
+  } catch (const std::invalid_argument&) {
+    keys.complain("slow_weight", "and play_weight have the sum " + formatNumber(slow.weights()) +
+                                     "; expected at most " +
+                                     formatNumber(model::Response::kMostWeight));
   }
 }
 
@@ -398,10 +422,13 @@ void checkTable(const MapReader& keys, const SectionParts& parts) {
 
 model::Response readResponse(const MapReader& owner, const std::string& key) {
   model::Response response;
+  double slow_time = 0.0, slow_weight = 0.0;
   const auto keys = owner.map(key, {{"rise_time_constant_s", kResponseTime, response.rise_time},
                                     {"fall_time_constant_s", kResponseTime, response.fall_time},
                                     "play_kpa",
-                                    "play_weight"});
+                                    "play_weight",
+                                    {"slow_time_constant_s", kSlowTime, slow_time},
+                                    {"slow_weight", kPlayWeight, slow_weight}});
   if (!keys) return response;
   if (!keys->has("fall_time_constant_s")) response.fall_time = response.rise_time;
   if (keys->has("play_kpa")) {
@@ -409,6 +436,7 @@ model::Response readResponse(const MapReader& owner, const std::string& key) {
   } else if (keys->has("play_weight")) {
     keys->complain("play_weight", "is given without play_kpa; expected both or none");
   }
+  addSlowState(*keys, slow_time, slow_weight, response);
   return response;
 }
 

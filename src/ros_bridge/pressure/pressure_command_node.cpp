@@ -29,6 +29,7 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -89,6 +90,8 @@ struct PressureCommandOptions {
 
 constexpr double kSlowShare = 0.9;  // of ~rate; a slower loop is worth a warning
 
+// A target is reached once at rest: while the arm creeps, its pressures are not changed.
+constexpr model::AfterMove kTargetAt = model::AfterMove::kAtRest;
 constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
 
 // By control::Valve.
@@ -535,8 +538,8 @@ class ShapePublisher {
       logWarning(
           "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
           "actuators' responses start anew, and their memory is unknown until the pressures have "
-          "moved by twice the largest play_kpa",
-          restarts_.total());
+          "moved by twice the largest play_kpa%s",
+          restarts_.total(), restText().c_str());
     }
     last_reading_ = ros::SteadyTime::now();
     solve();
@@ -553,7 +556,7 @@ class ShapePublisher {
   void moveHandle(const Eigen::VectorXd& goal) {
     if (!handle_) return;
     const statics::Tip commanded =
-        scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal)));
+        scene_.model.tip(scene_.arm.clamped(response_.effectiveAt(goal, kTargetAt)));
     if (commanded.converged()) handle_->follow(commanded.tip);
   }
   /// Draws the shape at the last reading, with the state of the arm above its base, or removes it
@@ -599,7 +602,9 @@ class ShapePublisher {
                     {"unsolved", std::to_string(unsolved_.total())}});
     if (response_.instant()) return out;
     addValue(out, "memory_known", response_.known() ? "true" : "false");
-    addValue(out, "effective_uncertainty_kpa", fixed(1e-3 * response_.uncertainty().maxCoeff()));
+    if (response_.restTime() > 0) addValue(out, "rest_time_s", fixed(response_.restTime()));
+    addValue(out, "effective_uncertainty_kpa",
+             fixed(1e-3 * response_.uncertainty(scene_.arm).maxCoeff()));
     return out;
   }
 
@@ -612,6 +617,11 @@ class ShapePublisher {
   }
 
  private:
+  std::string restText() const {
+    const double rest = response_.restTime();
+    return rest > 0 ? basics::format(" and %g s have passed", rest) : "";
+  }
+
   /// The shape at the effective pressures.
   void solve() {
     const bool rests = last_reading_.isZero();  // before the first reading
@@ -749,15 +759,15 @@ class TargetIntake {
   /// attainable effective pressures.
   Eigen::VectorXd beginSearch() {
     if (response_.instant()) return loop_->goal();
-    response_.effectiveLimits(scene_.arm, lower_, upper_);
+    response_.effectiveLimits(scene_.arm, lower_, upper_, kTargetAt);
     solver_.limit(lower_, upper_);
-    return response_.effectiveAt(loop_->goal()).cwiseMax(lower_).cwiseMin(upper_);
+    return response_.effectiveAt(loop_->goal(), kTargetAt).cwiseMax(lower_).cwiseMin(upper_);
   }
 
   /// Goes to where the result's pressures are effective.
   void follow(const TargetSender& sender, const statics::InverseResult& result) {
     Eigen::VectorXd pressure = result.input;
-    if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure);
+    if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure, kTargetAt);
     if (result.converged() && !command(sender, pressure)) return;
     admission_.accept(sender,
                       {result.status, result.residual, result.position_error, result.limits});
