@@ -1,0 +1,215 @@
+// Fits of an arm to motions of its tip. The truth shares no code with the model: closed form of a
+// constant curvature, muscles stepped in small times.
+#include "helix_arm/calibration/series_fit.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using basics::kPi;
+using test::Random;
+constexpr double kMost = 200e3;  // [Pa]
+constexpr int kTrials = 6, kRows = 400;
+constexpr double kSpacing = 0.1;   // [s]
+constexpr double kNoise = 0.0005;  // [m]
+
+struct Truth {
+  double rise = 0, fall = 0;                           // [s]
+  double slow_time = 1, slow_weight = 0;               // [s]
+  double offset = 0.0;                                 // standard deviation from trial to trial [m]
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
+  Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
+};
+
+double angleOf(int i) { return 2 * kPi * i / 3; }
+
+// Three chambers of 0.2 m that lengthen by up to 40 mm, at 30 mm from the axis.
+double trueLength(double p) {
+  const double u = p / kMost;
+  return 0.2 + 0.04 * u * (0.7 + 0.3 * u);
+}
+
+Eigen::Vector3d trueTip(const Eigen::Vector3d& effective) {
+  constexpr double kBendPerLength = 12.0;  // [rad/m]
+  double length = 0, y = 0, z = 0;
+  for (int i = 0; i < 3; ++i) {
+    const double one = trueLength(effective[i]);
+    length += one / 3;
+    y += one * std::cos(angleOf(i)) * kBendPerLength;
+    z += one * std::sin(angleOf(i)) * kBendPerLength;
+  }
+  const double bend = std::max(std::hypot(y, z), 1e-9);
+  // A chamber that lengthens bends the arm away from it.
+  const double across = -length * (1 - std::cos(bend)) / bend;
+  return {length * std::sin(bend) / bend, across * y / bend, across * z / bend};
+}
+
+TipSeries seriesOf(const Truth& truth, int seed) {
+  Random random(seed);
+  TipSeries out;
+  out.history.input.resize(kTrials * kRows, 3);
+  out.position.resize(kTrials * kRows, 3);
+  for (int trial = 0; trial < kTrials; ++trial) {
+    Eigen::Vector3d p = Eigen::Vector3d::Zero(), lagged = p, slow = p;
+    const Eigen::Vector3d offset{random.normal(), random.normal(), random.normal()};
+    for (int k = 0; k < kRows; ++k) {
+      const int row = trial * kRows + k;
+      if (k > 0 && k % 50 == 0) {
+        for (double& one : p) one = kMost * random.uniform(0, 1);
+      }
+      constexpr int kSteps = 20;
+      for (int step = 0; k > 0 && step < kSteps; ++step) {
+        const double dt = kSpacing / kSteps;
+        for (int i = 0; i < 3; ++i) {
+          const double tau = p[i] > lagged[i] ? truth.rise : truth.fall;
+          lagged[i] = tau > 0 ? lagged[i] + (p[i] - lagged[i]) * dt / (tau + dt / 2) : p[i];
+          slow[i] += (lagged[i] - slow[i]) * dt / truth.slow_time;
+        }
+      }
+      const Eigen::Vector3d effective = (1 - truth.slow_weight) * lagged + truth.slow_weight * slow;
+      const Eigen::Vector3d noise{random.normal(), random.normal(), random.normal()};
+      out.history.input.row(row) = p;
+      out.history.time.push_back(k * kSpacing);
+      out.history.starts_anew.push_back(k == 0);
+      out.position.row(row) =
+          truth.turn * trueTip(effective) + truth.place + truth.offset * offset + kNoise * noise;
+    }
+  }
+  return out;
+}
+
+// What a user guesses: another curve, radius and stiffness, and a base whose axes are those of F.
+SeriesPrior guess() {
+  const model::Contraction curve =
+      model::Contraction::table({0, kMost / 2, kMost}, {0.19, 0.2, 0.22});
+  model::Section section;
+  for (int i = 0; i < 3; ++i) {
+    model::Actuator one{std::to_string(i + 1),
+                        {Eigen::Matrix3d::Identity(),
+                         {0, 0.025 * std::cos(angleOf(i)), 0.025 * std::sin(angleOf(i))}},
+                        {10, 0, 1.5e-4},
+                        curve,
+                        {0, kMost}};
+    one.curve = "chamber";
+    section.actuators.push_back(std::move(one));
+  }
+  return {statics::ArmModel(model::Arm({section})),
+          {Eigen::Matrix3d::Identity(), {-0.1, 0.2, -0.3}}};
+}
+
+SeriesOptions everything() {
+  SeriesOptions out;
+  out.arm.contraction = out.arm.base = true;
+  out.response = true;
+  return out;
+}
+
+bool keeps(const SeriesFit& fit, const std::string& part) {
+  return std::any_of(fit.choices.begin(), fit.choices.end(),
+                     [&part](const Choice& one) { return one.part == part && one.kept; });
+}
+
+const Parameter& parameterOf(const SeriesFit& fit, const std::string& name) {
+  return *std::find_if(fit.parameters.begin(), fit.parameters.end(),
+                       [&name](const Parameter& one) { return one.name == name; });
+}
+
+TEST(SeriesFit, PredictsAnArmThatLagsAndCreeps) {
+  Truth truth{0.8, 0.5, 10.0, 0.4, 0.001};
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 1), everything());
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_TRUE(keeps(fit, "lag"));
+  EXPECT_TRUE(keeps(fit, "slow state"));
+  EXPECT_FALSE(keeps(fit, "play"));
+  const std::pair<const char*, double> numbers[] = {{"rise_time_constant", truth.rise},
+                                                    {"fall_time_constant", truth.fall},
+                                                    {"slow_time_constant", truth.slow_time},
+                                                    {"slow_weight", truth.slow_weight}};
+  for (const auto& [name, value] : numbers) {
+    const Parameter& found = parameterOf(fit, name);
+    EXPECT_NEAR(found.value, value, 4 * found.standard_error) << name;
+    EXPECT_LT(found.standard_error, 0.1 * value) << name;
+    EXPECT_TRUE(found.identifiable) << name;
+  }
+  // Noise in three directions, and the offset of a trial that no other tells.
+  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
+  EXPECT_LT(fit.held_out_rms, 3 * std::sqrt(3) * truth.offset);
+}
+
+TEST(SeriesFit, FindsAFrameWithOtherAxes) {
+  Random random(3);
+  for (int trial = 0; trial < 3; ++trial) {
+    Truth truth;
+    truth.turn =
+        Eigen::Quaterniond(random.normal(), random.normal(), random.normal(), random.normal())
+            .normalized()
+            .toRotationMatrix();
+    SeriesOptions options = everything();
+    options.response = false;
+    options.rest_offset = 0;
+    const SeriesFit fit = fitSeries(guess(), seriesOf(truth, trial), options);
+    ASSERT_EQ(fit.failure, "");
+    EXPECT_LT(fit.rms, 1.2 * std::sqrt(3) * kNoise) << "turned by\n" << truth.turn;
+    EXPECT_FALSE(fit.rules.empty());
+  }
+}
+
+// What a response would add to an arm without one is noise.
+TEST(SeriesFit, LeavesOutWhatPredictsNoBetter) {
+  const SeriesFit fit = fitSeries(guess(), seriesOf({}, 5), everything());
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_EQ(fit.choices.size(), 3u);
+  for (const Choice& one : fit.choices) EXPECT_FALSE(one.kept) << one.part;
+  EXPECT_TRUE(fit.response.instant());
+}
+
+// Shear does not show in an arm whose muscles lie along it, and only the product of radius, stroke
+// and compliance does.
+TEST(SeriesFit, SaysWhatTheDataCannotTell) {
+  const SeriesFit fit = fitSeries(guess(), seriesOf({}, 6), everything());
+  EXPECT_FALSE(parameterOf(fit, "K_gamma").identifiable);
+  EXPECT_TRUE(std::any_of(fit.rules.begin(), fit.rules.end(), [](const std::string& rule) {
+    return rule.find("lengthens or shortens") != std::string::npos;
+  }));
+}
+
+TEST(SeriesFit, RefusesWhatHoldsNoMotion) {
+  TipSeries series = seriesOf({}, 7);
+  series.history.input.setConstant(1e4);
+  EXPECT_NE(fitSeries(guess(), series, everything()).failure.find("pressures that differ"),
+            std::string::npos);
+  series.history.time.clear();
+  EXPECT_NE(fitSeries(guess(), series, everything()).failure.find("time_s"), std::string::npos);
+}
+
+TEST(CompareSeries, TellsOffsetsRestAndMotion) {
+  Truth truth;
+  truth.offset = 0.002;
+  const TipSeries series = seriesOf(truth, 8);
+  const SeriesComparison found = compareSeries(guess(), series);
+  ASSERT_EQ(found.trials.size(), static_cast<std::size_t>(kTrials));
+  EXPECT_EQ(found.all.rows, kTrials * kRows);
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const auto own = found.deviation.middleRows(trial * kRows, kRows);
+    const SeriesResidual& one = found.trials[static_cast<std::size_t>(trial)];
+    EXPECT_NEAR(one.rms, std::sqrt(own.rowwise().squaredNorm().mean()), 1e-12);
+    EXPECT_NEAR((one.offset.transpose() - own.colwise().mean()).norm(), 0, 1e-12);
+    const double about = (own.rowwise() - own.colwise().mean()).rowwise().squaredNorm().mean();
+    EXPECT_NEAR(one.rms_about_offset, std::sqrt(about), 1e-12);
+    EXPECT_TRUE(std::isfinite(one.rms_at_rest));
+    EXPECT_TRUE(std::isfinite(one.rms_in_motion));
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation
