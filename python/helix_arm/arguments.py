@@ -110,8 +110,9 @@ def apart(pressures: np.ndarray, out: Any) -> np.ndarray:
     return pressures
 
 
-def data_set(given: Any, name: str) -> Union[str, Tuple[str, List[str], np.ndarray]]:
-    """A data set: its path; or of a dict, the name, the names of columns and their numbers (rows, columns)."""
+def data_set(given: Any, name: str) -> Union[str, Tuple[str, List[str], np.ndarray, List[str]]]:
+    """A data set: its path; or of a dict, the name, the names of columns, their numbers (rows, columns), and the names of the trials
+    if the column trial holds texts, whose numbers are their indices."""
     if isinstance(given, os.PathLike):
         given = os.fspath(given)
     if isinstance(given, str):
@@ -120,14 +121,18 @@ def data_set(given: Any, name: str) -> Union[str, Tuple[str, List[str], np.ndarr
         refuse_type(given, name, "the path of a data set, or a dict of its columns")
     require(1 <= len(given) <= MOST_DATA_COLUMNS, f"{name} has {len(given)} columns; expected 1 to {MOST_DATA_COLUMNS}")
     columns: List[np.ndarray] = []
+    trials: List[str] = []
     for key, values in given.items():
         where = f"{name}[\"{text(key, f'a name of a column of {name}')[:60]}\"]"
+        if key == "trial" and all(isinstance(one, str) for one in np.ravel(values)):
+            trials = [text(one, where) for one in dict.fromkeys(np.ravel(values).tolist())]
+            values = np.vectorize({one: k for k, one in enumerate(trials)}.get, otypes=[float])(values)
         array = _core.array(values, where)
         fits = array.ndim == 1 and 0 < len(array) <= MOST_DATA_ROWS and (not columns or len(array) == len(columns[0]))
         require(fits, f"{where} has shape {array.shape}; expected 1 to {MOST_DATA_ROWS} numbers, as many as the other columns")
         _core.require_finite(array, where)
         columns.append(array)
-    return name, list(given), np.column_stack(columns)
+    return name, list(given), np.column_stack(columns), trials
 
 
 def pictures(given: Any, shape: Tuple[int, int]) -> np.ndarray:

@@ -221,8 +221,8 @@ class Scene(_core.Scene):
                   rotation_noise_rad: float = 0.0, errors: bool = True) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
-        data: one or several data sets: curvatures, tag poses, tag corners or free lengths; each a path, or a dict of columns as
-        of fit(). fit: words of docs/calibration.md, such as stiffness, length_scale, base, tags, contraction.
+        data: one or several data sets: curvatures, tag poses, tag corners, free lengths or series of the tip; each a path, or a dict of
+        columns as of fit(), of which trial may hold texts. fit: words of docs/calibration.md, such as stiffness, length_scale, base, tags, contraction.
         contraction: name of the curve to fit, if the scene has several. Noises: expected standard deviations; 0: the scene's.
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
         empty in the result, and no parameter is held at the scene's value.

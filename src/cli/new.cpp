@@ -28,6 +28,8 @@ struct NewArm {
   int sections = 1, muscles = 3, tags = 0;
   double length = 0.3, contraction = 0.2, radius = 0.025, tilt_deg = 0, max_pressure_kpa = 300;
   double tag_size = 0.03, camera_distance = 0;
+  bool extending = false, chambers = false;
+  std::string mounting = "hanging";
   // "simulated", "none", or a profile as io::loadRegulatorProfile() takes it, its path absolute.
   std::string regulator = "simulated";
   std::string device = "/dev/serial/by-id/usb-YOUR_BOARD", host = "192.168.1.10";
@@ -46,10 +48,14 @@ const Figure kFigures[] = {
     {"--muscles", &NewArm::muscles, "muscles per section, 3 to 24"},
     {"--length-m", &NewArm::length, "length of a muscle at 0 kPa [m]"},
     {"--contraction", &NewArm::contraction,
-     "by how much it shortens at its highest pressure, as a part of its length"},
-    {"--radius-m", &NewArm::radius, "from the arm's centre line to that of a muscle [m]"},
+     "by how much it shortens, or with --extending lengthens, at its highest pressure, as a part "
+     "of "
+     "its length"},
+    {"--radius-m", &NewArm::radius,
+     "from the arm's centre line to that of a muscle [m]; with --chambers 0.02 unless given"},
     {"--tilt-deg", &NewArm::tilt_deg, "tilt of the muscles, which winds them around the arm [deg]"},
-    {"--max-pressure-kpa", &NewArm::max_pressure_kpa, "highest gauge pressure [kPa]"},
+    {"--max-pressure-kpa", &NewArm::max_pressure_kpa,
+     "highest gauge pressure [kPa]; with --extending 100 unless given"},
     {kTagSize, &NewArm::tag_size,
      "outer edge of the tags' black border [m]; unless given, more for a far camera, less on a "
      "narrow arm; 0: no tags"},
@@ -120,6 +126,9 @@ json startOf(const NewArguments& arguments, const NewArm& arm, bool asks) {
                 {"usual", words},
                 {"given", json::array()},
                 {"asks", asks},
+                {"extending", arm.extending},
+                {"chambers", arm.chambers},
+                {"mounting", arm.mounting},
                 {"asked", nullptr}});
   for (const Figure& figure : kFigures) {
     std::visit([&](auto member) { start[keyOf(figure.option)] = exact(arm.*member); },
@@ -247,6 +256,15 @@ Subcommand addNew(CLI::App& app) {
         },
         figure.member);
   }
+  command->add_flag("--extending", arm.extending,
+                    "the muscles lengthen under pressure, as bellows do; without it they shorten");
+  command->add_flag(
+      "--chambers", arm.chambers,
+      "the muscles are chambers in one body of rubber, which lengthen under pressure: "
+      "no separators between them, and a stiffer bend");
+  addOption(*command, "--mounting", arm.mounting,
+            "where x of the arm points: hanging (-z of the world), standing (z) or lying (x)",
+            CLI::IsMember({"hanging", "standing", "lying"}), kShowDefault);
   addOption(*command, "--regulator", arm.regulator,
             "simulated, none, a shipped profile such as generic (the board), or the path of a "
             "profile",
@@ -259,7 +277,7 @@ Subcommand addNew(CLI::App& app) {
                     "ask nothing; without it, a terminal is asked for what no option gives");
   command->add_flag("--force", arguments->force, "replace FILE.yaml if it exists");
   command->footer(
-      R"(The arm hangs; a webcam looks at it from the side. Each muscle carries a row of tags.
+      R"(A webcam looks at the arm from the side. Each muscle carries a row of tags.
 json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }

@@ -187,9 +187,10 @@ DataKind kindOf(const io::DataSet& data) {
   if (found != nullptr) return found->kind;
   std::vector<std::string> known;
   for (const NamedKind& kind : kKinds)
-    known.push_back(std::string(kind.column) + " of " + kind.text);
+    known.push_back(std::string(kind.column) + " of " + kind.text +
+                    (kind.kind == DataKind::kTagPoses ? " or a series of the tip" : ""));
   refuse(data.path, "has none of the columns that identify its kind of data; expected " +
-                        basics::joined(known));
+                        basics::joined(known) + ": convert what it has, and rename its columns");
 }
 
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {

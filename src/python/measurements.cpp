@@ -26,18 +26,20 @@ using procedures::FollowRow;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// A data set: a file, or its name, the names of its columns and their numbers (rows, columns).
-using Data =
-    std::variant<std::string, std::tuple<std::string, std::vector<std::string>, py::array>>;
+// A data set: a file, or its name, the names of its columns, their numbers (rows, columns), and the
+// names of its trials if it has them.
+using Names = std::vector<std::string>;
+using Data = std::variant<std::string, std::tuple<std::string, Names, py::array, Names>>;
 
 // @throws DocumentError with the faults of a file.
 io::DataSet dataSetOf(const Data& given) {
   if (const auto* path = std::get_if<std::string>(&given)) return io::loadDataSet(*path);
-  const auto& [name, columns, values] = std::get<1>(given);
+  const auto& [name, columns, values, trials] = std::get<1>(given);
   const Rows rows(values, name.c_str(), static_cast<py::ssize_t>(columns.size()));
   io::DataSet out;
   out.path = name;
   out.columns = columns;
+  out.trials = trials;
   out.values.resize(rows.rows(), rows.columns());
   for (int row = 0; row < out.values.rows(); ++row) {
     out.values.row(row) = rows.row(row);

@@ -277,14 +277,17 @@ class ResponseDescent {
     return at(next, fit.numbers);
   }
 
-  // The weakest number that is within two standard errors of 0 is left out until none is.
+  // The weakest number that is within two standard errors of 0 is left out until none is, and a
+  // play whose reach went to its bound: the readings do not tell it.
   ResponseCandidate prune(ResponseCandidate fit) const {
     for (;;) {
       std::vector<ResponseNumber>& numbers = fit.numbers;
       std::size_t weakest = numbers.size();
       for (std::size_t k = 0; k < numbers.size(); ++k) {
-        if (numbers[k].kind == ResponseNumber::kReach || fit.ratio(k) > kSignificantResponse)
-          continue;
+        const bool counts = numbers[k].kind == ResponseNumber::kReach
+                                ? std::isfinite(fit.error[k])
+                                : fit.ratio(k) > kSignificantResponse;
+        if (counts) continue;
         if (weakest == numbers.size() || fit.ratio(k) < fit.ratio(weakest)) weakest = k;
       }
       if (weakest == numbers.size()) return fit;

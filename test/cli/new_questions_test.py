@@ -114,7 +114,7 @@ class NewOnATerminal(unittest.TestCase):
     def test_enter_keeps_the_defaults(self):
         terminal = Terminal("new", "--out", self.out)
         questions = terminal.keep_all()
-        self.assertEqual(len(questions), 11, questions)
+        self.assertEqual(len(questions), 12, questions)
         self.assertIn("Enter keeps the value in brackets; Ctrl-C leaves without a file.", terminal.seen)
         # A length and the like say their unit, and every number its range.
         for words in ("without pressure, in m (0.02 to 5) [0.3]: ", "in degrees (-60 to 60;", "in kPa (1 to 2000) [300]: "):
@@ -123,11 +123,11 @@ class NewOnATerminal(unittest.TestCase):
 
     def test_answers_are_what_options_would_be(self):
         terminal = Terminal("new", "--out", self.out)
-        for answer in ("2", "4", "0.4", "0.25", "0.03", "15", "200", "0.028", "3", "0.9", "none"):
+        for answer in ("2", "4", "0.4", "0.25", "0.03", "15", "200", "0.028", "3", "0.9", "lying", "none"):
             terminal.answer(answer)
         self.assert_written(terminal, "--sections", "2", "--muscles", "4", "--length-m", "0.4", "--contraction", "0.25",
                             "--radius-m", "0.03", "--tilt-deg", "15", "--max-pressure-kpa", "200", "--tag-size-m", "0.028",
-                            "--tags", "3", "--camera-distance-m", "0.9", "--regulator", "none")
+                            "--tags", "3", "--camera-distance-m", "0.9", "--mounting", "lying", "--regulator", "none")
 
     def test_what_breaks_a_rule_is_asked_for_again(self):
         terminal = Terminal("new", "--out", self.out)
@@ -146,6 +146,7 @@ class NewOnATerminal(unittest.TestCase):
             ("number of tags", (("1", "--tags is 1; expected 2 to 20"), ("12", "12 tags of 30 mm with their white border do not fit")),
              "4"),
             ("from the arm to the camera", (("0.01", "--camera-distance-m is 0.01; expected 0.1 to 10 m"),), "1"),
+            ("mounting", (("upside down", "upside down is no mounting; expected hanging, standing or lying"),), "standing"),
             ("pressure regulator", (("festo", "--regulator is festo; expected simulated, none, alicat"),), "generic"),
             ("serial device of the regulator", (), "/dev/tty: USB #7"),
         )
@@ -158,14 +159,22 @@ class NewOnATerminal(unittest.TestCase):
                 self.assertEqual(terminal.question(), question, "what Enter keeps is the same")
             terminal.answer(right)
         self.assert_written(terminal, "--muscles", "5", "--length-m", "0.4", "--radius-m", "0.03", "--max-pressure-kpa", "250",
-                            "--tags", "4", "--camera-distance-m", "1", "--regulator", "generic", "--device", "/dev/tty: USB #7")
+                            "--tags", "4", "--camera-distance-m", "1", "--mounting", "standing", "--regulator", "generic", "--device", "/dev/tty: USB #7")
 
     def test_what_options_give_is_not_asked(self):
         terminal = Terminal("new", "--out", self.out, "--muscles", "4", "--tag-size-m", "0")
         questions = terminal.keep_all()
-        self.assertEqual(len(questions), 7, questions)
+        self.assertEqual(len(questions), 8, questions)
         self.assertFalse(any("number of muscles" in question or "tag" in question for question in questions), questions)
         self.assert_written(terminal, "--muscles", "4", "--tag-size-m", "0")
+
+    def test_the_questions_speak_of_the_chambers_of_an_extending_arm(self):
+        terminal = Terminal("new", "--out", self.out, "--chambers")
+        questions = "".join(terminal.keep_all())
+        for words in ("number of chambers per section", "lengthens at its highest pressure", "in kPa (1 to 2000) [100]: "):
+            self.assertIn(words, questions)
+        self.assertNotIn("muscle", questions)
+        self.assert_written(terminal, "--chambers")
 
     def test_enter_keeps_tags_that_fit_the_arm(self):
         for options, size in ((("--muscles", "8"), "0.027"), (("--muscles", "24", "--radius-m", "0.05"), "0.013"),
@@ -215,7 +224,7 @@ class NewOnATerminal(unittest.TestCase):
     def test_a_device_that_does_not_take_the_answers_is_asked_for_again(self):
         terminal = Terminal("new", "--out", self.out, "--max-pressure-kpa", "400", "--tag-size-m", "0")
         terminal.question()
-        for _ in range(6):
+        for _ in range(7):
             terminal.answer()
         self.assertIn("--regulator generic takes 300 kPa at most, and --max-pressure-kpa is 400", terminal.answer("generic"))
         self.assertTrue(terminal.question().startswith("pressure regulator"), terminal.question())

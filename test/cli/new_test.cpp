@@ -56,7 +56,11 @@ TEST_F(New, ArmsOfManyKindsHaveNoFaults) {
       {"--sections", "3", "--muscles", "4", "--defaults"},
       {"--regulator", "generic", "--device", "/dev/ttyUSB7"},
       {"--regulator", "none", "--tag-size-m", "0"},
-      {"--max-pressure-kpa", "517.1", "--contraction", "0.3"}};
+      {"--max-pressure-kpa", "517.1", "--contraction", "0.3"},
+      {"--mounting", "standing", "--sections", "2", "--extending"},
+      {"--mounting", "lying", "--sections", "6"},
+      {"--mounting", "lying", "--chambers", "--muscles", "4"},
+      {"--chambers", "--sections", "2", "--length-m", "0.14", "--muscles", "6"}};
   for (const std::vector<std::string>& kind : kinds) {
     SCOPED_TRACE(kind[0] + " " + kind[1]);
     write(kind);
@@ -176,6 +180,42 @@ TEST_F(New, WhatWasAskedForIsInTheScene) {
   EXPECT_NEAR(scene.arm.lengths(scene.arm.inputAt(1))[0], 0.3, 1e-9);
   EXPECT_EQ(scene.tags->tags.size(), 12u);
   EXPECT_EQ(scene.tags->size, 0.028);
+}
+
+TEST_F(New, TheArmPointsWhereItsMountingSays) {
+  const std::pair<const char*, Eigen::Vector3d> mountings[] = {
+      {"hanging", {0, 0, -1}}, {"standing", {0, 0, 1}}, {"lying", {1, 0, 0}}};
+  for (const auto& [mounting, direction] : mountings) {
+    SCOPED_TRACE(mounting);
+    const io::Scene scene = made({"--defaults", "--mounting", mounting});
+    EXPECT_LT((scene.X_WB.rotation * Eigen::Vector3d::UnitX() - direction).norm(), 1e-9);
+  }
+}
+
+TEST_F(New, AnExtendingArmLengthensAndBendsAwayFromTheMuscleWithPressure) {
+  for (const char* const kind : {"--extending", "--chambers"}) {
+    SCOPED_TRACE(kind);
+    const io::Scene scene =
+        made({kind, "--length-m", "0.4", "--contraction", "0.25", "--tag-size-m", "0"});
+    EXPECT_NEAR(scene.arm.lengths(scene.arm.inputAt(0))[0], 0.4, 1e-9);
+    EXPECT_NEAR(scene.arm.lengths(scene.arm.inputAt(1))[0], 0.5, 1e-9);
+    EXPECT_EQ(scene.arm.actuator(0).limits.upper, 1e5) << "rubber takes less than a braid";
+    // The first one lies at +y.
+    const nlohmann::json bent = resultOf({"forward", out_, "--pressure-kpa", "100,0,0"});
+    EXPECT_LT(bent["tip"]["position_m"][1], -0.05);
+  }
+}
+
+TEST_F(New, ChambersInOneBodyBendLessThanFreeMusclesOnTheirRing) {
+  const auto bendOf = [this](const char* kind) {
+    write({kind, "--radius-m", "0.02", "--tag-size-m", "0"});
+    return resultOf({"forward", out_, "--pressure-kpa", "100,0,0"})["sections"][0]["curvature_rad"]
+        .get<double>();
+  };
+  const double free = bendOf("--extending"), walled = bendOf("--chambers");
+  const double kappa = 1.38e-4, r2 = 0.02 * 0.02;
+  EXPECT_NEAR(walled / free, (r2 / 2 + kappa) / (r2 / 2 + r2 / 4), 1e-3);
+  EXPECT_TRUE(has(contentOf(out_), "separators: 2 "));
 }
 
 }  // namespace

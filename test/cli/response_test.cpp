@@ -49,7 +49,7 @@ TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
 
 TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
   const TemporaryFile series(
-      "trial,time_s,pressure_1_kpa\n1,10,0\n1,10.5,100\n1,11.5,100\n2,3,80\n");
+      "trial,time_s,pressure_1_kpa\nrun A,10,0\nrun A,10.5,100\nrun A,11.5,100\nB,3,80\n");
   const nlohmann::json result =
       run("forward", {"--history", series.path()},
           {"--set", "contractions.planar_muscle.response={rise_time_constant_s: 0.5}"})

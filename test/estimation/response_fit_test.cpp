@@ -176,6 +176,25 @@ TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
   EXPECT_NEAR(fit.response.halfWidth(), truth.halfWidth(), 2e3);
 }
 
+// Creep is neither lag nor play. What stands in for it has errors that a scene can hold.
+TEST(ResponseFit, WhatIsFoundInOneTrialWithCreepHasFiniteErrors) {
+  int found = 0;
+  for (unsigned seed = 0; seed < 40; ++seed) {
+    Series series = levels(lagOf(0.5, 0.5), seed, 400);
+    double slow = 0;
+    for (double& shortening : series.shortening.reshaped()) {
+      slow += -std::expm1(-kStep / 7.0) * (shortening - slow);
+      shortening = 0.4 * shortening + 0.6 * slow;
+    }
+    const ResponseFit fit = fitResponse(series.history, series.shortening);
+    found += fit.lag == ResponseVerdict::kFound || fit.play == ResponseVerdict::kFound;
+    for (const Estimate& estimate : {fit.rise_time, fit.fall_time, fit.reach[0], fit.weight[0]}) {
+      EXPECT_TRUE(std::isfinite(estimate.standard_error)) << "seed " << seed;
+    }
+  }
+  EXPECT_GE(found, 30);
+}
+
 TEST(ResponseFit, TooFewReadingsAreNamed) {
   Series series = levels({}, 1, 10);
   const ResponseFit fit = fitResponse(series.history, series.shortening);

@@ -68,7 +68,19 @@ TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
   std::string text = "a_m\n";
   for (int i = 0; i < 100'000; ++i) text += "x\n";
   const std::string faults = faultsOf(text);
-  EXPECT_NE(faults.find(" has 901 more faults"), std::string::npos) << faults.substr(0, 100);
+  EXPECT_NE(faults.find(" has 996 more faults"), std::string::npos) << faults.substr(0, 100);
+}
+
+TEST(DataSet, AFaultInEveryRowIsToldInAFewLinesWhichHideNoOther) {
+  std::string text = "time_s,speed,trial\n";
+  for (int i = 0; i < 200; ++i) text += "0.1,fast,run A\n";
+  text += "now,fast,run A\n";
+  const std::string told = " column 2 is not a finite number; expected one\n";
+  std::string expected;
+  for (int line = 2; line < 7; ++line) expected += ":" + std::to_string(line) + told;
+  EXPECT_EQ(faultsOf(text), expected +
+                                ":202 time_s is not a finite number; expected one\n"
+                                " has 196 more faults");
 }
 
 // From NIST's vectors of SHA-256, like those of sha256Of().

@@ -98,7 +98,8 @@ TEST(Captures, KindsAreIdentifiedByTheirColumns) {
   EXPECT_EQ(
       test::refusal<io::DocumentError>([&] { kind("a_m,b_m"); }),
       "data.csv has none of the columns that identify its kind of data; expected curvature_rad "
-      "of curvatures, x_m of tag poses, x1_px of tag corners, length_m of free lengths");
+      "of curvatures, x_m of tag poses or a series of the tip, x1_px of tag corners, length_m of "
+      "free lengths: convert what it has, and rename its columns");
   EXPECT_EQ(test::refusal<io::DocumentError>([&] { kind("curvature_rad,x_m"); }),
             "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected only "
             "one of them");

@@ -124,6 +124,15 @@ class CalibrationTest(unittest.TestCase):
             path.write_text(found.scene_text, encoding="utf-8")
             np.testing.assert_allclose(helix_arm.Scene.load(path).tips(self.p), self.truth.tips(self.p), atol=1e-4)
 
+    def test_trials_may_have_names(self):
+        time, step = np.tile(np.arange(80) * 0.1, 2), np.tile(np.repeat([50.0, 250.0, 100.0, 200.0], 20), 2)
+        data = {"time_s": time, "pressure_1_kpa": step, "x_m": 0.3 - step**2 * 1e-7, "y_m": step * 1e-4}
+        named, counted = [self.scene.calibrate({**data, "trial": trial}, fit="response").message
+                          for trial in (["up"] * 80 + ["again"] * 80, np.repeat([1.0, 2.0], 80))]
+        self.assertEqual(named, counted)
+        with self.assertRaisesRegex(helix_arm.DocumentError, "time_s goes back"):
+            self.scene.calibrate({**data, "trial": ["up"] * 160}, fit="response")
+
     def test_says_what_the_data_lack(self):
         found = self.scene.calibrate({"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})
         self.assertFalse(found.success)

@@ -25,8 +25,8 @@ struct SectionLook {
 
 /// All faults of a document, one line per fault: `file:line key value rule`, printable whatever the
 /// document holds (basics::printable()).
-/// The size of the list is limited: the first kMostKept faults are kept, each with at most
-/// kMostBytes, and the others are counted.
+/// The size of the list is limited: the first kMostKept faults are kept, five of those that differ
+/// only in their line, each with at most kMostBytes, and the others are counted.
 class FaultList {
  public:
   static constexpr std::size_t kMostKept = 100;

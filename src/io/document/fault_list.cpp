@@ -1,9 +1,14 @@
 #include "helix_arm/io/fault_list.hpp"
 
+#include <algorithm>
+
 #include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::io {
 namespace {
+
+// So often one fault is told, each time with another line.
+constexpr int kMostAlike = 5;
 
 // Shortened, without cutting a UTF-8 character.
 std::string shortened(const std::string& text, std::size_t most) {
@@ -13,13 +18,22 @@ std::string shortened(const std::string& text, std::size_t most) {
   return text.substr(0, end) + "...";
 }
 
+bool endsWith(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
 }  // namespace
 
 void FaultList::add(int line, const std::string& fault) {
-  if (++count_ > kMostKept) return;
+  ++count_;
+  if (faults_.size() >= kMostKept) return;
   // Whatever a document holds: one fault is one line.
-  faults_.push_back(basics::printable(file_) + (line > 0 ? ":" + std::to_string(line) : "") + " " +
-                    basics::printable(shortened(fault, kMostBytes)));
+  const std::string text = " " + basics::printable(shortened(fault, kMostBytes));
+  // A column of another kind breaks its rule in every row of a table.
+  const auto alike = std::count_if(faults_.begin(), faults_.end(),
+                                   [&text](const auto& kept) { return endsWith(kept, text); });
+  if (alike >= kMostAlike) return;
+  faults_.push_back(basics::printable(file_) + (line > 0 ? ":" + std::to_string(line) : "") + text);
 }
 
 void FaultList::append(const FaultList& other) {
