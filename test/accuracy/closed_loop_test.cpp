@@ -136,15 +136,16 @@ TEST(ClosedLoop, TwentyTipsFromCorners) {
     const char* what;
     std::vector<io::Override> changes;
     double latency, steady_rms, settle_median, settle_worst;  // the last three: at most
-  } cases[] = {{"20 tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
-               {"20 tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
-               {"20 tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
-               {"20 tips, play of 8 kPa to either side",
-                {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
-                FollowPlan().latency,
-                0.001,
-                INFINITY,
-                INFINITY}};
+  } cases[] = {
+      {"20 tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
+      {"20 tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
+      {"20 tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
+      {"20 tips, ideal rig with a play of 8 kPa to either side",
+       {test::kIdealRig, {"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
+       FollowPlan().latency,
+       0.001,
+       INFINITY,
+       INFINITY}};
   for (const auto& one : cases) {
     SCOPED_TRACE(one.what);
     const io::Scene scene = demo(one.changes);
@@ -163,8 +164,9 @@ TEST(ClosedLoop, TwentyTipsFromCorners) {
 TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const std::string lag_and_play =
       "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], play_weight: [0.6]}";
-  const io::Scene unknown = demo({{"simulation.arm.response", lag_and_play}});
-  const io::Scene known = demo({{"contractions.fig3_muscle.response", lag_and_play}});
+  const io::Scene unknown = demo({test::kIdealRig, {"simulation.arm.response", lag_and_play}});
+  const io::Scene known =
+      demo({test::kIdealRig, {"contractions.fig3_muscle.response", lag_and_play}});
   const FollowPlan plan = steps(known, 20, 6);
   const StepFigures with = figuresOf(run(known, plan)),
                     without = figuresOf(procedures::runFollow(unknown, plan));
@@ -382,7 +384,8 @@ TEST(ClosedLoop, TipsFromRenderedPictures) {
   const StepFigures figures =
       printSteps("4 tips, rendered pictures", closed, run(scene, plan, true));
   EXPECT_EQ(figures.reached, 4);
-  EXPECT_LE(figures.steady_rms, 0.0005);
+  // Within 12 s the loop has hardly learnt the strokes.
+  EXPECT_LE(figures.steady_rms, 0.0008);
 }
 
 // A camera that hangs while the arm moves, and sends its last picture with new stamps. A loop that
@@ -443,9 +446,11 @@ io::Scene calibratedOn(const io::Scene& rig) {
 }
 
 // Tags that are misplaced by 1 mm and 1 degree are seen where they are not: no loop can tell, a
-// calibration can.
+// calibration can, if it can describe the arm. It has no parameter for strokes, whose errors it
+// takes for misplaced tags.
 TEST(ClosedLoop, TipsFromRenderedPicturesAfterACalibrationOfThePlacements) {
-  const io::Scene rig = demo({{"simulation.mounts.tag_translation_m", "0.001"},
+  const io::Scene rig = demo({test::kIdealRig,
+                              {"simulation.mounts.tag_translation_m", "0.001"},
                               {"simulation.mounts.tag_rotation_deg", "1"}});
   const io::Scene scene = calibratedOn(rig);
   FollowPlan plan = steps(rig, 4, 3);
@@ -506,7 +511,7 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
   }
 }
 
-// Arms for which the loop was not tuned.
+// Arms for which the loop was not tuned, in their first 24 s: strokes and lag are still learnt.
 TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
   test::Random random(17);
   StepFigures worst;
@@ -534,7 +539,7 @@ TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
       "[  FIGURE  ] the worst of 50 random arms: steady RMS %.2f mm (open loop %.1f mm), "
       "settled after %.2f s in the median, %.2f s at worst\n",
       kMm * worst.steady_rms, kMm * open_worst, worst.settle_median, worst.settle_worst);
-  EXPECT_LE(worst.steady_rms, 0.0005);
+  EXPECT_LE(worst.steady_rms, 0.001);
   EXPECT_LE(worst.settle_median, 1.0);
 }
 

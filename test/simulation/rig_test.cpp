@@ -376,7 +376,8 @@ TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {
   simulation::SimulatedCamera same(setup.view, setup.family, setup.body, setup.config);
   simulation::SimulatedCamera other(setup.view, setup.family, setup.body, setup.config);
   const cv::Mat picture = rig.render().clone();
-  EXPECT_EQ(cv::norm(picture, same.render(TrueArm(loaded, {}).shape(rig.pressure())), cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(picture, same.render(TrueArm(loaded, {}).shape(rig.pressure())), cv::NORM_INF),
+            0);
   EXPECT_GT(cv::norm(picture, other.render(rig.twists()), cv::NORM_INF), 0);
 }
 

@@ -170,9 +170,8 @@ class SimulatedRigNode : public Node {
     const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
     if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
       noteInput();
-      publishTruth(reading->header, [&] {
-        true_arm_.follow(reading->header.stamp.toSec(), *pressure);
-      });
+      publishTruth(reading->header,
+                   [&] { true_arm_.follow(reading->header.stamp.toSec(), *pressure); });
     } else {
       drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
     }
