@@ -109,8 +109,8 @@ class Loop(CommanderCase):
             return force @ (place(truth.tip.position) - place(free.tip.position))
 
         self.assertGreater(along(pulled), 0)
-        # The demo's mode has a damping of 0.2, which overshoots by half of the step.
-        self.assertGreater(max(map(along, self.truth[first:])), 1.3 * along(pulled))
+        # Bends overshoot by half of their step, at the demo's damping of 0.2; shear, the larger part, is there at once.
+        self.assertGreater(max(map(along, self.truth[first:])), 1.05 * along(pulled))
         push([0, 0, -0.2], torque=0.01)
         self.assertTrue(self.rig.prints("~tip_force: the torque is (0.01, 0, 0) N m"), self.rig.output())
         self.assertLess(distance(at_rest(), pulled), 1e-5, "it stays")
