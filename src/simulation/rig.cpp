@@ -208,14 +208,48 @@ void Swing::step(const model::Shape& rest, double dt) {
   shape_ = rest.about(goal + moved);
 }
 
-SimulatedRig::SimulatedRig(const statics::ArmModel& model,
-                           const regulator::SimulatedRegulatorConfig& regulator_config,
-                           const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
+MovingArm::MovingArm(const statics::ArmModel& model, const ArmDeviation& deviation)
     : arm_(model, deviation),
-      regulator_(model.arm().actuatorCount(), regulator_config),
       response_(model.arm(), deviation.response),
       dead_time_(deviation.dead_time) {
   if (deviation.mode) swing_.emplace(*deviation.mode, model.arm().restLength());
+}
+
+const Eigen::VectorXd& MovingArm::arrived(const model::InputRef& pressure, double dt) {
+  if (std::isinf(dt)) on_the_way_.clear();
+  if (std::isfinite(dt)) time_ += dt;
+  on_the_way_.emplace_back(time_, pressure);
+  while (on_the_way_.size() > 1 && on_the_way_[1].first <= time_ - dead_time_) {
+    on_the_way_.pop_front();
+  }
+  return on_the_way_.front().second;
+}
+
+void MovingArm::step(const model::InputRef& pressure, double dt) {
+  response_.step(arrived(pressure, dt), dt);
+  if (swing_) swing_->step(arm_.shape(response_.effective()), dt);
+}
+
+void MovingArm::follow(double time, const model::InputRef& pressure) {
+  if (last_reading_ && time < *last_reading_) {
+    response_.restart();
+    on_the_way_.clear();
+    if (swing_) swing_->restart();
+    last_reading_.reset();
+  }
+  const double dt = time - last_reading_.value_or(time);
+  last_reading_ = time;
+  step(pressure, dt);
+}
+
+model::Shape MovingArm::shape() const {
+  return swing_ ? swing_->shape() : arm_.shape(response_.effective());
+}
+
+SimulatedRig::SimulatedRig(const statics::ArmModel& model,
+                           const regulator::SimulatedRegulatorConfig& regulator_config,
+                           const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
+    : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
   step(0.0);  // vented
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
@@ -234,23 +268,10 @@ void SimulatedRig::setTipForce(const Eigen::Vector3d& force) {
 void SimulatedRig::step(double dt) {
   regulator_.step(dt);
   if (plant_) return plant_->step(dt, regulator_.pressure(), plant_force_);
-  time_ += dt;
-  if (dead_time_ > 0) {
-    on_the_way_.emplace_back(time_, regulator_.pressure());
-    while (on_the_way_.size() > 1 && on_the_way_[1].first <= time_ - dead_time_) {
-      on_the_way_.pop_front();
-    }
-    response_.step(on_the_way_.front().second, dt);
-  } else {
-    response_.step(regulator_.pressure(), dt);
-  }
-  if (swing_) swing_->step(arm_.shape(response_.effective()), dt);
+  arm_.step(regulator_.pressure(), dt);
 }
 
-model::Shape SimulatedRig::shape() const {
-  if (plant_) return plant_->shape();
-  return swing_ ? swing_->shape() : arm_.shape(response_.effective());
-}
+model::Shape SimulatedRig::shape() const { return plant_ ? plant_->shape() : arm_.shape(); }
 
 const cv::Mat& SimulatedRig::render() {
   if (!camera_) throw std::logic_error("simulated rig: there is no camera to render with");

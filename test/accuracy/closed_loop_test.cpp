@@ -1,5 +1,5 @@
 // The loop over vision on the simulated rig of `demo`, in lockstep: errors of the true tip, the
-// open loop beside the closed one.
+// open loop beside the closed one. docs/closed_loop.md quotes the lines marked FIGURE.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,6 +15,7 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
+#include "support/ideal_rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 
@@ -135,14 +136,16 @@ TEST(ClosedLoop, TwentyTipsFromCorners) {
     const char* what;
     std::vector<io::Override> changes;
     double latency, steady_rms, settle_median, settle_worst;  // the last three: at most
-  } cases[] = {{"20 tips, corners", {}, FollowPlan().latency, 0.0003, 0.7, 1.0},
-               {"20 tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
-               {"20 tips, play of 8 kPa to either side",
-                {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
-                FollowPlan().latency,
-                0.001,
-                INFINITY,
-                INFINITY}};
+  } cases[] = {
+      {"20 tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
+      {"20 tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
+      {"20 tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
+      {"20 tips, ideal rig with a play of 8 kPa to either side",
+       {test::kIdealRig, {"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
+       FollowPlan().latency,
+       0.001,
+       INFINITY,
+       INFINITY}};
   for (const auto& one : cases) {
     SCOPED_TRACE(one.what);
     const io::Scene scene = demo(one.changes);
@@ -161,8 +164,9 @@ TEST(ClosedLoop, TwentyTipsFromCorners) {
 TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const std::string lag_and_play =
       "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], play_weight: [0.6]}";
-  const io::Scene unknown = demo({{"simulation.arm.response", lag_and_play}});
-  const io::Scene known = demo({{"contractions.fig3_muscle.response", lag_and_play}});
+  const io::Scene unknown = demo({test::kIdealRig, {"simulation.arm.response", lag_and_play}});
+  const io::Scene known =
+      demo({test::kIdealRig, {"contractions.fig3_muscle.response", lag_and_play}});
   const FollowPlan plan = steps(known, 20, 6);
   const StepFigures with = figuresOf(run(known, plan)),
                     without = figuresOf(procedures::runFollow(unknown, plan));
@@ -199,9 +203,9 @@ TEST(ClosedLoop, CreepThatTheSceneKnowsIsMadeUpFor) {
   EXPECT_TRUE(result.alarms.empty());
 }
 
-// A true arm that the filter's parameters do not describe but for strokes and a lag: strokes off by
-// 5 %, uneven stiffness, play, a lag that the scene does not tell, and a mode of vibration. At 1.5
-// Hz the first steps ring, until their pictures have shown the mode; later ones are shaped.
+// The demo's rig with other modes of vibration. The filter's parameters do not describe it but for
+// strokes and a lag. At 1.5 Hz the first steps ring, until their pictures have shown the mode;
+// later ones are shaped.
 struct SwingingArm {
   const char* name;
   double frequency, damping;         // [Hz]
@@ -216,12 +220,7 @@ TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
   const SwingingArm& swinging = GetParam();
   const std::string mode = "{frequency_hz: " + std::to_string(swinging.frequency) +
                            ", damping: " + std::to_string(swinging.damping) + "}";
-  const io::Scene scene = demo({{"simulation.arm.stroke_scales", "[1.05, 0.96, 1.02]"},
-                                {"simulation.arm.stiffness_scales", "[1.05, 0.97, 1.0]"},
-                                {"simulation.arm.response",
-                                 "{rise_time_constant_s: 0.1, fall_time_constant_s: 0.1, "
-                                 "play_kpa: [4], play_weight: [0.7]}"},
-                                {"simulation.arm.mode", mode}});
+  const io::Scene scene = demo({{"simulation.arm.mode", mode}});
   const FollowResult result = procedures::runFollow(scene, steps(scene, 40, 4));
   const StepFigures figures = figuresOf(result, swinging.first);
   std::printf("[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, %zu alarms",
@@ -326,13 +325,14 @@ struct Drawing {
   const char* name;
   TipShape shape;
   double period;
-  double most;  // RMS [m]
+  double most;         // RMS [m]
+  bool ideal = false;  // of the rig
 };
 
 class ClosedLoopPath : public testing::TestWithParam<Drawing> {};
 
 TEST_P(ClosedLoopPath, IsDrawn) {
-  const io::Scene scene = demo();
+  const io::Scene scene = GetParam().ideal ? demo({test::kIdealRig}) : demo();
   const FollowPlan plan = shape(scene, GetParam().shape, GetParam().period);
   const FollowResult closed = run(scene, plan), open = run(scene, plan, true);
   std::printf("[  FIGURE  ] %s in %.0f s: RMS %.2f mm, most %.2f mm (open loop %.1f mm)\n",
@@ -341,16 +341,19 @@ TEST_P(ClosedLoopPath, IsDrawn) {
   EXPECT_LE(closed.figures.path_rms.value(), GetParam().most);
 }
 
-INSTANTIATE_TEST_SUITE_P(Shapes, ClosedLoopPath,
-                         testing::Values(Drawing{"circle", TipShape::kCircle, 20, 0.0005},
-                                         Drawing{"circle", TipShape::kCircle, 8, 0.0006},
-                                         Drawing{"circle", TipShape::kCircle, 4, 0.0011},
-                                         Drawing{"square", TipShape::kSquare, 12, 0.001},
-                                         Drawing{"lemniscate", TipShape::kLemniscate, 12, 0.001}),
-                         [](const auto& drawing) {
-                           return drawing.param.name +
-                                  std::to_string(static_cast<int>(drawing.param.period));
-                         });
+INSTANTIATE_TEST_SUITE_P(
+    Shapes, ClosedLoopPath,
+    testing::Values(Drawing{"circle", TipShape::kCircle, 20, 0.001},
+                    Drawing{"circle", TipShape::kCircle, 8, 0.002},
+                    Drawing{"circle", TipShape::kCircle, 4, 0.003},
+                    Drawing{"square", TipShape::kSquare, 12, 0.002},
+                    Drawing{"lemniscate", TipShape::kLemniscate, 12, 0.002},
+                    Drawing{"ideal_circle", TipShape::kCircle, 20, 0.0005, true},
+                    Drawing{"ideal_circle", TipShape::kCircle, 8, 0.0006, true},
+                    Drawing{"ideal_circle", TipShape::kCircle, 4, 0.0011, true}),
+    [](const auto& drawing) {
+      return drawing.param.name + std::to_string(static_cast<int>(drawing.param.period));
+    });
 
 TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
   const io::Scene scene = demo();
@@ -398,7 +401,8 @@ TEST(ClosedLoop, TipsFromRenderedPictures) {
   const StepFigures figures =
       printSteps("4 tips, rendered pictures", closed, run(scene, plan, true));
   EXPECT_EQ(figures.reached, 4);
-  EXPECT_LE(figures.steady_rms, 0.0005);
+  // Within 12 s the loop has hardly learnt the strokes.
+  EXPECT_LE(figures.steady_rms, 0.0008);
 }
 
 // A camera that hangs while the arm moves, and sends its last picture with new stamps. A loop that
@@ -459,9 +463,11 @@ io::Scene calibratedOn(const io::Scene& rig) {
 }
 
 // Tags that are misplaced by 1 mm and 1 degree are seen where they are not: no loop can tell, a
-// calibration can.
+// calibration can, if it can describe the arm. It has no parameter for strokes, whose errors it
+// takes for misplaced tags.
 TEST(ClosedLoop, TipsFromRenderedPicturesAfterACalibrationOfThePlacements) {
-  const io::Scene rig = demo({{"simulation.mounts.tag_translation_m", "0.001"},
+  const io::Scene rig = demo({test::kIdealRig,
+                              {"simulation.mounts.tag_translation_m", "0.001"},
                               {"simulation.mounts.tag_rotation_deg", "1"}});
   const io::Scene scene = calibratedOn(rig);
   FollowPlan plan = steps(rig, 4, 3);
@@ -522,7 +528,7 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
   }
 }
 
-// Arms for which the loop was not tuned.
+// Arms for which the loop was not tuned, in their first 24 s: strokes and lag are still learnt.
 TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
   test::Random random(17);
   StepFigures worst;
@@ -550,7 +556,7 @@ TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
       "[  FIGURE  ] the worst of 50 random arms: steady RMS %.2f mm (open loop %.1f mm), "
       "settled after %.2f s in the median, %.2f s at worst\n",
       kMm * worst.steady_rms, kMm * open_worst, worst.settle_median, worst.settle_worst);
-  EXPECT_LE(worst.steady_rms, 0.0005);
+  EXPECT_LE(worst.steady_rms, 0.001);
   EXPECT_LE(worst.settle_median, 1.0);
 }
 

@@ -78,6 +78,8 @@ class Swing {
   Swing(const SwingMode& mode, double length) : mode_(mode), length_(length) {}
   /// Advances by dt >= 0 [s] while the arm tends to this shape. The first one is where it starts.
   void step(const model::Shape& rest, double dt);
+  /// Lets the next shape be where it starts.
+  void restart() { shape_ = {}; }
   /// After the first step.
   const model::Shape& shape() const { return shape_; }
 
@@ -86,6 +88,35 @@ class Swing {
   double length_;
   model::Shape shape_;
   model::Twists rate_;  // (6 x sections) per second
+};
+
+/// A true arm in motion: it follows its pressures with a dead time and a response, and swings about
+/// the shape that balances them and the load. It has no clock.
+class MovingArm {
+ public:
+  /// @param model  of the scene's arm. Throws as TrueArm().
+  MovingArm(const statics::ArmModel& model, const ArmDeviation& deviation);
+
+  /// As TrueArm::setTipForce(), and throws as it does.
+  void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
+  /// Follows pressures (n) [Pa] that hold for dt >= 0 [s]; infinity is a rest. Throws as shape().
+  void step(const model::InputRef& pressure, double dt);
+  /// Follows finite pressures (n) [Pa] read at a time [s], which hold since the last ones. A time
+  /// that goes back starts anew. Throws as shape().
+  void follow(double time, const model::InputRef& pressure);
+  /// The current shape, after the first step. Throws as TrueArm::shape() does.
+  model::Shape shape() const;
+
+ private:
+  const Eigen::VectorXd& arrived(const model::InputRef& pressure, double dt);
+
+  TrueArm arm_;
+  model::ArmResponse response_;
+  double dead_time_;
+  double time_ = 0.0;                                          // the sum of the steps [s]
+  std::deque<std::pair<double, Eigen::VectorXd>> on_the_way_;  // pressures that the arm has not yet
+  std::optional<Swing> swing_;
+  std::optional<double> last_reading_;  // its time [s]
 };
 
 /// Configuration of the camera of a simulated rig.
@@ -112,8 +143,6 @@ class SimulatedRig {
   /// at the tip, and tells the shape.
   void takeArm(std::unique_ptr<Plant> plant) { plant_ = std::move(plant); }
 
-  /// Of the scene, if no plant stands in for it.
-  const TrueArm& trueArm() const { return arm_; }
   bool hasCamera() const { return camera_.has_value(); }
 
   /// Sets the set points: (n) gauge, finite [Pa]. Throws as SimulatedRegulator::command() does.
@@ -138,14 +167,9 @@ class SimulatedRig {
   const cv::Mat& render();
 
  private:
-  TrueArm arm_;
+  MovingArm arm_;
   regulator::SimulatedRegulator regulator_;
-  model::ArmResponse response_;
-  double dead_time_;
-  double time_ = 0.0;                                          // [s]
-  std::deque<std::pair<double, Eigen::VectorXd>> on_the_way_;  // pressures that the arm has not yet
-  std::optional<Swing> swing_;
-  std::unique_ptr<Plant> plant_;  // null: arm_, response_ and swing_
+  std::unique_ptr<Plant> plant_;  // null: arm_
   Eigen::Vector3d plant_force_ = Eigen::Vector3d::Zero();
   std::optional<SimulatedCamera> camera_;
 };

@@ -5,7 +5,6 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
@@ -74,7 +73,6 @@ class SimulatedRigNode : public Node {
   SimulatedRigNode()
       : scene_(requirePneumatic(io::loadScene(options_.scene))),
         true_arm_(scene_.model, scene_.simulation.arm),
-        response_(scene_.arm, scene_.simulation.arm.response),
         command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
         last_step_(ros::SteadyTime::now()),
         last_input_(last_step_),
@@ -88,7 +86,6 @@ class SimulatedRigNode : public Node {
       }
       warnOfShortSupply(scene_);
       regulator_.emplace(scene_.arm.actuatorCount(), *simulated);
-      response_.step(regulator_->pressure(), 0);  // vented
     }
     if (options_.time_factor > 0) {
       const ros::WallTime start = ros::WallTime::now();
@@ -172,9 +169,9 @@ class SimulatedRigNode : public Node {
   void onReading(const PressureArrayConstPtr& reading) {
     const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
     if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      response_.follow(reading->header.stamp.toSec(), *pressure);
       noteInput();
-      publishTruth(reading->header);
+      publishTruth(reading->header,
+                   [&] { true_arm_.follow(reading->header.stamp.toSec(), *pressure); });
     } else {
       drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
     }
@@ -192,10 +189,9 @@ class SimulatedRigNode : public Node {
     noteSilence(now);
     if (!regulator_) return;
     regulator_->step(dt);
-    response_.step(regulator_->pressure(), dt);
     std_msgs::Header header = toHeaderMsg(options_.time_factor > 0 ? clock_ : ros::Time::now());
     measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_->measure()));
-    publishTruth(header);
+    publishTruth(header, [this, dt] { true_arm_.step(regulator_->pressure(), dt); });
   }
 
   static void drop(const std::string& topic, const std::string& fault, FaultCount& count) {
@@ -228,11 +224,13 @@ class SimulatedRigNode : public Node {
                regulator_ ? "the regulator vents by itself" : "no picture until the next one");
   }
 
-  /// The arm at its present effective pressures.
-  void publishTruth(std_msgs::Header header) {
+  /// The arm after a step.
+  template <class Step>
+  void publishTruth(std_msgs::Header header, const Step& step) {
     std::optional<Moment> moment;
     try {
-      moment = Moment{header.stamp, true_arm_.shape(response_.effective())};
+      step();
+      moment = Moment{header.stamp, true_arm_.shape()};
     } catch (const std::runtime_error& fault) {
       if (no_truths_.add()) {
         logWarning(
@@ -304,14 +302,13 @@ class SimulatedRigNode : public Node {
   const SimulatedRigOptions options_{};
   const io::Scene scene_;
   std::optional<regulator::SimulatedRegulator> regulator_;  ///< with ~regulator scene
-  simulation::TrueArm true_arm_;
-  model::ArmResponse response_;  // of the true arm
-  Eigen::VectorXd command_;      ///< in force, inside the limits [Pa]
-  ros::SteadyTime last_step_;    ///< of the regulator
-  ros::SteadyTime last_input_;   ///< last command, or last reading
-  bool silent_;                  ///< none arrives; the regulator is vented
-  bool heard_ = false;           ///< one has arrived
-  ros::Time clock_;              ///< if ~time_factor is set
+  simulation::MovingArm true_arm_;
+  Eigen::VectorXd command_;     ///< in force, inside the limits [Pa]
+  ros::SteadyTime last_step_;   ///< of the regulator
+  ros::SteadyTime last_input_;  ///< last command, or last reading
+  bool silent_;                 ///< none arrives; the regulator is vented
+  bool heard_ = false;          ///< one has arrived
+  ros::Time clock_;             ///< if ~time_factor is set
   FaultCount bad_inputs_, bad_forces_, no_truths_;
 
   ros::NodeHandle node_, private_node_{"~"};
