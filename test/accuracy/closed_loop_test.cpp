@@ -190,8 +190,8 @@ TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
 TEST(ClosedLoop, CreepThatTheSceneKnowsIsMadeUpFor) {
   const std::string creep =
       "{rise_time_constant_s: 0.3, slow_time_constant_s: 7, slow_weight: 0.4}";
-  const io::Scene known = demo({{"contractions.fig3_muscle.response", creep}});
-  const io::Scene unknown = demo({{"simulation.arm.response", creep}});
+  const io::Scene known = demo({test::kIdealRig, {"contractions.fig3_muscle.response", creep}});
+  const io::Scene unknown = demo({test::kIdealRig, {"simulation.arm.response", creep}});
   const FollowPlan plan = steps(known, 20, 6);
   const FollowResult result = procedures::runFollow(known, plan);
   const StepFigures with = figuresOf(result),
