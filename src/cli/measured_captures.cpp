@@ -8,6 +8,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -468,8 +469,8 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
                                        "check load and stiffness of the scene")}};
   report.update(residualJson(found.all));
   report["trials"] = trials;
-  report["png"] = textOrNull(options.png);
-  if (!options.png.empty()) {
+  report["png"] = solved ? textOrNull(options.png) : json();
+  if (!options.png.empty() && solved) {
     procedures::drawReport(plotOf(scene, tips, found).dump(), options.png, "leave out --png");
   }
   const auto table = [&] {
@@ -478,7 +479,7 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
     return CsvTable(trials, {"trial", "rows", "rms_m", "rms_without_offset_m", "worst_m",
                              "rms_at_rest_m", "rms_in_motion_m", "offset_m"});
   };
-  printResult(format, report, table);
+  printResult(format, report, table, report);
   return solved ? kDone : kNotPossible;
 }
 
