@@ -36,6 +36,8 @@ constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 constexpr double kLagStep = 0.01;  // of differences [s]
 // Error of the swing in a picture, relative to its peak; it persists, as that of a mode does.
 constexpr double kSwingError = 2.0;
+// Root mean square of a swing, relative to its peak.
+constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
@@ -622,15 +624,15 @@ struct VisualServo::Workspace {
     return out;
   }
 
-  // What the swing may err in a picture (6 sections x 6 sections).
-  Eigen::MatrixXd swingNoise() const {
+  // Covariance of twists (6 sections x 6 sections) by a swing of this part of its peak.
+  Eigen::MatrixXd swingNoise(double part) const {
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
     const auto& step = tracker.lastStep();
     if (!mode || !step) return out;
     Eigen::MatrixXd by_peak =
         Eigen::MatrixXd::Zero(step->model.by_lengths.rows(), arm.actuatorCount());
     by_peak(bending, Eigen::all) =
-        kSwingError * step->model.by_lengths(bending, Eigen::all) * swing.peak().asDiagonal();
+        part * step->model.by_lengths(bending, Eigen::all) * swing.peak().asDiagonal();
     out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
     return out;
   }
@@ -694,6 +696,7 @@ struct VisualServo::Workspace {
 
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
   double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
+  double seen_at = 0.0;  // stamp of the last accepted picture [s]
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   DivergenceWatch divergence;
@@ -855,7 +858,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                            w.at_picture.pressure,
                                            w.at_picture.variance,
                                            w.atRest(twists),
-                                           covariance + w.swingNoise(),
+                                           covariance + w.swingNoise(kSwingError),
                                            w.at_lag,
                                            w.by_lag,
                                            w.bends_by_lag};
@@ -875,12 +878,36 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   w.response.setLag(w.tracker.lag());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
+  w.seen_at = stamp;
   const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.tip_deviation = largestDeviation(tip_covariance);
   if (w.tracks(now)) w.learn();
   w.compare(stamp, now, input.pressure, twists);
   return out;
+}
+
+std::optional<Prediction> VisualServo::prediction() const {
+  const Workspace& w = *work_;
+  if (!w.observer.started()) return std::nullopt;
+  control::PressureObserver::Estimate at = w.observer.newest();
+  double lag = 0.0;
+  Eigen::VectorXd by_lag(at.pressure.size());
+  w.response.apply(w.observer.time(), at, lag, by_lag);
+  auto shape = w.tracker.shape(at.pressure);
+  if (!shape) return std::nullopt;
+  // The creep of the tracker serves the control: no arm creeps as fast. During a contact the watch
+  // knows the arm without the force.
+  const estimation::ArmFilter& filter = w.contact.load().contact ? w.tracker : w.watch;
+  Eigen::MatrixXd covariance = filter.twistCovariance(std::max(0.0, w.observer.time() - w.seen_at));
+  covariance += w.swingNoise(kSwingSpread);
+  if (const auto& step = filter.lastStep()) {
+    const Eigen::MatrixXd& H_p = step->model.by_pressure;
+    const Eigen::VectorXd variance = at.variance + filter.changeVariance(at.pressure);
+    covariance(filter.rows(), filter.rows()) += H_p * variance.asDiagonal() * H_p.transpose();
+  }
+  const Eigen::Matrix3d tip = estimation::tipCovariance(*shape, covariance);
+  return Prediction{std::move(*shape), std::move(covariance), tip};
 }
 
 LoopState VisualServo::state() const { return work_->turn.state; }

@@ -378,6 +378,9 @@ class FollowRun {
     if (measured && measured->stamp > last_stamp_) {
       row.measured = measured->tip.translation;
       row.measured_time = last_stamp_ = measured->stamp;
+      if (const auto prediction = loop_.prediction()) {
+        row.predicted_covariance = prediction->tip_covariance;
+      }
     }
     if (turn.predicted) row.predicted = turn.predicted->translation;
     row.pressure = lockstep_.rig().pressure();

@@ -101,7 +101,7 @@ bool ErrorBudget::update(const ArmFilter& filter, const ArmFilter::Input& pictur
 
   TipErrorBudget out;
   out.time = picture.time;
-  addKnown(filter, *model, *shape, picture.variance, out);
+  addKnown(filter, *model, *shape, picture.variance + filter.changeVariance(picture.pressure), out);
   set(out, BudgetPart::kPlacement, tipCovariance(*shape, slow_->placement));
   set(out, BudgetPart::kCamera, tipCovariance(*shape, picture.covariance));
   out.predicted.covariance = sumOf(out);

@@ -163,7 +163,7 @@ struct LoadForks::Workspace {
     for (std::size_t i = 0; i < forks.size(); ++i) {
       Fork& fork = forks[i];
       for (LoadFork* one : {&fork.origin, &fork.state}) {
-        one->predict(step, options.creep);
+        one->predict(step, creep);
         one->growBias(step.play_growth);
       }
       fork.state.update(fork.state.expect(step, by_force));
@@ -183,7 +183,7 @@ struct LoadForks::Workspace {
     };
     forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
     if (pictures % kForkPeriod == 0) {
-      const LoadFork fork(watch.state(), options.deviation);
+      const LoadFork fork(watch.state(), deviation);
       const bool agrees = !beyond && !drift.doubtful;
       forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
     }
@@ -202,7 +202,7 @@ struct LoadForks::Workspace {
   // Estimates magnitude and position of the force, and detects its end.
   void follow(double time, const ArmFilter::Step& step, const std::vector<int>& rows,
               TipCompliance& compliance) {
-    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, options.creep);
+    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, creep);
     if (!isUsable(step, compliance.atTip()(rows, Eigen::all))) return;
     for (std::size_t i = 0; i < hypotheses.size(); ++i) {
       Hypothesis& hypothesis = hypotheses[i];
@@ -231,7 +231,7 @@ struct LoadForks::Workspace {
     if (++outliers <= kMostOutliers) return false;
     outliers = 0;
     renewed = true;
-    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(options.deviation);
+    for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(deviation);
     return true;
   }
 
@@ -365,8 +365,9 @@ struct LoadForks::Workspace {
   }
 
   LoadForksOptions options;
-  std::vector<Fork> forks;             // oldest first
-  std::vector<Hypothesis> hypotheses;  // during contact, one per position; the last is the tip
+  double deviation = 0.0, creep = 0.0;  // of forces on this arm [N], [N s^-1/2]
+  std::vector<Fork> forks;              // oldest first
+  std::vector<Hypothesis> hypotheses;   // during contact, one per position; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
   int outliers = 0;  // consecutive, during contact
@@ -395,6 +396,11 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
                     bool still, ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
+  // Of a soft arm they are small in proportion. Otherwise a force at its tip would be expected to
+  // move it more than one at its base does, and an arm that stays would look held at its base.
+  const double softness = compliance.stiffness() / TipCompliance::kTypicalStiffness;
+  w.deviation = softness * w.options.deviation;
+  w.creep = softness * w.options.creep;
   ++w.pictures;
   w.seen_time += std::min(watch.lastStep()->dt, kLongestGap);
   if (w.load.contact) {

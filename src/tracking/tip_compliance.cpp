@@ -101,6 +101,7 @@ struct TipCompliance::Workspace {
   explicit Workspace(const statics::ArmModel& given)
       : load(loadOf(given)),
         normalised(!given.load()),
+        stiffness(*std::min_element(load.K_eps.begin(), load.K_eps.end())),
         places(placesOn(given)),
         order(std::max(statics::kLeastOrder, given.choice().setting.order)),
         corrected(given),
@@ -132,7 +133,7 @@ struct TipCompliance::Workspace {
       fits = unforced && fit && fit->lineariseAt(*unforced, tags);
     }
     if (!unforced || (fit && !fits)) return out;
-    const double step = kForceStep * *std::min_element(with.K_eps.begin(), with.K_eps.end());
+    const double step = kForceStep * corrected.correction().K_eps_factor * stiffness;
     out.complete = true;
     with.points.push_back({});
     with.points.back().section = place.section;
@@ -179,6 +180,7 @@ struct TipCompliance::Workspace {
 
   const statics::Load load;  // with nominal K_eps
   const bool normalised;
+  const double stiffness;  // least nominal K_eps [N]
   const std::vector<ForcePlace> places;
   const int order;  // that of the model, else a soft arm may find no balance
   statics::CorrectedModel corrected;
@@ -208,6 +210,7 @@ TipCompliance::TipCompliance(TipCompliance&&) noexcept = default;
 TipCompliance& TipCompliance::operator=(TipCompliance&&) noexcept = default;
 
 bool TipCompliance::normalised() const { return work_->normalised; }
+double TipCompliance::stiffness() const { return work_->stiffness; }
 const std::vector<ForcePlace>& TipCompliance::places() const { return work_->places; }
 
 void TipCompliance::moveTo(const Eigen::VectorXd& pressure, const statics::Correction& correction,

@@ -1,10 +1,12 @@
 // The loop over vision on the simulated rig of `demo`, in lockstep: errors of the true tip, the
 // open loop beside the closed one. docs/closed_loop.md quotes the lines marked FIGURE.
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -247,6 +249,67 @@ INSTANTIATE_TEST_SUITE_P(
                     SwingingArm{
                         "one_and_a_half_hz", 1.5, 0.05, 10, 0.0012, 2.0, {0.0015, 0.002, 0.004}}),
     [](const auto& swinging) { return std::string(swinging.param.name); });
+
+// Random rigs that swing, with play, lag, strokes and stiffness that the scene does not know: how
+// often the true tip is within the ellipsoid of 95 % about the predicted one.
+TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
+  constexpr double kLearnt = 5.0, kMoves = 0.01, kRests = 0.002;  // [s], [m/s]
+  constexpr std::size_t kBefore = 5;                              // rows
+  struct {
+    int rows = 0, inside = 0;
+    double error2 = 0;
+  } moving, rest;
+  test::Random random(8);
+  const auto factors = [&random](double deviation) {
+    std::string out;
+    for (int i = 0; i < 3; ++i) {
+      out += (i > 0 ? ", " : "") + std::to_string(random.uniform(1 - deviation, 1 + deviation));
+    }
+    return "[" + out + "]";
+  };
+  for (unsigned seed = 1; seed <= 10; ++seed) {
+    const io::Scene scene =
+        demo({{"simulation.arm.stroke_scales", factors(0.05)},
+              {"simulation.arm.stiffness_scales", factors(0.05)},
+              {"simulation.arm.K_gamma_scale", std::to_string(random.uniform(0.6, 1.4))},
+              {"simulation.arm.K_kappa_scale", std::to_string(random.uniform(0.7, 1.3))},
+              {"simulation.arm.response",
+               "{rise_time_constant_s: 0.1, fall_time_constant_s: 0.1, play_kpa: [4], "
+               "play_weight: [0.7]}"},
+              {"simulation.arm.mode", "{frequency_hz: 3, damping: 0.2}"}});
+    FollowPlan tips, circle = shape(scene, TipShape::kCircle, 8);
+    tips.tips = randomTips(scene.model, 6, seed);
+    tips.seconds = 18;
+    tips.seed = circle.seed = seed;
+    for (const FollowPlan& plan : {tips, circle}) {
+      const std::vector<procedures::FollowRow> rows = procedures::runFollow(scene, plan).rows;
+      for (std::size_t k = kBefore; k < rows.size(); ++k) {
+        const procedures::FollowRow& row = rows[k];
+        if (row.time < kLearnt || !row.predicted_covariance) continue;
+        const double speed = (row.true_tip - rows[k - kBefore].true_tip).norm() /
+                             (row.time - rows[k - kBefore].time);
+        if (speed > kRests && speed < kMoves) continue;
+        auto& counted = speed < kMoves ? rest : moving;
+        const Eigen::Vector3d error = row.true_tip - *row.predicted;
+        constexpr double kChiSquare95 = 7.815;  // of 3 degrees
+        ++counted.rows;
+        counted.inside += error.dot(row.predicted_covariance->ldlt().solve(error)) < kChiSquare95;
+        counted.error2 += error.squaredNorm();
+      }
+    }
+  }
+  for (const auto& [what, one] : {std::pair("moving", moving), {"at rest", rest}}) {
+    const double share = static_cast<double>(one.inside) / one.rows;
+    std::printf(
+        "[  FIGURE  ] the predicted tip %s errs by %.2f mm RMS, and is within its ellipsoid of 95 "
+        "%% "
+        "in %.1f %%\n",
+        what, kMm * std::sqrt(one.error2 / one.rows), 100 * share);
+    EXPECT_GT(one.rows, 1000);
+    EXPECT_GE(share, 0.9) << what;
+    EXPECT_LE(share, 0.98) << what;
+  }
+}
 
 // An arm of discs with inertia, which shares no code with the rig: its strokes are off by up to 10
 // %, its stiffness is uneven and grows with pressure, K_gamma, K_kappa, lag, play and dead time are

@@ -54,6 +54,14 @@ struct Turn {
   bool held = false;
 };
 
+/// Shape of the corrected model at the present pressures, and how uncertain it is. The placements
+/// of tags and base, which no filter sees, add to that: see TipErrorBudget.
+struct Prediction {
+  model::Shape shape;
+  Eigen::MatrixXd covariance;      ///< (6 sections x 6 sections) of its mean twists
+  Eigen::Matrix3d tip_covariance;  ///< of its tip's position, base frame [m^2]
+};
+
 /// Brings the tip where it is wanted, by comparing each measured shape with the model at the
 /// pressures of the same instant and aiming with the corrected model: internal model control. There
 /// is no integrator on the tip's error, so nothing winds up.
@@ -106,6 +114,8 @@ class VisualServo {
                                   const Eigen::MatrixXd& covariance,
                                   const std::optional<std::vector<int>>& tags = std::nullopt);
 
+  /// As of the last turn; nothing before the first one, or if no shape balances the load.
+  std::optional<Prediction> prediction() const;
   LoopState state() const;
   const Turn& turn() const;  ///< the last one
   const control::PressureObserver& observer() const;

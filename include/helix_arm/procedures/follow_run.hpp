@@ -56,6 +56,8 @@ struct FollowRow {
   std::optional<Eigen::Vector3d> measured;
   double measured_time;
   std::optional<Eigen::Vector3d> predicted;
+  /// Of `predicted`, without the placements, in rows with `measured`: see follow::Prediction [m^2].
+  std::optional<Eigen::Matrix3d> predicted_covariance;
   Eigen::VectorXd pressure;  ///< (n) true, gauge [Pa]
   follow::LoopState state;
   std::optional<double> path_time;  ///< since the path's start [s]

@@ -125,6 +125,10 @@ class ArmFilter {
   /// Covariance of the corrected twists (6 sections x 6 sections) near the pressures of the last
   /// picture, `elapsed` >= 0 [s] after it.
   Eigen::MatrixXd twistCovariance(double elapsed) const;
+  /// (n) variance by which unknown play, lags and vibrations let effective pressures differ from
+  /// pressures (n) [Pa]: grows with their change since about ArmFilterOptions::settling_time before
+  /// the last picture; 0 without one [Pa^2].
+  Eigen::VectorXd changeVariance(const Eigen::VectorXd& pressure) const;
   /// (d) standard deviations of b at the start.
   const Eigen::VectorXd& biasDeviation() const;
   /// Nothing before the first picture.

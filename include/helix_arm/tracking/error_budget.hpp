@@ -15,7 +15,7 @@ namespace helix_arm::estimation {
 enum class BudgetPart {
   kCalibration,  ///< stiffness and lengths
   kUnexplained,  ///< the bias of the arm, and its correlation with stiffness and lengths
-  kPressure,     ///< readings
+  kPressure,     ///< readings, and what unknown play and lags make of their last changes
   kPlacement,    ///< tags and base: it does not average out, and no filter sees it
   kCamera,       ///< one picture
 };

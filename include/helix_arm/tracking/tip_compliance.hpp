@@ -41,6 +41,8 @@ class TipCompliance {
 
   /// Whether K_eps of the arm is unknown.
   bool normalised() const;
+  /// Least K_eps of the sections [N]; kTypicalStiffness if it is unknown.
+  double stiffness() const;
   /// Quarters of each section from the base on; the last place is the tip, beyond a link. Only the
   /// tip if the arm has many sections, or as many loads inside them as a solver takes.
   const std::vector<ForcePlace>& places() const;

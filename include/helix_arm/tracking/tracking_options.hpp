@@ -33,7 +33,8 @@ struct ArmFilterOptions {
   void validate() const;
 };
 
-/// What LoadForks assume.
+/// What LoadForks assume. Forces are those on an arm of TipCompliance::kTypicalStiffness; on
+/// another they are in proportion to its K_eps.
 struct LoadForksOptions {
   /// Score beyond which something touches the arm, > 0. A lower one finds lighter contacts, and
   /// more that are none.

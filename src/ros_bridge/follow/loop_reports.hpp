@@ -327,8 +327,10 @@ class LoopPublisher {
     const double since = secondsBetween(status_.header.stamp, view.stamp);
     if (since >= 0 && since < period_ && status_.state == follow::nameOf(loop_.state())) return;
     noteBudget(view);
-    publishEstimate(view);
-    tips_.covariance = tipCovariance(view);
+    const auto prediction = loop_.prediction();
+    if (prediction) publishEstimate(view, *prediction);
+    tips_.covariance =
+        prediction ? prediction->tip_covariance : Eigen::Matrix3d(Eigen::Matrix3d::Zero());
     tips_.wanted = turn.commands ? std::optional(turn.wanted.translation) : std::nullopt;
     tips_.predicted = turn.predicted ? std::optional(turn.predicted->translation) : std::nullopt;
     status_ = statusOf(view, tips_.covariance);
@@ -365,12 +367,6 @@ class LoopPublisher {
     tips_ = {};
     contact_.clear();
   }
-  /// Covariance of the predicted tip's position, base frame [m^2].
-  Eigen::Matrix3d tipCovariance(const View& view) const {
-    const auto shape = presentShape();
-    if (!shape) return Eigen::Matrix3d::Zero();
-    return estimation::tipCovariance(*shape, twistCovariance(view));
-  }
 
  private:
   // Readings are not exactly periodic; one slightly early must not be skipped.
@@ -391,16 +387,6 @@ class LoopPublisher {
   bool isOutside() const {
     return loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside;
   }
-  /// The filter's shape at the present pressures, and its covariance.
-  std::optional<model::Shape> presentShape() const {
-    return loop_.tracker().shape(loop_.observer().newest().pressure);
-  }
-  Eigen::MatrixXd twistCovariance(const View& view) const {
-    const double elapsed =
-        view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
-    return loop_.tracker().twistCovariance(elapsed);
-  }
-
   void noteBudget(const View& view) {
     const auto& budget = loop_.budget();
     const bool fresh = view.last_picture &&
@@ -409,15 +395,14 @@ class LoopPublisher {
     tips_.outside = isOutside();
   }
 
-  void publishEstimate(const View& view) {
-    const auto shape = presentShape();
-    if (!shape) return;
+  void publishEstimate(const View& view, const follow::Prediction& prediction) {
+    const model::Shape& shape = prediction.shape;
     tips_.curve.clear();
-    for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kEstimatePoints)) {
+    for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kEstimatePoints)) {
       tips_.curve.push_back(point.X.translation);
     }
     const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
-    estimate_publisher_.publish(toShapeMsg(header, "estimated", *shape, twistCovariance(view)));
+    estimate_publisher_.publish(toShapeMsg(header, "estimated", shape, prediction.covariance));
   }
 
   LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const {

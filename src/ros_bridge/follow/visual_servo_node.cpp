@@ -742,7 +742,10 @@ class VisualServoNode : public Node {
     if (action_.runs()) {
       lie::SE3 tip = model::tipPose(seen.shape);
       tip.translation += loop_.load().tip_beyond_fit;
-      action_.picture(seen.stamp, tip, publisher_.tipCovariance(view()));
+      const auto prediction = loop_.prediction();
+      action_.picture(
+          seen.stamp, tip,
+          prediction ? prediction->tip_covariance : Eigen::Matrix3d(Eigen::Matrix3d::Zero()));
     }
   }
 

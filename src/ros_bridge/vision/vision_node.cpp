@@ -334,6 +334,11 @@ class PictureMeasurer {
     models_.add(stamp, shape);
     changed_.notifyAll();
   }
+  /// What visual_servo has learnt of the shape. From any thread.
+  void addEstimate(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
+    estimates_.add(stamp, shape);
+  }
   /// From any thread: measure() waits for no model any more.
   void stop() HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
@@ -421,6 +426,8 @@ class PictureMeasurer {
     });
     const std::optional<double> behind = models_.lag(stamp), lag = behind ? behind : ahead;
     std::optional<ModelHistory::Entry> found = models_.nearest(stamp);
+    estimates_.forgetFuture(stamp);
+    const std::optional<ModelHistory::Entry> estimate = estimates_.nearest(stamp);
     lock.unlock();
     if (!in_time) {
       patience_ = std::max(kLeastPatience, patience_ / 2);
@@ -437,6 +444,8 @@ class PictureMeasurer {
           std::abs(*lag), *lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
     }
     if (found) start_ = found->shape;
+    // The tips that visual_servo compares have the same deviations from the mean twists.
+    if (found && estimate) start_ = estimate->shape.about(found->shape.twists());
     return found;
   }
 
@@ -478,7 +487,7 @@ class PictureMeasurer {
   basics::Mutex mutex_;
   basics::Condition changed_;  ///< something guarded by mutex_ has changed
   bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
-  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_), estimates_ HELIX_ARM_GUARDED_BY(mutex_);
   std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
@@ -540,6 +549,7 @@ class VisionNode : public Node {
     status_.lookAt(scene_);
     using Self = VisionNode;
     model_subscriber_ = listen(node_, names::kModel, 100, &Self::onModel, this);
+    estimate_subscriber_ = listen(node_, names::kEstimate, 10, &Self::onEstimate, this);
     reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                              [this](io::Scene next) { adopt(std::move(next)); });
     watch_timer_ = repeat(node_, "the watch of the pictures", kSilencePeriod, &Self::onWatch, this);
@@ -566,14 +576,24 @@ class VisionNode : public Node {
  private:
   // Callbacks.
   void onModel(const ArmShapeConstPtr& model) {
-    const auto checked = fromMsg(*model, scene_.arm, frames_.base);
-    if (const auto* shape = std::get_if<model::Shape>(&checked)) {
+    if (const auto shape = checked(*model, "a model")) {
       measurer_.addModel(model->header.stamp, *shape);
-    } else {
-      // The picture is measured without the model.
-      status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
-                                                  std::get<control::Refusal>(checked).message});
     }
+  }
+  void onEstimate(const ArmShapeConstPtr& estimate) {
+    if (const auto shape = checked(*estimate, "an estimate")) {
+      measurer_.addEstimate(estimate->header.stamp, *shape);
+    }
+  }
+
+  // Nothing on a shape of another arm, which is counted: the picture is measured without it.
+  std::optional<model::Shape> checked(const ArmShape& message, const char* what) {
+    auto shape = fromMsg(message, scene_.arm, frames_.base);
+    if (auto* sound = std::get_if<model::Shape>(&shape)) return std::move(*sound);
+    status_.count({PictureFault::kBadModel, std::string(what) + " does not match scene " +
+                                                scene_.name + ": " +
+                                                std::get<control::Refusal>(shape).message});
+    return std::nullopt;
   }
 
   void onWatch(const ros::SteadyTimerEvent&) { status_.watch(); }
@@ -702,7 +722,7 @@ class VisionNode : public Node {
   ros::SteadyTime last_drawing_;
   FaultGuard picture_guard_{"a picture"};
 
-  ros::Subscriber model_subscriber_;
+  ros::Subscriber model_subscriber_, estimate_subscriber_;
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer watch_timer_, second_timer_;
   GuardedThread worker_;  ///< the thread of the measurements
