@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import actionlib
 import numpy as np
@@ -16,7 +16,9 @@ from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.calibration_run import ABORTED, COMPLETED, PREEMPTED, SETTLING, CalibrationRun, RunRules
 from helix_arm.client_watch import ClientWatch
+from helix_arm.contact_proof import ProofAction
 from helix_arm.file_access import FileAccess, quoted
+from helix_arm.jobs import JobSlot, answer, serve_action, text_of, watch_sender
 from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationFeedback, RunCalibrationGoal, RunCalibrationResult,
                            TargetStatus)
 from helix_arm.node import LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
@@ -32,23 +34,9 @@ BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
 SCENE_NOISES = (0.0, 0.0, 0.0, 0.0)
 
-# The jobs of JobSlot, as another one is refused.
+# Jobs of JobSlot, as another one is refused.
 RUN = "run_calibration is running; wait for it, or cancel it first"
 FIT = "a fit is running; wait for it"
-
-
-def text_of(fault: Exception) -> str:
-    return _core._printable(str(fault).encode("utf-8", "surrogateescape"))
-
-
-def answer(service: str, response: Any, body: Callable[[], None]) -> Any:
-    """Runs what fills the response of a service, or the result of an action; what it raises is the answer."""
-    try:
-        body()
-    except Exception as fault:
-        response.success, response.message = False, text_of(fault)
-    (log.info if response.success else log.warning)(f"{service}: {response.message}")
-    return response
 
 
 def fill(out: Any, found: Dict[str, Any], path: str) -> None:
@@ -72,36 +60,6 @@ def fill(out: Any, found: Dict[str, Any], path: str) -> None:
     if found["rms"] is not None:
         out.rms, out.error_unit = found["rms"], found["error_unit"]
     out.next_pressures = np.ravel(found["next_pressures_pa"] or []).tolist()
-
-
-class JobSlot:
-    """The one long job that the node does at a time: a run of its action, or the fit of a service. While a job holds the slot, no
-    other starts, and neither samples nor scene are changed from outside. From any thread.
-
-    Its lock is taken after that of ReloadServer, and before that of Recorder.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self.job = ""  # that holds the slot
-
-    @contextlib.contextmanager
-    def claim(self, job: str) -> Iterator[None]:
-        """Raises ValueError naming the job that is under way."""
-        with self.idle():
-            self.job = job
-        try:
-            yield
-        finally:
-            with self._lock:
-                self.job = ""
-
-    @contextlib.contextmanager
-    def idle(self) -> Iterator[None]:
-        """For what is short: no job starts meanwhile. Raises ValueError naming the job that is under way."""
-        with self._lock:
-            require(not self.job, self.job)
-            yield
 
 
 class Calibrator:
@@ -197,15 +155,7 @@ class RunAction:
         self.is_busy = False  # until the result of a goal is sent
         self._publisher = rospy.Publisher("pressure_target", PressureArray, queue_size=10, tcp_nodelay=True)
         self._subscriber = listen("target_status", TargetStatus, 100, self._on_status)
-        self._server = actionlib.SimpleActionServer(rospy.resolve_name("~run_calibration"), RunCalibrationAction, self._on_goal,
-                                                    auto_start=False)
-        self._server.start()
-        # The thread of actionlib's own timer ends where time goes back.
-        actions = self._server.action_server
-        if actions.status_timer is not None:
-            actions.status_timer.shutdown()
-            period = rospy.Duration(1.0 / actions.status_frequency)
-            actions.status_timer = rospy.Timer(period, actions.publish_status_async, reset=True)
+        self._server = serve_action("run_calibration", RunCalibrationAction, self._on_goal)
 
     def _on_status(self, status: TargetStatus) -> None:
         with self._lock:
@@ -281,8 +231,7 @@ class RunAction:
 
     def _live(self, goal: RunCalibrationGoal, result: RunCalibrationResult) -> bool:
         """Fills the result. Whether the goal was preempted."""
-        tracker = self._server.current_goal.status_tracker
-        self._client = ClientWatch(tracker.goal._connection_header.get("callerid", ""))
+        self._client = watch_sender(self._server)
         try:
             self._play()
         finally:
@@ -416,6 +365,7 @@ class Calibration(Node):
         settle.max_age = reader.number("max_age_s", settle.max_age, 0.05, 60)
         rules.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * rules.ramp, 0.1, 10000)
         rules.patience = reader.number("patience_s", rules.patience, 0.1, 3600)
+        follow = rospy.resolve_name(reader.text("follow_action", "visual_servo/follow_tip_path"))  # of prove_contact
         reader.finish()
         self._jobs = JobSlot()
         with self._jobs.claim("the node is starting; call again"):
@@ -424,6 +374,7 @@ class Calibration(Node):
             self._recorder = Recorder(scene, settle)
             self._calibrator = Calibrator(data_folder, out_folder, settle, self._recorder, self._reload)
         self._run = RunAction(rules, rate, self._jobs, self._recorder, self._calibrator)
+        self._proof = ProofAction(follow, self._jobs, self._reload, self._calibrator.scene_path)
         self._services = (
             self._serve("calibrate", Calibrate, self._calibrate, held_out_error=math.nan),
             self._serve("fit_contraction", FitContraction, self._fit_contraction, hysteresis=math.nan),
@@ -438,8 +389,8 @@ class Calibration(Node):
         self._recorder.tick()
 
     def may_end(self) -> bool:
-        """Not while run_calibration is under way: the arm is to be ramped down first. Nor before a fit is answered."""
-        return not (self._run.is_busy or self._jobs.job)
+        """Not while run_calibration is under way: the arm is to be ramped down first. Nor before a job is answered."""
+        return not (self._run.is_busy or self._proof.is_busy or self._jobs.job)
 
     def _serve(self, name: str, kind: Any, body: Callable[[Any, Any], None], **fallbacks: Any) -> rospy.Service:
         """body: fills the response to a request. While run_calibration is under way, each is refused."""

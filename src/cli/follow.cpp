@@ -1,8 +1,10 @@
 #include <cmath>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <sstream>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "arguments.hpp"
@@ -14,6 +16,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
+#include "helix_arm/procedures/contact_proof.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
@@ -42,6 +45,7 @@ struct FollowReport {
   const FollowPlan& plan;
   const FollowResult& result;
   std::string out, png;  // files; empty where there is none
+  std::optional<procedures::ContactProof> proof;
 };
 
 const char* visionName(const FollowPlan& plan) {
@@ -160,6 +164,15 @@ json movedJson(const std::optional<FollowResult::Move>& moved) {
           {"deviations", moved->base.deviations}};
 }
 
+json proofJson(const procedures::ContactProof& proof) {
+  return {{"seconds", proof.quiet.seconds},
+          {"highest_score", proof.quiet.highest},
+          {"contact_limit", proof.limit},
+          {"on_contact", nameOf(proof.on_contact)},
+          {"doubt", textOrNull(proof.doubt)},
+          {proof.normalised ? "found_force_per_K_eps" : "found_force_n", proof.force}};
+}
+
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
   json states = json::array(), settle = json::array();
@@ -167,28 +180,30 @@ json reportOf(const FollowReport& report) {
     states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
   }
   for (const std::optional<double>& time : figures.settle) settle.push_back(toJson(time));
-  return {{"scene", report.scene.name},
-          {"rig", textOrNull(report.rig)},
-          {"plant", textOrNull(report.plan.plant)},
-          {"seed", report.plan.seed},
-          {"sight", visionName(report.plan)},
-          {"open", report.plan.open},
-          {"seconds", report.plan.seconds},
-          {"pictures", report.result.pictures},
-          {"reason", textOrNull(failureOf(report))},
-          {"path_rms_m", toJson(figures.path_rms)},
-          {"path_max_m", toJson(figures.path_max)},
-          {"last_turn_rms_m", toJson(figures.last_turn_rms)},
-          {"steady_rms_m", figures.steady_rms},
-          {"settle_s", settle},
-          {"unreachable", figures.unreachable},
-          {"states", states},
-          {"alarms", alarmsJson(report.result)},
-          {"base_moved", movedJson(report.result.moved)},
-          {"contact_blind_s", report.result.contact_blind},
-          {"budget", budgetJson(report.result.budget)},
-          {"out", textOrNull(report.out)},
-          {"png", textOrNull(report.png)}};
+  json out{{"scene", report.scene.name},
+           {"rig", textOrNull(report.rig)},
+           {"plant", textOrNull(report.plan.plant)},
+           {"seed", report.plan.seed},
+           {"sight", visionName(report.plan)},
+           {"open", report.plan.open},
+           {"seconds", report.plan.seconds},
+           {"pictures", report.result.pictures},
+           {"reason", textOrNull(failureOf(report))},
+           {"path_rms_m", toJson(figures.path_rms)},
+           {"path_max_m", toJson(figures.path_max)},
+           {"last_turn_rms_m", toJson(figures.last_turn_rms)},
+           {"steady_rms_m", figures.steady_rms},
+           {"settle_s", settle},
+           {"unreachable", figures.unreachable},
+           {"states", states},
+           {"alarms", alarmsJson(report.result)},
+           {"base_moved", movedJson(report.result.moved)},
+           {"contact_blind_s", report.result.contact_blind},
+           {"budget", budgetJson(report.result.budget)},
+           {"out", textOrNull(report.out)},
+           {"png", textOrNull(report.png)}};
+  if (report.proof) out["contact_proof"] = proofJson(*report.proof);
+  return out;
 }
 
 // One row a turn, after a comment.
@@ -244,7 +259,8 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
 
 struct FollowArguments {
   std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
-  FollowPlan plan;
+  std::optional<double> seconds;
+  FollowPlan plan;  // with all that needs no scene
 };
 
 Eigen::Vector3d tipOf(const std::string& text) {
@@ -293,15 +309,37 @@ control::TipPath pathOf(const FollowArguments& arguments, const io::Scene& scene
   return path;
 }
 
-FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
-  if (arguments.tip.empty() == arguments.path.empty()) {
+// What the options say before a scene is known.
+void check(FollowArguments& arguments) {
+  FollowPlan& plan = arguments.plan;
+  if (plan.ignore_contacts) {
+    if (!(arguments.tip + arguments.path).empty() || plan.open) {
+      throw CallerError(
+          "--prove-contact moves the arm by itself; leave out --tip, --path and --open");
+    }
+    if (!arguments.out.empty()) requireYaml(arguments.out);
+    std::error_code ignored;
+    if (std::filesystem::equivalent(arguments.out, arguments.scene, ignored)) {
+      throw CallerError("--out " + arguments.out +
+                        " is an input; expected the path of another file");
+    }
+    plan.seconds = procedures::kProofTime;
+  } else if (arguments.tip.empty() == arguments.path.empty()) {
     throw CallerError("give either --tip or --path");
+  } else if (!arguments.seconds) {
+    throw CallerError("--seconds is required");
   }
+  plan.seconds = arguments.seconds.value_or(plan.seconds);
+}
+
+FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   FollowPlan plan = arguments.plan;
   if (arguments.vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
   if (!arguments.force.empty()) plan.force = forceOf(arguments.force);
   if (!arguments.blind.empty()) plan.blind = blindOf(arguments.blind);
-  if (arguments.path.empty()) {
+  if (plan.ignore_contacts) {
+    plan.path = procedures::quietPath(scene, plan.seconds, plan.seed);
+  } else if (arguments.path.empty()) {
     plan.tips = tipsOf(arguments);
   } else {
     plan.path = pathOf(arguments, scene);
@@ -334,7 +372,8 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   const InterruptWatch watch;
   const char* const what = plan.open ? "open loop" : "closed loop";
   const FollowResult result = procedures::runFollow(scene, rig, plan, progressOf(plan, what));
-  const FollowReport report{scene, arguments.rig, plan, result, arguments.out, arguments.png};
+  FollowReport report{scene, arguments.rig, plan, result, arguments.out, arguments.png, {}};
+  if (plan.ignore_contacts) report.proof = procedures::contactProof(scene, result.quiet);
   std::optional<FollowResult> open;
   if (!arguments.png.empty() && !plan.open && !interrupted()) {
     FollowPlan beside = plan;
@@ -346,7 +385,13 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     std::cerr << "interrupted; nothing was written\n";
     return kInterrupted;
   }
-  if (!arguments.out.empty()) io::writeFileAtomically(arguments.out, csvOf(report));
+  if (report.proof && !failureOf(report).empty()) report.out.clear();
+  if (!report.out.empty()) {
+    io::writeFileAtomically(
+        report.out, report.proof ? procedures::provenSceneText(arguments.scene, overridesOf(global),
+                                                               *report.proof)
+                                 : csvOf(report));
+  }
   if (!arguments.png.empty()) {
     procedures::drawReport(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
                            "leave out --png");
@@ -368,7 +413,9 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
 
 int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
   try {
-    return run(arguments, global);
+    FollowArguments checked = arguments;
+    check(checked);
+    return run(checked, global);
   } catch (const simulation::PlantError& error) {
     std::cerr << basics::printable(error.what()) << "\n";
     return kNotPossible;
@@ -394,8 +441,11 @@ Subcommand addFollow(CLI::App& app) {
             "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
   addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
             TypeName{"FILE"});
-  addOption(*command, "--seconds", arguments->plan.seconds, "simulated time [s]", kRequired,
-            TypeName{"S"}, within(kSeconds));
+  command->add_flag("--prove-contact", arguments->plan.ignore_contacts,
+                    "nobody touches the arm: moves it, and sets the limit of contacts and what "
+                    "follows from them");
+  addOption(*command, "--seconds", arguments->seconds,
+            "simulated time [s]; 400 for --prove-contact", TypeName{"S"}, within(kSeconds));
   command->add_flag("--open", arguments->plan.open, "keep the loop open: the model alone commands");
   addOption(*command, "--sight", arguments->vision,
             "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
@@ -408,7 +458,8 @@ Subcommand addFollow(CLI::App& app) {
             "time from a picture to its measurement [s]", TypeName{"S"}, within(kLatency),
             kShowDefault);
   addOption(*command, "--seed", arguments->plan.seed, "seed of all noise", kShowDefault);
-  addOption(*command, "--out", arguments->out, "CSV file to write: one row per step of 10 ms",
+  addOption(*command, "--out", arguments->out,
+            "CSV file to write: one row per step of 10 ms; of --prove-contact: the scene file",
             TypeName{"FILE"});
   addOption(*command, "--png", arguments->png,
             "picture file: wanted tip, true tip with the loop closed and open, errors",
@@ -429,7 +480,10 @@ steady_rms_m (of each tip's last second), settle_s (of each tip: time until with
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
 far and in how many standard deviations camera or base were found away from their place in the
 scene), contact_blind_s (time in which contacts may not be found: the model balances no force
-at the tip), budget (or null), out, png. csv: the rows of --out. On stderr: the progress, and at
+at the tip), budget (or null), out, png; with --prove-contact also contact_proof {seconds (in
+which contacts could have been found), highest_score, contact_limit (twice that, at least the
+default), on_contact (yield, or stop if the scene stops; report if there is a doubt), doubt
+(null, or why), found_force_n}. csv: the rows of --out. On stderr: the progress, and at
 the end the error budget of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant

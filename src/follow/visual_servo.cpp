@@ -204,8 +204,8 @@ VisualServoConfig knownOf(const model::Arm& arm, const VisualServoConfig& config
 // Pictures with other tags until these are the usual ones.
 constexpr int kUsual = 15;
 
-// A contact begins while the tip is this close to where it settles, and swings no more: what moves
-// it later or sooner than the model looks like a force [m].
+// The arm counts as still while the tip is this close to where it settles, swinging included, as at
+// 8 mm/s: what moves it later or sooner than the model looks like a force [m].
 constexpr double kStillTip = 0.0025;
 
 estimation::TipCompliance complianceOf(const statics::ArmModel& model,
@@ -280,8 +280,8 @@ class ContactWatch {
     model::Twists at_rest = picture.twists;
     at_rest.reshaped()(watch.rows()) -= watch.lastStep()->swing.cwiseAbs() + swing;
     const lie::SE3 now = model::tipPose(measured), then = model::tipPose(measured.about(at_rest));
-    const bool still = (now.translation - then.translation).norm() < kStillTip;
-    forks_.see(picture.time, largestDeviation(tip), measured, settled, still, watch, compliance_);
+    const double motion = (now.translation - then.translation).norm() / kStillTip;
+    forks_.see(picture.time, largestDeviation(tip), measured, settled, motion, watch, compliance_);
   }
 
   /// Forgets the pictures.
@@ -291,6 +291,7 @@ class ContactWatch {
     unusual_ = 0;
   }
 
+  estimation::LoadForks& forks() { return forks_; }
   const estimation::ExternalLoad& load() const { return forks_.load(); }
   const estimation::Drift& drift() const { return forks_.drift(); }
 
@@ -795,6 +796,7 @@ void VisualServo::reset() {
 }
 
 void VisualServo::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
+void VisualServo::ignoreContacts(bool ignores) { work_->contact.forks().ignoreContacts(ignores); }
 double VisualServo::contactLimit() const { return work_->config.contact.limit; }
 
 const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
@@ -924,6 +926,7 @@ bool VisualServo::sees() const {
          work_->observer.time() - work_->accepted_at[0] <= work_->config.coast_time;
 }
 const estimation::ExternalLoad& VisualServo::load() const { return work_->contact.load(); }
+const estimation::QuietScore& VisualServo::quiet() const { return work_->contact.forks().quiet(); }
 const estimation::Drift& VisualServo::drift() const { return work_->contact.drift(); }
 std::optional<double> VisualServo::error() const { return work_->error; }
 double VisualServo::tipDeviation() const { return work_->tip_deviation; }

@@ -301,6 +301,7 @@ class FollowRun {
         lockstep_(lockstepOf(scene, rig, plan)),
         turns_(static_cast<std::int64_t>(std::llround(plan.seconds / kTurn))) {
     if (plan.open) loop_.close(false);
+    loop_.ignoreContacts(plan.ignore_contacts);
     if (plan.path) loop_.follow(*plan.path);
   }
 
@@ -321,6 +322,7 @@ class FollowRun {
       }
     }
     out_.budget = loop_.budget();
+    out_.quiet = loop_.quiet();
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
     return std::move(out_);

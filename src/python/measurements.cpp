@@ -16,6 +16,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/contact_proof.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 
@@ -352,6 +353,28 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
                "vented"_a = result.vented));
 }
 
+// @return rows of a time [s], a position [m] and a velocity [m/s].
+py::array quietPath(const Scene& self, double seconds, std::uint32_t seed) {
+  const control::TipPath path = procedures::quietPath(self.scene(), seconds, seed);
+  Eigen::MatrixXd out(static_cast<Eigen::Index>(path.segmentCount()) + 1, 7);
+  for (Eigen::Index i = 0; i < out.rows(); ++i) {
+    const auto segment = static_cast<std::size_t>(i);
+    const double time =
+        segment < path.segmentCount() ? path.segment(segment).begin : path.lastTime();
+    const control::TipReference place = path.at(time);
+    out.row(i) << time, place.position.transpose(), place.velocity.transpose();
+  }
+  return arrayOf(out);
+}
+
+py::dict contactProof(const Scene& self, double highest, double seconds, double unit_force) {
+  const auto proof = procedures::contactProof(self.scene(), {highest, seconds, unit_force});
+  return py::dict(
+      "contact_limit"_a = proof.limit, "on_contact"_a = nameOf(proof.on_contact),
+      "doubt"_a = proof.doubt, "found_force"_a = proof.force, "normalised"_a = proof.normalised,
+      "scene_text"_a = procedures::provenSceneText(self.path(), self.overrides(), proof));
+}
+
 }  // namespace
 
 void bindMeasurements(py::class_<Scene>& scene) {
@@ -361,7 +384,10 @@ void bindMeasurements(py::class_<Scene>& scene) {
            py::arg("noises"), py::arg("errors"), py::arg("curve") = "", py::arg("branch") = "both")
       .def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"), py::arg("open"),
            py::arg("rendered"), py::arg("force"), py::arg("blind"), py::arg("latency_s"),
-           py::arg("seed"), py::arg("rig"), py::arg("plant"));
+           py::arg("seed"), py::arg("rig"), py::arg("plant"))
+      .def("_quiet_path", quietPath, py::arg("seconds"), py::arg("seed"))
+      .def("_contact_proof", contactProof, py::arg("highest_score"), py::arg("seconds"),
+           py::arg("unit_force"));
 }
 
 }  // namespace helix_arm::python

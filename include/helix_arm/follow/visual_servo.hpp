@@ -98,6 +98,9 @@ class VisualServo {
   void reset();
   /// What to do while something touches the arm, from now on.
   void setOnContact(OnContact reaction);
+  /// Whether nothing counts as the begin of a contact, so that quiet() shows what would: see
+  /// estimation::LoadForks::ignoreContacts().
+  void ignoreContacts(bool ignores);
   /// Score from which on something touches the arm.
   double contactLimit() const;
 
@@ -131,6 +134,8 @@ class VisualServo {
   bool sees() const;
   /// What acts on the arm, as of the last picture.
   const estimation::ExternalLoad& load() const;
+  /// What would have counted as a contact since the last ignoreContacts(true).
+  const estimation::QuietScore& quiet() const;
   /// Whether the pictures agree with what was learnt of the arm, as of the last one.
   const estimation::Drift& drift() const;
   /// Distance of the measured tip (with ExternalLoad::tip_beyond_fit) from the wanted one at the

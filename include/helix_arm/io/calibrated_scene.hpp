@@ -9,6 +9,7 @@
 
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
+#include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -70,6 +71,14 @@ struct CameraChange {
 /// @throws std::invalid_argument on a scene without a camera.
 std::string sceneTextWithCamera(const std::string& path, const std::vector<Override>& overrides,
                                 const CameraChange& change);
+
+/// The text of a scene file with follow.contact_limit and follow.on_contact. The comments of the
+/// file are not kept.
+/// @param title  lines of comment to begin with.
+/// @throws DocumentError if the file cannot be read or breaks its rules before or after the change.
+std::string sceneTextWithContacts(const std::string& path, const std::vector<Override>& overrides,
+                                  double limit, follow::OnContact reaction,
+                                  const std::string& title);
 
 /// The text of a calibration file of camera_info_manager and camera_calibration_parsers (YAML):
 /// plumb_bob, or rational_polynomial if k4, k5 or k6 is not 0.

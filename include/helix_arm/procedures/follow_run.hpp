@@ -36,6 +36,7 @@ struct FollowPlan {
   std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
   double seconds = 10.0;                 ///< > 0 [s]
   bool open = false;                     ///< the loop stays open
+  bool ignore_contacts = false;          ///< see follow::VisualServo::ignoreContacts()
   /// Command of a simulation::Plant that stands in for the rig's true arm; empty: none does.
   std::string plant;
   simulation::VisionKind vision = simulation::VisionKind::kCorners;
@@ -109,8 +110,9 @@ struct FollowResult {
     estimation::BaseMove base;
   };
   std::optional<Move> moved;
-  double contact_blind = 0.0;  ///< time in which contacts may not be found [s]
-  int pictures = 0;            ///< accepted
+  double contact_blind = 0.0;    ///< time in which contacts may not be found [s]
+  estimation::QuietScore quiet;  ///< of all of it, if contacts were ignored
+  int pictures = 0;              ///< accepted
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };

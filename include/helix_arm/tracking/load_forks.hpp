@@ -13,8 +13,8 @@ namespace helix_arm::estimation {
 /// A force on the arm that the model does not know.
 struct ExternalLoad {
   bool contact = false;
-  /// Twice the log likelihood ratio of a force against none: the largest of all times of onset or,
-  /// during contact, that of the force.
+  /// Twice the log likelihood ratio of a force against none: the largest of all times of onset,
+  /// less while the arm moves, or during contact, that of the force.
   double score = 0.0;
   double onset = 0.0;  ///< of the contact [s]
   /// Base frame [N], or force per K_eps if it is normalised; of a dead force at `place` or, if that
@@ -32,6 +32,15 @@ struct ExternalLoad {
   /// No shape of the model balances a force at the tip along every axis, or the tags do not
   /// determine it: some contacts, or all, are not found, whatever the score.
   bool blind = false;
+};
+
+/// What a LoadForks would take for contacts while nothing touches the arm.
+struct QuietScore {
+  double highest = 0.0;  ///< score of all pictures in which a contact could have begun
+  double seconds = 0.0;  ///< of these, those of a resting arm, in time of pictures [s]
+  /// Force across the tip, in its weakest direction, that would score 1 within half a second: mean
+  /// over the resting arm. Scores grow with its square [N].
+  double unit_force = 0.0;
 };
 
 /// How far the measured tip has left the one that was learnt of the arm. A force that began or
@@ -71,20 +80,26 @@ class LoadForks {
   /// @param measured       the picture's shape.
   /// @param settled        the pressures are where they were ordered. Otherwise lags that the scene
   ///     does not know look like a drift, and `doubtful` stays as it is.
-  /// @param still          the arm is near where it settles: contacts are found only then, since
-  ///     motion that the model times wrong looks like a force.
+  /// @param motion         distance of the arm from where it settles, as part of what counts as
+  ///     still. What the model times wrong looks like a force, so beyond 1 the score of what may
+  ///     begin is divided by the square.
   /// @param compliance     moved to the arm's pressures.
   void see(double time, double tip_deviation, const model::Shape& measured, bool settled,
-           bool still, ArmFilter& watch, TipCompliance& compliance);
+           double motion, ArmFilter& watch, TipCompliance& compliance);
   /// Adds to the covariance of b, (d x d) of the measured rows, in the watch too: other tags are
   /// seen, which err otherwise.
   void growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch);
+  /// Whether nothing counts as the begin of a contact: quiet() then goes on. It begins anew with
+  /// this.
+  void ignoreContacts(bool ignores);
   /// Forgets forks, contact and drift; they are found again after ten seconds of pictures.
   void reset();
 
   /// After the last picture.
   const ExternalLoad& load() const;
   const Drift& drift() const;
+  /// Of the pictures without contact since the last ignoreContacts(true).
+  const QuietScore& quiet() const;
 
  private:
   struct Workspace;

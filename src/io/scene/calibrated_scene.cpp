@@ -276,9 +276,14 @@ Value& tagsOf(const Scene& scene, Value& document) {
   return *findValue(document, "tags");
 }
 
-void putMode(const estimation::Mode& mode, Value& document) {
+// The map `follow`, which may be new.
+Value& followOf(Value& document) {
   if (findValue(document, "follow") == nullptr) setValue(document, "follow", mapOf({}));
-  Value& follow = *findValue(document, "follow");
+  return *findValue(document, "follow");
+}
+
+void putMode(const estimation::Mode& mode, Value& document) {
+  Value& follow = followOf(document);
   setValue(follow, "mode_hz", numberValue(mode.frequency));
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
@@ -431,6 +436,18 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
   }
   return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
                      document, path + ", with the new camera,");
+}
+
+std::string sceneTextWithContacts(const std::string& path, const std::vector<Override>& overrides,
+                                  double limit, follow::OnContact reaction,
+                                  const std::string& title) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  makeScene(document, faults);
+  Value& keys = followOf(document);
+  setValue(keys, "contact_limit", numberValue(limit));
+  setValue(keys, "on_contact", plainValue(nameOf(reaction)));
+  return checkedText(title, document, path + ", with the new limit of contacts,");
 }
 
 std::string cameraInfoText(const estimation::Camera& camera, const std::string& name) {

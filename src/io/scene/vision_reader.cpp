@@ -305,7 +305,6 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
     loop.slew = std::min(loop.slew, channel.slew);
   }
   loop.reading_noise = usualNoise(regulator);
-  if (regulator && regulator::isHardware(*regulator)) loop.on_contact = follow::OnContact::kYield;
   estimation::ArmFilterOptions& filter = loop.filter;
   std::optional<double> smoothing, frequency;
   double damping = kUsualDamping;

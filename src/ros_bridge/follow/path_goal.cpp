@@ -78,7 +78,8 @@ PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
   requireNonNegative("goal_tolerance [m]", goal.goal_tolerance);
   requireNonNegative("goal_time_tolerance [s]", goal.goal_time_tolerance.toSec());
   requireNonNegative("hold_s", goal.hold_s);
-  PathGoal out{pathOf(goal, X_BF), goal.path.header.stamp, {}, goal.on_contact, {}};
+  PathGoal out{pathOf(goal, X_BF), goal.path.header.stamp,    {},
+               goal.on_contact,    goal.ignore_contacts != 0, {}};
   if (goal.path_tolerance > 0) out.rules.path_tolerance = goal.path_tolerance;
   if (goal.goal_tolerance > 0) out.rules.goal_tolerance = goal.goal_tolerance;
   if (!goal.goal_time_tolerance.isZero()) {

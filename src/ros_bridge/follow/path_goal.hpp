@@ -103,6 +103,7 @@ struct PathGoal {
   ros::Time start;             ///< zero: at once
   GoalRules rules;             ///< without vision_patience
   std::uint8_t on_contact;     ///< of FollowTipPathGoal
+  bool ignore_contacts;        ///< likewise
   std::optional<double> hold;  ///< of the last point [s]; nothing: the default
 };
 

@@ -336,13 +336,17 @@ class LoopTargets {
 
 using Result = FollowTipPathResult;
 
-Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
+Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {},
+                const estimation::QuietScore& quiet = {}) {
   Result out;
   out.error_code = ending.code;
   out.error_string = ending.message;
   out.rms_m = figures.rms;
   out.max_m = figures.max;
   out.pictures = figures.pictures;
+  out.quiet_score = quiet.highest;
+  out.quiet_s = quiet.seconds;
+  out.quiet_unit_force = quiet.unit_force;
   return out;
 }
 
@@ -559,6 +563,7 @@ class FollowAction {
     if (start.isZero() || time >= start.toSec()) {
       run_->follows = true;
       loop_.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
+      loop_.ignoreContacts(run_->goal.ignore_contacts);
       loop_.follow(std::move(run_->goal.path));
     } else if (!loop_.hasTarget() && loop_.turn().predicted) {
       loop_.aimAt(loop_.turn().predicted->translation);
@@ -585,7 +590,7 @@ class FollowAction {
   }
 
   void end(const GoalEnding& ending) {
-    const Result result = resultOf(ending, run_->watch.figures());
+    const Result result = resultOfRun(ending);
     if (ending.code == Result::SUCCESSFUL) {
       logInfo("follow_tip_path: %s", ending.message.c_str());
       run_->handle.setSucceeded(result, ending.message);
@@ -597,12 +602,19 @@ class FollowAction {
   }
 
   void cancel(const std::string& reason) {
-    run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, run_->watch.figures()), reason);
+    run_->handle.setCanceled(resultOfRun({Result::SUCCESSFUL, reason}), reason);
     leave();
+  }
+
+  Result resultOfRun(const GoalEnding& ending) const {
+    const bool ignored = run_->follows && run_->goal.ignore_contacts;
+    return resultOf(ending, run_->watch.figures(),
+                    ignored ? loop_.quiet() : estimation::QuietScore{});
   }
 
   // The last position is held if the arm was moved there.
   void leave() {
+    loop_.ignoreContacts(false);
     const double longest = longestHold();
     const double usual =
         std::isinf(longest) ? longest : std::min(longest, scene_.safety.rules.target_timeout);

@@ -1,0 +1,77 @@
+"""Services and actions of a node: one long job at a time, and answers that hold what went wrong."""
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import Any, Callable, Iterator
+
+import actionlib
+import rospy
+
+from helix_arm import _core
+from helix_arm.arguments import require
+from helix_arm.client_watch import ClientWatch
+from helix_arm.node import log
+
+
+def text_of(fault: Exception) -> str:
+    return _core._printable(str(fault).encode("utf-8", "surrogateescape"))
+
+
+def answer(service: str, response: Any, body: Callable[[], None]) -> Any:
+    """Runs what fills the response of a service, or the result of an action; what it raises is the answer."""
+    try:
+        body()
+    except Exception as fault:
+        response.success, response.message = False, text_of(fault)
+    (log.info if response.success else log.warning)(f"{service}: {response.message}")
+    return response
+
+
+def serve_action(name: str, kind: Any, on_goal: Callable[[Any], None]) -> actionlib.SimpleActionServer:
+    """The private action of this name, whose goals run in a thread of their own."""
+    server = actionlib.SimpleActionServer(rospy.resolve_name(f"~{name}"), kind, on_goal, auto_start=False)
+    server.start()
+    # The thread of actionlib's own timer ends where time goes back.
+    actions = server.action_server
+    if actions.status_timer is not None:
+        actions.status_timer.shutdown()
+        period = rospy.Duration(1.0 / actions.status_frequency)
+        actions.status_timer = rospy.Timer(period, actions.publish_status_async, reset=True)
+    return server
+
+
+def watch_sender(server: actionlib.SimpleActionServer) -> ClientWatch:
+    """Of the present goal."""
+    tracker = server.current_goal.status_tracker
+    return ClientWatch(tracker.goal._connection_header.get("callerid", ""))
+
+
+class JobSlot:
+    """The one long job that the node does at a time: a run of its action, or the fit of a service. While a job holds the slot, no
+    other starts, and neither samples nor scene are changed from outside. From any thread.
+
+    Its lock is taken after that of ReloadServer, and before that of Recorder.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.job = ""  # that holds the slot
+
+    @contextlib.contextmanager
+    def claim(self, job: str) -> Iterator[None]:
+        """Raises ValueError naming the job that is under way."""
+        with self.idle():
+            self.job = job
+        try:
+            yield
+        finally:
+            with self._lock:
+                self.job = ""
+
+    @contextlib.contextmanager
+    def idle(self) -> Iterator[None]:
+        """For what is short: no job starts meanwhile. Raises ValueError naming the job that is under way."""
+        with self._lock:
+            require(not self.job, self.job)
+            yield
