@@ -185,6 +185,7 @@ json reportOf(const FollowReport& report) {
           {"states", states},
           {"alarms", alarmsJson(report.result)},
           {"base_moved", movedJson(report.result.moved)},
+          {"uncalibrated_tags", report.result.uncalibrated_tags},
           {"contact_blind_s", report.result.contact_blind},
           {"budget", budgetJson(report.result.budget)},
           {"out", textOrNull(report.out)},
@@ -217,6 +218,7 @@ json shownOf(const FollowReport& report, json shown) {
                     {"settled_s", shown["settle_s"][k]}});
   }
   for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s"}) shown.erase(key);
+  if (report.result.uncalibrated_tags.empty()) shown.erase("uncalibrated_tags");
   if (!report.plan.path) shown = without(shown, {"path_rms_m", "path_max_m"});
   shown["tips"] = tips;
   return shown;
@@ -358,6 +360,9 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
   if (result.moved) std::cerr << result.moved->base.message() << "\n";
+  if (!result.uncalibrated_tags.empty()) {
+    std::cerr << procedures::uncalibratedText(result.uncalibrated_tags) << "\n";
+  }
   if (result.contact_blind > 0) {
     std::cerr << "for " << io::formatNumber(std::round(100 * result.contact_blind) / 100) << " s "
               << procedures::kContactBlind << "\n";
@@ -423,17 +428,17 @@ safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its poin
 every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
 json: scene, rig (file, or null), plant (command, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
 figures), path_rms_m and path_max_m (from the path's start to its end; null without),
-last_turn_rms_m (of a closed path, null otherwise),
-steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
-5 % of the step for good, null if never), unreachable (of each tip: true or false), states
-[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
-far and in how many standard deviations camera or base were found away from their place in the
-scene), contact_blind_s (time in which contacts may not be found: the model balances no force
-at the tip), budget (or null), out, png. csv: the rows of --out. On stderr: the progress, and at
-the end the error budget of the last picture: standard deviations of the tip in mm.
-Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
-code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
-fails.)");
+last_turn_rms_m (of a closed path, null otherwise), steady_rms_m (of each tip's last second),
+settle_s (of each tip: time until within 2 mm + 5 % of the step for good, null if never),
+unreachable (of each tip: true or false), states [{time_s, state}], alarms [{time_s, onset_s,
+force_n, covariance}], base_moved (null, or when, how far and in how many standard deviations
+camera or base were found away from their place in the scene), uncalibrated_tags (ids of fitted
+tags that no capture of the calibration shows), contact_blind_s (time in which contacts may not be
+found: the model balances no force at the tip), budget (or null), out, png. csv: the rows of
+--out. On stderr: the progress, and at the end the error budget of the last picture: standard
+deviations of the tip in mm. Files appear only when they are complete. Ctrl-C: nothing is
+written, exit code 130. Exit code 1 if the time ends before the path begins, the safety core
+vents the arm, or the plant fails.)");
   return {command,
           [arguments](const GlobalOptions& global) { return runOnPlant(*arguments, global); }};
 }

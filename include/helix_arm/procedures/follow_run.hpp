@@ -109,6 +109,8 @@ struct FollowResult {
   std::optional<Move> moved;
   double contact_blind = 0.0;  ///< time in which contacts may not be found [s]
   int pictures = 0;            ///< accepted
+  /// Ids of fitted tags that no capture of the scene's calibration shows, ascending.
+  std::vector<int> uncalibrated_tags;
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };
