@@ -198,6 +198,7 @@ json reportOf(const FollowReport& report) {
            {"states", states},
            {"alarms", alarmsJson(report.result)},
            {"base_moved", movedJson(report.result.moved)},
+           {"uncalibrated_tags", report.result.uncalibrated_tags},
            {"contact_blind_s", report.result.contact_blind},
            {"budget", budgetJson(report.result.budget)},
            {"out", textOrNull(report.out)},
@@ -232,6 +233,7 @@ json shownOf(const FollowReport& report, json shown) {
                     {"settled_s", shown["settle_s"][k]}});
   }
   for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s"}) shown.erase(key);
+  if (report.result.uncalibrated_tags.empty()) shown.erase("uncalibrated_tags");
   if (!report.plan.path) shown = without(shown, {"path_rms_m", "path_max_m"});
   shown["tips"] = tips;
   return shown;
@@ -403,6 +405,9 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
   if (result.moved) std::cerr << result.moved->base.message() << "\n";
+  if (!result.uncalibrated_tags.empty()) {
+    std::cerr << procedures::uncalibratedText(result.uncalibrated_tags) << "\n";
+  }
   if (result.contact_blind > 0) {
     std::cerr << "for " << io::formatNumber(std::round(100 * result.contact_blind) / 100) << " s "
               << procedures::kContactBlind << "\n";
@@ -479,7 +484,8 @@ steady_rms_m (of each tip's last second), settle_s (of each tip: time until with
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
 far and in how many standard deviations camera or base were found away from their place in the
-scene), contact_blind_s (time in which contacts may not be found: the model balances no force
+scene), uncalibrated_tags (ids of fitted tags that no capture of the calibration
+shows), contact_blind_s (time in which contacts may not be found: the model balances no force
 at the tip), budget (or null), out, png; with --prove-contact also contact_proof {seconds (in
 which contacts could have been found), highest_score, contact_limit (twice that, at least the
 default), on_contact (yield, or stop if the scene stops; report if there is a doubt), doubt

@@ -40,6 +40,11 @@ struct CornerModel {
   const TwistFitOptions& options;
 
   int residuals() const { return 8; }
+  // Factor on the noise's variance: four corners that err together by this tell as one does [m].
+  double excess(double deviation, const lie::SE3& X_B0T) const {
+    const double noises = weight * deviation / (X_CB0 * X_B0T.translation).z();
+    return 1 + 4 * noises * noises;
+  }
   // RMS of the corners' distances along one axis [px].
   double shown(const Observation&, const lie::SE3&, double square) const {
     return options.corner_noise * std::sqrt(square / residuals());
@@ -81,6 +86,10 @@ struct PoseModel {
   const TwistFitOptions& options;
 
   int residuals() const { return options.rotation_noise > 0 ? 6 : 3; }
+  double excess(double deviation, const lie::SE3&) const {
+    const double noises = deviation / options.position_noise;
+    return 1 + noises * noises;
+  }
   // Distance of the positions [m].
   double shown(const Observation& seen, const lie::SE3& X_B0T, double) const {
     return (X_B0T.translation - seen.X_BT.translation).norm();
@@ -191,6 +200,7 @@ class TwistEquations {
     deviations_.bottomRows<3>().setConstant(options.model_prior.rotation);
     starts_.resize(model::kMaxPieces);
     partial_movers_.resize(model::kMaxPieces, Mover::none());
+    weighTags();
     movers_.reserve(sections_);
   }
 
@@ -313,13 +323,14 @@ class TwistEquations {
       const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
-      const double square = rows.residual.squaredNorm();
+      const double excess = model.excess(worse_[seen[i].tag], X_B0T);
+      const double shown = rows.residual.squaredNorm(), square = shown / excess;
       const double weight = 1.0 / (1.0 + square / limit);
       point.squares.push_back(square);
-      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
+      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, shown), weight, false});
       if (static_cast<int>(i) == skipped) continue;
       cost += limit * std::log1p(square / limit);
-      accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
+      accumulate<Model>(tag.section, place, weight / excess, rows, point.shape, system);
     }
     point.cost = cost + addPriors<Model>(point, system);
   }
@@ -332,12 +343,13 @@ class TwistEquations {
                                    const FitPoint& point) const {
     const TagPlacement& tag = layout_.tags[seen.tag];
     const PiecePlace place = placeOnPieces(tag, point.shape.piecesPerSection());
+    const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
     typename Model::Rows rows;
-    model.evaluate(seen, poseOf(tag, place, point.shape), layout_.corners(point.bleed), rows);
+    model.evaluate(seen, X_B0T, layout_.corners(point.bleed), rows);
     const auto J = jacobian<Eigen::Dynamic, Model>(tag.section, place, rows, point.shape);
     Eigen::MatrixXd out(J.cols(), 6);
     out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
-    return out;
+    return out / model.excess(worse_[seen.tag], X_B0T);
   }
 
   /// Adds the priors' equations; returns their cost.
@@ -388,6 +400,23 @@ class TwistEquations {
 
   int baseColumn() const { return 6 * sections_; }
   int bleedColumn() const { return 6 * sections_ + (options_.free_base ? kBaseParameters : 0); }
+  // By how much each tag's place is known worse than that of the best one: a calibration's errors
+  // do not average out, so a tag that it did not see must not count like the others.
+  void weighTags() {
+    worse_.assign(layout_.tags.size(), 0.0);
+    double least = std::numeric_limits<double>::infinity();
+    const int base_tag = layout_.baseTag();
+    for (std::size_t i = 0; i < worse_.size(); ++i) {
+      const lie::Vector6& error = layout_.tags[i].error;
+      // Variance of a corner along one axis, in the mean over the axes.
+      worse_[i] = (error.head<3>().squaredNorm() +
+                   layout_.size * layout_.size / 3 * error.tail<3>().squaredNorm()) /
+                  3;
+      if (static_cast<int>(i) != base_tag) least = std::min(least, worse_[i]);
+    }
+    for (double& variance : worse_) variance = std::sqrt(std::max(0.0, variance - least));
+  }
+
   template <class Model>
   bool bleeds() const {
     return Model::kBleeds && options_.free_bleed;
@@ -447,6 +476,7 @@ class TwistEquations {
   model::Shape expected_;                                    // the model's
   model::Twists prior_, deviations_;                         // of the twists
   double noise_scale_ = 1;
+  std::vector<double> worse_;     // deviation of each tag's corners beyond that of the best tag [m]
   std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
   // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
   // section up to it, as if each changed by the whole change of the twist.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <set>
 #include <stdexcept>
 #include <utility>
 #include <variant>
@@ -175,6 +176,8 @@ class Lockstep {
   };
   const std::optional<MeasuredTip>& measuredTip() const { return measured_; }
   int picturesAccepted() const { return accepted_; }
+  // Indices of the tags in those pictures, ascending.
+  const std::set<int>& fittedTags() const { return fitted_; }
 
  private:
   struct Waiting {
@@ -203,6 +206,7 @@ class Lockstep {
       const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                                    next.shape.covariance, next.shape.tags);
       if (observation.accepted()) ++accepted_;
+      fitted_.insert(next.shape.tags.begin(), next.shape.tags.end());
       measured_ = MeasuredTip{next.stamp, next.shape.tip};
       waiting_.pop_front();
     }
@@ -216,6 +220,7 @@ class Lockstep {
   Eigen::VectorXd reading_;
   std::optional<MeasuredTip> measured_;
   int accepted_ = 0;
+  std::set<int> fitted_;
 };
 
 // For a scene without a simulated regulator: one that reaches all limits.
@@ -297,7 +302,8 @@ void requireSound(const FollowPlan& plan) {
 class FollowRun {
  public:
   FollowRun(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan)
-      : plan_(plan),
+      : scene_(scene),
+        plan_(plan),
         lockstep_(lockstepOf(scene, rig, plan)),
         turns_(static_cast<std::int64_t>(std::llround(plan.seconds / kTurn))) {
     if (plan.open) loop_.close(false);
@@ -323,6 +329,8 @@ class FollowRun {
     }
     out_.budget = loop_.budget();
     out_.quiet = loop_.quiet();
+    const std::set<int>& fitted = lockstep_.fittedTags();
+    out_.uncalibrated_tags = uncalibratedTags(*scene_.tags, {fitted.begin(), fitted.end()});
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
     return std::move(out_);
@@ -393,6 +401,7 @@ class FollowRun {
     out_.rows.push_back(std::move(row));
   }
 
+  const io::Scene& scene_;
   const FollowPlan& plan_;
   Lockstep lockstep_;
   follow::VisualServo& loop_ = lockstep_.loop();

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
@@ -73,37 +74,43 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
   correlate(calibration, filter);
 }
 
-using estimation::FitParameter;
 using estimation::RigEstimate;
 
 constexpr double kTypicalInput = 0.3;  // part of the limits
 
-// Replaces deviations by standard errors of parameters "<name><suffix>".
-void takeErrors(const io::Provenance& calibration, FitParameter parameter, const std::string& name,
-                lie::Vector6& deviations) {
-  const auto& numbers = estimation::infoOf(parameter).numbers;
-  for (Eigen::Index i = 0; i < deviations.size(); ++i) {
-    const std::string wanted = name + numbers[static_cast<std::size_t>(i)].suffix;
-    for (const io::Provenance::Parameter& one : calibration.parameters) {
-      if (one.name == wanted) deviations[i] = one.standard_error;
-    }
+// A calibrated camera on its stand stays where it is to this.
+constexpr estimation::BasePrior kSteady = {0.0002, 0.0003};
+
+// What a calibration found of the camera's place seen from the base.
+std::optional<lie::Vector6> baseErrorOf(const io::Scene& scene) {
+  // Of tag poses, `base` is the place of the instrument that measured them.
+  if (!scene.calibration || scene.calibration->error_unit != "px") return std::nullopt;
+  const auto known = scene.calibration->errorOf(estimation::FitParameter::kBase, "");
+  return known ? std::optional<lie::Vector6>(known->deviations) : std::nullopt;
+}
+
+// The fit of the scene's tags while the camera is where a calibration found it.
+estimation::TwistFitOptions fitOf(const io::Scene& scene) {
+  estimation::TwistFitOptions out = scene.vision.fit;
+  if (const auto error = baseErrorOf(scene)) {
+    const auto calibrated = [](double steady, double found, double prior) {
+      return std::min(std::max(steady, found), prior);
+    };
+    out.base_prior = {
+        calibrated(kSteady.translation, error->head<3>().maxCoeff(), out.base_prior.translation),
+        calibrated(kSteady.rotation, error->tail<3>().maxCoeff(), out.base_prior.rotation)};
   }
+  return out;
 }
 
 // The scene's view, as the placements of its tags are known.
 estimation::PlacedView nominalViewOf(const io::Scene& scene) {
-  estimation::PlacedView out{
-      scene.view(), scene.vision.fit, {*scene.tags, scene.tag_prior, scene.vision.fit.base_prior}};
-  if (!scene.calibration) return out;
-  const auto wordOf = [](FitParameter parameter) -> std::string {
-    return estimation::infoOf(parameter).name;
-  };
-  takeErrors(*scene.calibration, FitParameter::kBase, wordOf(FitParameter::kBase),
-             out.deviations.base);
+  const estimation::TwistFitOptions fit = fitOf(scene);
+  estimation::PlacedView out{scene.view(), fit, {*scene.tags, scene.tag_prior, fit.base_prior}};
+  if (const auto error = baseErrorOf(scene)) out.deviations.base = *error;
   for (std::size_t i = 0; i < scene.tags->tags.size(); ++i) {
-    const std::string name =
-        wordOf(FitParameter::kTags) + "_" + std::to_string(scene.tags->tags[i].id);
-    takeErrors(*scene.calibration, FitParameter::kTags, name, out.deviations.tags[i]);
+    const lie::Vector6& error = scene.tags->tags[i].error;
+    if (!error.isZero(0)) out.deviations.tags[i] = error;
   }
   return out;
 }
@@ -154,8 +161,26 @@ std::optional<estimation::PlacedView> placedViewOf(const io::Scene& scene) {
   return out;
 }
 
+std::vector<int> uncalibratedTags(const estimation::TagLayout& layout, const std::vector<int>& of) {
+  std::vector<int> out;
+  for (const int index : of) {
+    const estimation::TagPlacement& tag = layout.tags.at(static_cast<std::size_t>(index));
+    if (!tag.placed) out.push_back(tag.id);
+  }
+  return out;
+}
+
+std::string uncalibratedText(const std::vector<int>& ids) {
+  if (ids.empty()) return {};
+  std::vector<std::string> words;
+  for (const int id : ids) words.push_back(std::to_string(id));
+  return "no capture of the calibration shows the tags " + basics::joined(words) +
+         ", which count little: calibrate again with captures that show them";
+}
+
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene) {
   vision::LocalizerConfig out = scene.vision;
+  out.fit = fitOf(scene);
   if (scene.camera && scene.tags) {
     out.rig_by_placements = rigByPlacementsOf(scene, nominalViewOf(scene));
   }

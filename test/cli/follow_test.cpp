@@ -42,17 +42,31 @@ TEST(Follow, TipsGiveAFigureEach) {
   const Outcome outcome = follow({"--tip", kTips, "--seconds", "6", "--seed", "3"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
-  EXPECT_EQ(keysOf(result), (std::set<std::string>{"scene",        "rig",
-                                                   "plant",        "seed",
-                                                   "sight",        "open",
-                                                   "seconds",      "pictures",
-                                                   "reason",       "path_rms_m",
-                                                   "path_max_m",   "last_turn_rms_m",
-                                                   "steady_rms_m", "settle_s",
-                                                   "unreachable",  "states",
-                                                   "alarms",       "budget",
-                                                   "out",          "png",
-                                                   "base_moved",   "contact_blind_s"}));
+  const std::set<std::string> keys = {"scene",
+                                      "rig",
+                                      "plant",
+                                      "seed",
+                                      "sight",
+                                      "open",
+                                      "seconds",
+                                      "pictures",
+                                      "reason",
+                                      "path_rms_m",
+                                      "path_max_m",
+                                      "last_turn_rms_m",
+                                      "steady_rms_m",
+                                      "settle_s",
+                                      "unreachable",
+                                      "states",
+                                      "alarms",
+                                      "budget",
+                                      "out",
+                                      "png",
+                                      "base_moved",
+                                      "contact_blind_s",
+                                      "uncalibrated_tags"};
+  EXPECT_EQ(keysOf(result), keys);
+  EXPECT_TRUE(result["uncalibrated_tags"].empty()) << "nothing is calibrated";
   EXPECT_EQ(result["base_moved"], nullptr);
   EXPECT_EQ(result["contact_blind_s"], 0);
   EXPECT_EQ(result["scene"], "demo");

@@ -223,6 +223,41 @@ TEST_F(TwistFitTest, ADisplacedTagIsNamedAndLosesItsSay) {
   }
 }
 
+// A calibration placed half of the tags exactly; the others are off by 2 mm and 3 degrees.
+TEST_F(TwistFitTest, TagsCountByTheErrorOfTheirPlace) {
+  lie::Vector6 error;
+  error << Eigen::Vector3d::Constant(0.002), Eigen::Vector3d::Constant(0.052);
+  TagLayout half = view_.layout, all = view_.layout;
+  for (std::size_t i = 0; i < all.tags.size(); ++i) {
+    all.tags[i].error = error;
+    if (i / 4 % 2 == 1) half.tags[i].error = error;
+  }
+  TwistFitter plain(view_.layout, 1, {}), alike(all, 1, {}), weighed(half, 1, {});
+  Random random(21);
+  double plain2 = 0, weighed2 = 0;
+  for (int i = 0; i < 40; ++i) {
+    ArmView glued = view_;
+    for (TagPlacement& tag : glued.layout.tags) {
+      lie::Vector6 moved;
+      for (int k = 0; k < 6; ++k) moved[k] = half.tags[tag.id].error[k] * random.normal();
+      tag = movedBy(tag, moved, arm_.restLength(0));
+    }
+    const model::Twists twists = arm_.twists(test::randomInput(arm_, random));
+    const auto seen = test::observe(glued, visibleTags(glued, twists, 0.35), 0.2, random);
+    const auto tipError2 = [&](TwistFitter& fitter) {
+      const TwistFit& fit = fitter.fit(seen, view_.X_CB, view_.camera.fx, twists);
+      EXPECT_EQ(fit.status, FitStatus::kConverged);
+      return (model::tipPose(fit.twists).translation - model::tipPose(twists).translation)
+          .squaredNorm();
+    };
+    const double without = tipError2(plain);
+    EXPECT_EQ(tipError2(alike), without) << "errors that all tags have alike";
+    plain2 += without;
+    weighed2 += tipError2(weighed);
+  }
+  EXPECT_LT(weighed2, 0.2 * plain2);
+}
+
 TEST_F(TwistFitTest, ManyTagsALittleOffAreNoOutliers) {
   // Glued on 2 mm and 3 degrees off, all of them: the shape is a little wrong, the tags are not to
   // blame one by one.

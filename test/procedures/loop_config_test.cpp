@@ -4,8 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/io/calibrated_scene.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -124,6 +126,46 @@ TEST(LoopConfig, AnErrorThatIsNoFigureIsLimited) {
       filterOf("K_gamma: {value: 1.0e-9, standard_error: 1.0e+9, identifiable: true}");
   EXPECT_TRUE(std::isfinite(std::exp(4 * filter.stiffness_deviation.gamma)));
   EXPECT_LE(filter.stiffness_deviation.gamma, 1);
+}
+
+// The numbers of a placement, with standard errors [m] and [rad].
+std::string placement(const std::string& name, const char* x, const char* errors[2], bool found) {
+  std::string out;
+  for (const char* suffix : {x, "_y", "_z", "_rx", "_ry", "_rz"}) {
+    const bool turn = suffix[1] == 'r';
+    out += (out.empty() ? "" : ", ") + name + suffix +
+           ": {value: 0, standard_error: " + errors[turn ? 1 : 0] +
+           ", identifiable: " + (found ? "true" : "false") + "}";
+  }
+  return out;
+}
+
+TEST(LoopConfig, PlacementsCountAsTheCalibrationFoundThem) {
+  const std::string demo = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+  const char *sure[] = {"0.0004", "0.001"}, *prior[] = {"0.002", "0.052"};
+  const std::string text =
+      io::sceneText(demo, {}) + calibration(placement("base", "_x", sure, true) + ", " +
+                                            placement("tag_1", "_along", sure, true) + ", " +
+                                            placement("tag_2", "_along", prior, false));
+  const io::Scene scene = io::sceneOfText(text, "calibrated.yaml"), before = io::loadScene(demo);
+  EXPECT_EQ(localizerConfigOf(before).fit.base_prior.translation, 0.002);
+  EXPECT_EQ(localizerConfigOf(scene).fit.base_prior.translation, 0.0004);
+  EXPECT_EQ(localizerConfigOf(scene).fit.base_prior.rotation, 0.001);
+  EXPECT_EQ(placedViewOf(scene)->deviations.tags[1][0], 0.0004);
+  EXPECT_EQ(placedViewOf(scene)->deviations.tags[2][5], 0.052);
+  EXPECT_EQ(uncalibratedTags(*scene.tags, {0, 1, 2, 3}), (std::vector<int>{2, 3}))
+      << "3 is as a tag that was added later";
+  EXPECT_TRUE(uncalibratedTags(*before.tags, {0, 1, 2, 3}).empty());
+  EXPECT_EQ(uncalibratedText({2, 5}),
+            "no capture of the calibration shows the tags 2, 5, which count little: calibrate "
+            "again with captures that show them");
+
+  // A camera that was placed anew is where nobody calibrated it.
+  const test::TemporaryFile file(text);
+  const io::Scene placed = io::sceneOfText(
+      io::sceneTextWithCamera(file.path(), {}, {std::nullopt, scene.camera->X_WC}), "placed.yaml");
+  EXPECT_EQ(localizerConfigOf(placed).fit.base_prior.translation, 0.002);
+  EXPECT_EQ(uncalibratedTags(*placed.tags, {0, 1, 2, 3}), (std::vector<int>{2, 3}));
 }
 
 TEST(LoopConfig, ASlowLoopIsWarnedOf) {

@@ -5,6 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/calibration/calibration_parameters.hpp"
+#include "helix_arm/lie/se3.hpp"
+
 namespace helix_arm::io {
 
 /// Origin and quality of a calibrated scene: its key `calibration`. It does not affect the model.
@@ -42,6 +45,16 @@ struct Provenance {
   double rms;                            ///< RMS of the inlier residuals, >= 0
   std::optional<double> held_out_error;  ///< error on held-out data, >= 0
   std::string error_unit;                ///< unit of both: rad, px or m
+
+  /// How well a placement is known that was fitted.
+  struct PlacementError {
+    lie::Vector6 deviations;  ///< standard errors, in the order of its numbers [m, rad]
+    bool seen;                ///< the data determined a number of it better than the prior
+  };
+  /// @param placement  kBase or kTags. @param of  "_<id>" of a tag, empty for the base.
+  /// @return nothing if it was not fitted.
+  std::optional<PlacementError> errorOf(estimation::FitParameter placement,
+                                        const std::string& of) const;
 };
 
 }  // namespace helix_arm::io

@@ -23,6 +23,10 @@ struct TagPlacement {
   int section;    ///< section index, counted from 0 at the base
   double s;       ///< position along that section, in [0, 1]
   lie::SE3 X_ST;  ///< seen from the base curve's frame S at s [m]
+  /// Standard errors of a calibration that placed the tags, as displacements of movedBy() [m, rad]:
+  /// of a tag that none of its captures shows, the deviations of the prior. 0 without one.
+  lie::Vector6 error = lie::Vector6::Zero();
+  bool placed = true;  ///< false: such a calibration has no capture that shows it
 };
 
 /// All tags of an arm. They have one size, measured over the outer edge of the black border.

@@ -113,6 +113,8 @@ struct FollowResult {
   double contact_blind = 0.0;    ///< time in which contacts may not be found [s]
   estimation::QuietScore quiet;  ///< of all of it, if contacts were ignored
   int pictures = 0;              ///< accepted
+  /// Ids of fitted tags that no capture of the scene's calibration shows, ascending.
+  std::vector<int> uncalibrated_tags;
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };

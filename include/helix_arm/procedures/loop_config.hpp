@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -16,11 +17,18 @@ namespace helix_arm::procedures {
 follow::VisualServoConfig loopConfigOf(const io::Scene& scene);
 
 /// How pictures of the scene's arm are searched and fitted where they come one after another: base
-/// and bleed, as far as they are fitted, are learnt over the pictures.
+/// and bleed, as far as they are fitted, are learnt over the pictures. The base's prior is that of
+/// the scene, or the standard error of a calibration that found it.
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene);
 
 /// What a user should know of that configuration before the arm moves; empty if nothing.
 std::string loopWarning(const follow::VisualServoConfig& config);
+
+/// Ids of the tags, of those with these indices, that no capture of the calibration shows: they
+/// count by the prior of their placement. Empty if no calibration placed the tags.
+std::vector<int> uncalibratedTags(const estimation::TagLayout& layout, const std::vector<int>& of);
+/// What that means, and the remedy; empty without ids.
+std::string uncalibratedText(const std::vector<int>& ids);
 
 /// The scene's view of its arm, with the standard errors of its calibration where that fitted
 /// placements, and its priors of them otherwise; a base that is fitted counts as learnt from the

@@ -420,6 +420,22 @@ CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
 }
 
+namespace {
+
+// What a calibration found of the base is no more known of a camera that was placed anew.
+void forgetBase(Value& document) {
+  Value* const calibration = findValue(document, "calibration");
+  Value* const parameters =
+      calibration == nullptr ? nullptr : findValue(*calibration, "parameters");
+  if (parameters == nullptr) return;
+  const auto& base = estimation::infoOf(estimation::FitParameter::kBase);
+  for (const estimation::FitNumber& number : base.numbers) {
+    eraseValue(*parameters, std::string(base.name) + number.suffix);
+  }
+}
+
+}  // namespace
+
 std::string sceneTextWithCamera(const std::string& path, const std::vector<Override>& overrides,
                                 const CameraChange& change) {
   FaultList faults(path);
@@ -433,6 +449,7 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
     lie::SE3 X_WC = *change.X_WC;
     X_WC.rotation *= kOpticalInBody.transpose();
     putPose(X_WC, camera);
+    forgetBase(document);
   }
   return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
                      document, path + ", with the new camera,");

@@ -180,6 +180,21 @@ std::optional<Provenance> readProvenance(const MapReader& scene) {
   return provenance;
 }
 
+std::optional<Provenance::PlacementError> Provenance::errorOf(estimation::FitParameter placement,
+                                                              const std::string& of) const {
+  const estimation::FitParameterInfo& info = estimation::infoOf(placement);
+  PlacementError out{lie::Vector6::Zero(), false};
+  for (std::size_t i = 0; i < info.numbers.size(); ++i) {
+    const std::string name = info.name + of + info.numbers[i].suffix;
+    const auto found = std::find_if(parameters.begin(), parameters.end(),
+                                    [&name](const Parameter& one) { return one.name == name; });
+    if (found == parameters.end()) return std::nullopt;
+    out.deviations[static_cast<Eigen::Index>(i)] = found->standard_error;
+    out.seen |= found->identifiable;
+  }
+  return out;
+}
+
 Value writeProvenance(Provenance provenance) { return mapOf(provenanceKeys(provenance)); }
 
 }  // namespace helix_arm::io

@@ -58,6 +58,32 @@ Scene sceneOfText(const std::string& text, const std::string& name) {
   return makeScene(document, faults);
 }
 
+namespace {
+
+// How well a calibration knows the tags that it placed. One that is not in it, such as a tag that
+// was added later, is as one that no capture showed. The base tag is where the scene says.
+void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior,
+                estimation::TagLayout& layout) {
+  const auto errorOf = [&](const estimation::TagPlacement& tag) {
+    return calibration.errorOf(estimation::FitParameter::kTags, "_" + std::to_string(tag.id));
+  };
+  const auto isIn = [&](const auto& tag) { return errorOf(tag).has_value(); };
+  if (std::none_of(layout.tags.begin(), layout.tags.end(), isIn)) return;
+  Provenance::PlacementError unseen{lie::Vector6::Zero(), false};
+  unseen.deviations.head<3>().setConstant(prior.translation);
+  unseen.deviations.tail<3>().setConstant(prior.rotation);
+  const int base_tag = layout.baseTag();
+  for (int i = 0; i < static_cast<int>(layout.tags.size()); ++i) {
+    if (i == base_tag) continue;
+    estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(i)];
+    const auto known = errorOf(tag).value_or(unseen);
+    tag.error = known.deviations;
+    tag.placed = known.seen;
+  }
+}
+
+}  // namespace
+
 Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader keys(document, "", keysOf(sceneKind().keys), faults);
   auto [name, contractions, arm, model] = readSceneArm(keys);
@@ -81,6 +107,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   scene.regulator = std::move(regulator);
   if (tags) {
     scene.tags = std::move(tags->layout);
+    if (calibration) takeErrors(*calibration, tags->prior, *scene.tags);
     scene.tag_prior = tags->prior;
     scene.X_BF = tags->X_BF;
   }

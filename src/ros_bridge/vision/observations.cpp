@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -141,6 +142,14 @@ std::string describe(const vision::Observation& observation, int tags,
   return out + unknownTags(observation);
 }
 
+std::string uncalibratedTags(const estimation::TwistFit& fit, const estimation::TagLayout& layout) {
+  std::vector<int> fitted;
+  for (const estimation::TagResidual& tag : fit.tags) fitted.push_back(tag.tag);
+  const std::string text =
+      procedures::uncalibratedText(procedures::uncalibratedTags(layout, fitted));
+  return text.empty() ? text : "; " + text;
+}
+
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
   if (error == nullptr) return "tip noise " + fixed(1e3 * tipSigma(fit)) + " mm";
   return "model off by " + fixed(1e3 * error->tip_error) + " mm (" +
@@ -240,6 +249,7 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
   if (measurement.model) out.error = toMsg(header, observation.fit, *measurement.model);
   out.tip = tipText(observation.fit, out.error ? &*out.error : nullptr);
   out.lines = {out.tip, summarise(observation, out.tags)};
+  out.account += uncalibratedTags(observation.fit, measurement.view.layout);
   if (observation.moved) out.lines.push_back(observation.moved->message());
   return out;
 }
