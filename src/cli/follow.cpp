@@ -427,31 +427,36 @@ int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
   }
 }
 
+// What the arm is, and what it is to do.
+void addGoal(CLI::App& command, FollowArguments& arguments) {
+  addScene(command, "SCENE", arguments.scene, "scene file with camera, tags and pressures")
+      ->required();
+  addScene(command, "--rig", arguments.rig,
+           "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
+           "--set does not apply to it)")
+      ->type_name("FILE");
+  addOption(command, "--plant", arguments.plan.plant,
+            "command that simulates the true arm in place of the rig's: docs/closed_loop.md",
+            TypeName{"COMMAND"});
+  addOption(command, "--tip", arguments.tip,
+            "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
+  addOption(command, "--path", arguments.path, "path file, as `helix_arm path` writes it",
+            TypeName{"FILE"});
+  command.add_flag("--prove-contact", arguments.plan.ignore_contacts,
+                   "nobody touches the arm: moves it, and sets the limit of contacts and what "
+                   "follows from them");
+  addOption(command, "--seconds", arguments.seconds, "simulated time [s]; 400 for --prove-contact",
+            TypeName{"S"}, within(kSeconds));
+  command.add_flag("--open", arguments.plan.open, "keep the loop open: the model alone commands");
+}
+
 }  // namespace
 
 Subcommand addFollow(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "follow", "the simulated arm follows tips or a path, with the loop closed over vision");
   const auto arguments = std::make_shared<FollowArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file with camera, tags and pressures")
-      ->required();
-  addScene(*command, "--rig", arguments->rig,
-           "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
-           "--set does not apply to it)")
-      ->type_name("FILE");
-  addOption(*command, "--plant", arguments->plan.plant,
-            "command that simulates the true arm in place of the rig's: docs/closed_loop.md",
-            TypeName{"COMMAND"});
-  addOption(*command, "--tip", arguments->tip,
-            "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
-  addOption(*command, "--path", arguments->path, "path file, as `helix_arm path` writes it",
-            TypeName{"FILE"});
-  command->add_flag("--prove-contact", arguments->plan.ignore_contacts,
-                    "nobody touches the arm: moves it, and sets the limit of contacts and what "
-                    "follows from them");
-  addOption(*command, "--seconds", arguments->seconds,
-            "simulated time [s]; 400 for --prove-contact", TypeName{"S"}, within(kSeconds));
-  command->add_flag("--open", arguments->plan.open, "keep the loop open: the model alone commands");
+  addGoal(*command, *arguments);
   addOption(*command, "--sight", arguments->vision,
             "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
             "which the tags are detected)",
@@ -489,7 +494,7 @@ shows), contact_blind_s (time in which contacts may not be found: the model bala
 at the tip), budget (or null), out, png; with --prove-contact also contact_proof {seconds (in
 which contacts could have been found), highest_score, contact_limit (twice that, at least the
 default), on_contact (yield, or stop if the scene stops; report if there is a doubt), doubt
-(null, or why), found_force_n}. csv: the rows of --out. On stderr: the progress, and at
+(null, or why), found_force_n}. csv: one row per step of 10 ms. On stderr: the progress, and at
 the end the error budget of the last picture: standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant

@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kRest = 4.0;                    // after a move [s]
 constexpr double kShortestMove = 0.5;            // [s]
-constexpr double kSlewPart = 0.9;                // of what a path may use
+constexpr double kSlewPart = 0.5;                // of what a path may use
 constexpr int kPieces = 20;                      // of a move
 constexpr double kLowest = 0.1, kHighest = 0.9;  // of the pressures' ranges
 constexpr int kMostDraws = 1000;                 // of a shape that balances the load
