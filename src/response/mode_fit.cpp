@@ -16,8 +16,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr double kLowestFrequency = 0.3, kFrequencyStep = 1.1;  // [Hz], of the grid
-constexpr double kHighestOfRate = 1.0 / 3;                      // of the rate of the rows
+constexpr double kLowestFrequency = 0.3, kFrequencyRatio = 1.1;  // [Hz], of the grid
+constexpr double kHighestOfRate = 1.0 / 3;                       // of the rate of the rows
 constexpr std::array<double, 3> kRingDampings{0.05, 0.15, 0.35};
 constexpr double kLeastDamping = 0.002;
 // An arm that is damped more overshoots by less than a sixth, like creep beside an exponential.
@@ -225,7 +225,7 @@ double gainOf(const Motion& window, const Ringing& shape, int exponentials) {
 // The shapes of a grid that explain most, the best first; one of each frequency.
 std::vector<RingCandidate> ringCandidates(const Motion& motion, double highest) {
   std::vector<RingCandidate> found;
-  for (double frequency = kLowestFrequency; frequency <= highest; frequency *= kFrequencyStep) {
+  for (double frequency = kLowestFrequency; frequency <= highest; frequency *= kFrequencyRatio) {
     RingCandidate best{{}, 0};
     for (const double damping : kRingDampings) {
       const auto window = windowOf(motion, frequency, damping);
