@@ -609,6 +609,7 @@ class CalibrationJob {
     }
     estimation::SeriesOptions options;
     options.arm = optionsOf(*scene_, request_, fitted_, data_);
+    options.arm.contraction = fitsCurve();
     options.response = fitsResponse();
     options.rest_offset = request_.rest_offset;
     outcome_.series =
