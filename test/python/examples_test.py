@@ -1,4 +1,5 @@
 """Each script of examples/python runs, and says what is true."""
+import os
 import pathlib
 import re
 import subprocess
@@ -58,6 +59,18 @@ class ExamplesTest(unittest.TestCase):
         first, last = [float(number) for number in re.findall(r"([\d.]+) mm", text)]
         self.assertGreater(first, 30)
         self.assertLess(last, 2)
+
+    def test_real_arms(self):
+        data = EXAMPLES.parents[2] / "shared/data"
+        if not data.exists():
+            self.skipTest(f"{data} is absent: recordings of other people's arms have no licence to be shipped")
+        environment = dict(os.environ, PATH=f"{EXAMPLES.parents[1]}/build/bin:{os.environ['PATH']}")
+        text = subprocess.run([sys.executable, str(EXAMPLES.parent / "real_arms.py"), str(data)], cwd=self.folder,
+                              capture_output=True, text=True, timeout=280, env=environment, check=True).stdout
+        errors = {name: float(error) for name, error in re.findall(r"^(\w+ \w+).*\] +([\d.]+) ", text, re.MULTILINE)}
+        self.assertLess(errors["three chambers"], 4.2)  # [mm]; a cubic with lag and creep has 3.9
+        self.assertLess(errors["two sections"], 6.0)  # [mm]; a cubic with a lag has 4.5
+        self.assertLess(errors["Koopman arm"], 0.5)  # of its unit; a cubic with a lag has 0.36
 
     def test_read_bag(self):
         try:
