@@ -321,6 +321,8 @@ class FollowRun {
       }
     }
     out_.budget = loop_.budget();
+    out_.lag = loop_.response().lag();
+    out_.play = loop_.response().play();
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
     return std::move(out_);

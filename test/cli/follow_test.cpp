@@ -52,7 +52,9 @@ TEST(Follow, TipsGiveAFigureEach) {
                                                    "unreachable",  "states",
                                                    "alarms",       "budget",
                                                    "out",          "png",
-                                                   "base_moved",   "contact_blind_s"}));
+                                                   "base_moved",   "contact_blind_s",
+                                                   "lag_s",        "lag_deviation_s",
+                                                   "play_kpa",     "play_deviation_kpa"}));
   EXPECT_EQ(result["base_moved"], nullptr);
   EXPECT_EQ(result["contact_blind_s"], 0);
   EXPECT_EQ(result["scene"], "demo");

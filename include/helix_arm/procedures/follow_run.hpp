@@ -109,6 +109,9 @@ struct FollowResult {
   std::optional<Move> moved;
   double contact_blind = 0.0;  ///< time in which contacts may not be found [s]
   int pictures = 0;            ///< accepted
+  /// By which the arm follows its pressures late, errors of stamps included, and half the width of
+  /// its hysteresis, as estimated; 0 if the scene tells them [s], [Pa].
+  estimation::Estimated lag, play;
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };
