@@ -26,8 +26,8 @@ constexpr int kMostDraws = 1000;                 // of a shape that balances the
 // A force must exceed by a half what motion alone looks like; scores are its square.
 constexpr double kMargin = 2.0;
 constexpr double kLeastWatched = 60.0;  // [s]
-constexpr double kMostForce = 1.0;       // that a watch must find [N]
-constexpr double kNineInTen = 1.28;      // standard deviations
+constexpr double kMostForce = 1.0;      // that a watch must find [N]
+constexpr double kNineInTen = 1.28;     // standard deviations
 
 // A motion of all pressures that begins and ends at rest.
 struct Move {

@@ -176,6 +176,36 @@ TEST(Contact, AForceOnASoftHangingArmIsKnown) {
   }
 }
 
+// At 6 mm/s.
+TEST(Contact, AForceDuringASlowPathIsFoundWithinASecond) {
+  constexpr int kDraws = 10;
+  const io::Scene scene = arm();
+  int soon = 0;
+  for (int seed = 1; seed <= kDraws; ++seed) {
+    test::Random random(500 + seed);
+    Eigen::Vector3d fraction;
+    for (double& one : fraction) one = random.uniform(0.35, 0.65);
+    const lie::SE3 middle = scene.model.tip(scene.arm.inputAt(fraction)).tip;
+    control::ShapedPath circle;
+    circle.centre = middle.translation;
+    circle.radius = 0.015;
+    circle.period = 15;
+    circle.turns = 2;
+    FollowPlan plan;
+    plan.path = control::TipPath(control::wayPointsOf(circle));
+    plan.seconds = kTouched + 1.5;
+    plan.seed = seed;
+    const Eigen::Vector3d across = middle.rotation.col(0).cross(random.direction<3>()).normalized();
+    plan.force = procedures::TimedForce{kTouched, 0.5 * across};
+    const FollowResult result = procedures::runFollow(scene, plan);
+    EXPECT_LE(result.alarms.size(), 1u) << seed;
+    if (!result.alarms.empty()) soon += result.alarms[0].time <= kTouched + 1.0;
+  }
+  std::printf("[  FIGURE  ] 0.5 N on a path at 6 mm/s: %d of %d found within a second\n", soon,
+              kDraws);
+  EXPECT_GE(soon, 8);
+}
+
 // The scores of forks while nothing touches the arm.
 struct Quiet {
   double hours = 0.0;
