@@ -118,7 +118,7 @@ TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   EXPECT_EQ(response["lag"]["verdict"], "not_determined");
   EXPECT_GT(response["static_rms_m"].get<double>(), 10 * kNoise);
   EXPECT_LT(response["rms_m"].get<double>(), 1.3 * kNoise);
-  // One branch alone has hardly a loop left.
+  // One branch alone, as is usually measured, scatters less about its curve.
   const Outcome branch = calibrate(scenePath("planar_76"), {data.path()},
                                    {"--fit", "contraction", "--branch", "rising"});
   ASSERT_EQ(branch.exit_code, 0) << branch.err << branch.out;

@@ -78,7 +78,7 @@ TEST(Fit, AWrongTagIsNamedAndKeptOutOfTheMedian) {
   EXPECT_EQ(result["captures"][0]["unknown_tags"], json({99}));
   EXPECT_EQ(result["unknown_tags"], json({99}));
   EXPECT_EQ(result["captures"][0]["outlier_tags"], json::array());
-  EXPECT_NEAR(result["captures"][0]["twist"][0][0].get<double>(), 0.25, 1e-6);
+  EXPECT_EQ(result["captures"][0]["tags"].size(), 6u);
   EXPECT_EQ(result["captures"][1]["outlier_tags"], json({6}));
   EXPECT_EQ(result["flagged_captures"], json({8}));
   EXPECT_EQ(result["median_rms_m"], result["captures"][0]["rms_m"]);
