@@ -182,6 +182,9 @@ TEST_F(CalibrateMeasured, OnePlanarArmCalibratesAllArms) {
   const double planar = rms("planar_76"), spatial = rms("spatial_50");
   EXPECT_LT(planar, 0.020);
   EXPECT_LT(spatial, 0.13);
+  // As shipped.
+  EXPECT_LE(rmsOf(scenePath("planar_76"), measured("planar_76_curvature.csv")), 0.020);
+  EXPECT_LE(rmsOf(scenePath("spatial_50"), measured("spatial_50_curvature.csv")), 0.13);
   std::printf("K_kappa %.3e +- %.1e m^2: planar_76 %.4f rad, spatial_50 %.4f rad RMS\n", K_kappa,
               error, planar, spatial);
 }

@@ -6,12 +6,9 @@
 #include <sstream>
 
 #include <gtest/gtest.h>
-#include <sys/prctl.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "command.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/drivers.hpp"
 #include "support/eventually.hpp"
@@ -56,12 +53,6 @@ void fill(const EmulatedDevice& device) {
 }
 
 double fullest(const EmulatedDevice& device) { return device.pressure().maxCoeff(); }
-
-// Ends a child with its parent, however the tests end.
-void endWith(pid_t parent) {
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (getppid() != parent) _exit(1);
-}
 
 // The process that this one has started and that runs, -1 where it is not one.
 pid_t onlyChildOf(pid_t parent) {
@@ -316,26 +307,6 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
       << said;
   EXPECT_TRUE(has(said, " is vented, after "));
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
-}
-
-TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
-  EmulatedDevice device(deviceConfig());
-  fill(device);
-  const std::vector<std::string> call = words(at(device.port(), {"guard"}));
-  const pid_t parent = getpid();
-  const pid_t ward = fork();
-  if (ward == 0) {
-    endWith(parent);
-    const regulator::GuardProcess guard(call);
-    raise(SIGSTOP);
-    for (;;) pause();
-  }
-  ASSERT_GT(ward, 0);
-  ASSERT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 10.0));
-  int status = 0;
-  ASSERT_EQ(waitpid(ward, &status, 0), ward);
-  EXPECT_TRUE(WIFSIGNALED(status));
-  EXPECT_EQ(WTERMSIG(status), SIGKILL);
 }
 
 TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {

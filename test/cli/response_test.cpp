@@ -80,28 +80,10 @@ TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysS
   EXPECT_EQ(workspace["response"]["note"], run("forward", call).json()["response"]["note"]);
 }
 
-TEST(Response, TheInverseGivesThePressuresToGoToFromAHistory) {
-  const nlohmann::json wanted = run("forward", {"--pressure-kpa", "250,80"}, {}).json();
-  const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
-  const Outcome outcome =
-      run("inverse", {"--tip", tip, "--history", kUpAndDown.path(), "--prefer", "min-change"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.out << outcome.err;
-  const nlohmann::json result = outcome.json();
-  EXPECT_EQ(result["response"]["history_rows"], 4);
-  const std::vector<double> pressure = numbersOf(result["pressure_pa"]);
-  EXPECT_GT(std::abs(pressure[0] - result["effective_pressure_pa"][0].get<double>()), 1e3);
-  const TemporaryFile then(contentOf(kUpAndDown.path()) + commaList(pressure, 1e-3) + "\n");
-  const nlohmann::json reached = run("forward", {"--history", then.path()}).json();
-  const std::vector<double> a = numbersOf(reached["tip"]["position_m"]),
-                            b = numbersOf(wanted["tip"]["position_m"]);
-  EXPECT_LT(std::hypot(a[0] - b[0], a[1] - b[1]), 2e-6);
-}
-
-TEST(Response, ASlowStateIsFollowedInvertedAndToldWhenItRests) {
+TEST(Response, ASlowStateIsFollowedAndToldWhenItRests) {
   const std::vector<std::string> slow{
       "--set", "contractions.planar_muscle.response={slow_time_constant_s: 2, slow_weight: 0.6}"};
-  const std::string rows = "time_s,pressure_1_kpa,pressure_2_kpa\n0,0,0\n1,200,0\n";
-  const TemporaryFile series(rows);
+  const TemporaryFile series("time_s,pressure_1_kpa,pressure_2_kpa\n0,0,0\n1,200,0\n");
   const nlohmann::json result = run("forward", {"--history", series.path()}, slow).json();
   EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(),
               200e3 * (0.4 + 0.6 * (1 - std::exp(-0.5))), 1e-6);
@@ -111,17 +93,6 @@ TEST(Response, ASlowStateIsFollowedInvertedAndToldWhenItRests) {
               1e3);
   EXPECT_EQ(run("forward", {"--pressure-kpa", "200,50"}, slow).json()["response"]["note"],
             "at rest, which takes 10 s, with every effective pressure the pressure itself");
-
-  // Inverted where it is; of rows at rest, at rest.
-  const std::string tip = commaList(numbersOf(result["tip"]["position_m"]));
-  const auto pressureFrom = [&](const std::string& path) {
-    return numbersOf(
-        run("inverse", {"--tip", tip, "--history", path, "--prefer", "min-change"}, slow)
-            .json()["pressure_pa"])[0];
-  };
-  EXPECT_NEAR(pressureFrom(series.path()), 200e3, 200);
-  const TemporaryFile rests("pressure_1_kpa,pressure_2_kpa\n0,0\n");
-  EXPECT_NEAR(pressureFrom(rests.path()), result["effective_pressure_pa"][0].get<double>(), 200);
 }
 
 TEST(Response, UnattainableEffectivePressuresAreOutOfReach) {

@@ -329,19 +329,6 @@ TEST(SafetyTimes, ChannelsAreHeldOnlyForTheHoldTime) {
   EXPECT_TRUE(bench.core.orders().set_point.isZero());
 }
 
-TEST(SafetyTimes, AHeldChannelStaysAtItsSetPoint) {
-  Bench bench(benchRules(), benchChannels(6.4e4));  // 1 kPa a turn
-  bench.goal.setConstant(1e5);
-  bench.start().turns(42);
-  const double before = bench.now;
-  starve(bench);
-  const double way = 6.4e4 * (bench.now - before) + 42e3;
-  bench.run(2);
-  ASSERT_EQ(bench.orders(), "vrc");
-  EXPECT_NEAR(bench.core.orders().set_point[1], way, 2e3);
-  EXPECT_LT(way, 6e4);
-}
-
 TEST(SafetyTimes, AVentIsOverdueWhilePressureRemainsAfterItsTime) {
   Bench bench = enabledBench();
   bench.readsAs(1, 5e4);
@@ -483,22 +470,6 @@ TEST(SafetyRest, AllChangesAreCounted) {
   EXPECT_FALSE(bench.core.report().resting);
 }
 
-// A ramp that takes longer than the silence that a commander may keep.
-TEST(SafetyRest, TheSilenceOfTheCommanderIsNoFaultHoweverLongTheRamp) {
-  Bench bench = restingBench(benchChannels(1e4));
-  bench.run(9.5);
-  EXPECT_EQ(bench.state(), State::kEnabled);
-  EXPECT_GT(bench.core.orders().set_point.minCoeff(), 0);
-  EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
-}
-
-TEST(SafetyRest, AnEmptyArmRestsAtOnce) {
-  Bench bench = enabledBench(0);
-  ASSERT_TRUE(bench.core.rest(bench.now));
-  bench.core.advance(bench.now);
-  EXPECT_EQ(bench.state(), State::kDisabled);
-}
-
 TEST(SafetyRest, WithoutASlewItVentsOnceTheReadingsAreDown) {
   Bench bench = restingBench(benchChannels(kInfinity));
   bench.turn();
@@ -509,26 +480,6 @@ TEST(SafetyRest, WithoutASlewItVentsOnceTheReadingsAreDown) {
   EXPECT_EQ(bench.state(), State::kEnabled);
   bench.readsAs(2, 0.99e4).turn();
   EXPECT_EQ(bench.state(), State::kDisabled);
-}
-
-// Muscles that are never to be empty while they regulate, and those that are evacuated.
-TEST(SafetyRest, LimitsThatExcludeTheAtmosphereAreLeftForIt) {
-  for (const model::Range& limits : {model::Range{5e4, 4e5}, model::Range{-6e4, -2e4}}) {
-    Bench bench(benchRules(), {{"muscle", limits, kSlowSlew, FaultAction::kVent}});
-    bench.goal.setConstant(limits.lower + 1e4);
-    bench.start().run(4);
-    ASSERT_EQ(bench.core.orders().set_point, bench.goal);
-    bench.commands = false;
-    ASSERT_TRUE(bench.core.rest(bench.now));
-    double before = std::abs(bench.core.orders().set_point[0]);
-    while (before > 0) {
-      bench.turn();
-      const double now = std::abs(bench.core.orders().set_point[0]);
-      ASSERT_NEAR(now, std::max(before - 1e3, 0.0), 1e-6);
-      before = now;
-    }
-    EXPECT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
-  }
 }
 
 TEST(SafetyRest, ATargetContinuesFromTheRamp) {
@@ -555,14 +506,6 @@ TEST(SafetyRest, WhatATargetLeavesOutReturnsInsideItsLimits) {
   ASSERT_EQ(bench.state(), State::kEnabled);
   bench.core.target(bench.now, Eigen::Vector3d(1e5, std::nan(""), std::nan("")));
   EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(1e5, 5e4, 0));
-}
-
-TEST(SafetyRest, ATargetThatSaysNothingCancelsNothing) {
-  Bench bench = restingBench();
-  EXPECT_FALSE(bench.core.target(bench.now, Eigen::Vector3d::Constant(std::nan(""))));
-  EXPECT_FALSE(bench.core.target(bench.now, Eigen::Vector2d(1e5, 1e5)));
-  EXPECT_TRUE(bench.core.report().resting);
-  EXPECT_TRUE(bench.reach(State::kDisabled));
 }
 
 TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {

@@ -4,7 +4,6 @@
 
 #include "estimation/calibration_data.hpp"
 #include "helix_arm/statics/exact.hpp"
-#include "helix_arm/statics/loaded.hpp"
 #include "support/has.hpp"
 #include "support/sample_load.hpp"
 
@@ -506,14 +505,11 @@ struct LoadedRig {
   model::Stiffness stiffness = known.actuator(0).stiffness;  // true
   statics::Load load = known_load;                           // true
   double length_scale = 1;
-  bool exact = true;  // else by the tier that the model has, and many times faster
 
   model::Shape shape(const Eigen::VectorXd& pressure) const {
     const model::Arm arm = known.withStiffness(stiffness);
     const model::Twists unloaded = arm.twistsOfLengths(length_scale * arm.lengths(pressure));
-    const statics::Solution solution =
-        exact ? statics::ExactArm(arm, load).solve(unloaded)
-              : statics::LoadedArm(arm, load, kLoaded.order).solve(unloaded);
+    const statics::Solution solution = statics::ExactArm(arm, load).solve(unloaded);
     if (!solution.converged()) throw std::runtime_error("the sample load is too heavy");
     return solution.shape;
   }
@@ -560,31 +556,6 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   EXPECT_NEAR(parameter(found, "length_scale").value, 1.01, 1e-5);
   ASSERT_TRUE(found.K_eps.has_value());
   EXPECT_DOUBLE_EQ(*found.K_eps, parameter(found, "K_eps").value);
-}
-
-TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
-  const ArmView view = test::sampleView();
-  Random random(33);
-  const test::RigErrors errors{0.2, 0.3, 0.01, 0.01, 0.02, 0.002, 0.05, 0.0002};
-  LoadedRig rig;
-  const test::RigTruth truth = test::drawRig(rig.known, view, errors, random);
-  rig.stiffness = truth.arm.actuator(0).stiffness;
-  rig.length_scale = truth.length_scale;
-  rig.exact = false;
-  ArmCaptures data = rig.captures(view.layout);
-  data.X_CB = view.X_CB;
-  data.focal = view.camera.fx;
-  ArmView shrunk = truth.view;
-  shrunk.layout.size -= 2 * truth.bleed;
-  for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
-    const auto observations = visibleTags(shrunk, rig.shape(pressure), 0.3);
-    test::addCapture(data, pressure, test::observe(truth.view, observations, 0.0, random));
-  }
-  CalibrationOptions options = test::everythingFromExactReadings(1e-4);
-  options.next_pressures = 0;
-  const Calibration found = calibrated({data}, options);
-  expectFound(found, truth, 1e-3);
-  EXPECT_LT(found.rms, 1e-2);
 }
 
 TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNot) {

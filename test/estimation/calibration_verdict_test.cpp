@@ -134,34 +134,6 @@ TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
   EXPECT_GE(kappa.coverage(), 0.92);
 }
 
-TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
-  const model::Arm known = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView(0.8, 1, 21, 3);
-  CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
-  options.length_scale = LengthScaling::kCommon;
-  options.held_out = false;
-  options.corner_floor = 0;
-  options.next_pressures = 0;
-  Tallies tallies;
-  for (int set = 0; set < 60; ++set) {
-    Random random(3000 + set);
-    const test::RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
-    const test::RigTruth truth = test::drawRig(known, view, errors, random);
-    const Calibration found = calibrated(
-        {corners(known, view, truth, randomPressures(known, 60, random), kCornerNoise, random)},
-        options, std::to_string(set));
-    expectAgreement(found, set);
-    for (const Parameter& one : found.parameters) {
-      const std::string group = one.name.substr(0, one.name.find('_') + 2);
-      tallies[one.name.rfind("tag_", 0) == 0 ? "tags" : group].add(one,
-                                                                   truth.parameters.at(one.name));
-    }
-  }
-  print("placement", tallies);
-  for (const auto& [name, tally] : tallies) EXPECT_LT(tally.worst, 6) << name;
-}
-
 // Parameters that a combination of words does not request are as uncertain as their priors, except
 // base and length scales, which count as exact.
 TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {

@@ -4,7 +4,6 @@
 #include "extremes/family.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
-#include "helix_arm/statics/inverse.hpp"
 #include "support/high_precision_arm.hpp"
 
 namespace helix_arm::model {
@@ -20,11 +19,6 @@ double lengthOf(const Twists& twists) {
 double turnOf(const Twists& twists) {
   double turn = 0;
   for (int k = 0; k < twists.cols(); ++k) turn += twists.col(k).tail<3>().stableNorm();
-  return turn;
-}
-double largestTurnOf(const Twists& twists) {
-  double turn = 0;
-  for (const auto& twist : twists.colwise()) turn = std::max(turn, twist.tail<3>().stableNorm());
   return turn;
 }
 
@@ -105,41 +99,6 @@ TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
   spin(2, 0) = -Real(0.0254);
   spin(3, 0) = 1;
   expectForward({"one muscle aside, K_tau = 0, rank 5", aside}, spin / spin.norm(), 5, 0.0254);
-}
-
-TEST(Extremes, InverseFindsWhatForwardReached) {
-  test::Random random(704);
-  for (const BuildFamily& family : test::extremeBuilds()) {
-    Family near(std::string("warm inverse, ") + family.range, 1.0, "of the tolerance");
-    int curled = 0, missed = 0;
-    for (const Build& build : family.builds) {
-      const Arm arm = build.arm();
-      if (arm.actuatorCount() > 48) continue;
-      const double length = lengthOf(arm.twists(arm.inputAt(0)));
-      statics::InverseOptions options;
-      options.position_tolerance = 1e-6 * length;
-      options.rotation_weight = 0.1 * length;
-      statics::InverseSolver solver(arm, options);
-      for (int i = 0; i < 3; ++i) {
-        const Eigen::VectorXd q = test::randomInput(arm, random);
-        const Twists twists = arm.twists(q);
-        Eigen::VectorXd start = q;
-        for (int a = 0; a < q.size(); ++a) start[a] += random.uniform(-1, 1) * 100.0;
-        const statics::InverseResult& result =
-            solver.toPosition(arm.tip(q).translation, arm.clamped(start));
-        const double miss = (arm.tip(result.input).translation - arm.tip(q).translation).norm();
-        // Arms that curl up further may be missed, but are never called reached by mistake.
-        if (largestTurnOf(twists) > 2 * kPi && result.status != statics::InverseStatus::kReached) {
-          ++curled;
-          continue;
-        }
-        missed += result.status != statics::InverseStatus::kReached;
-        near.add(miss / options.position_tolerance, build.name());
-      }
-    }
-    EXPECT_EQ(missed, 0) << family.range;
-    if (curled > 0) std::printf("  %d of arms that turn more than once were missed\n", curled);
-  }
 }
 
 }  // namespace

@@ -708,11 +708,5 @@ TEST(BoardAndHost, WithChecksumsNoFlippedBitBecomesAnOrderOrAReading) {
   EXPECT_LT(board.with([](SimulatedBoard& simulated) { return simulated.air().peak(); }), 1.3e5);
 }
 
-TEST(BoardAndHost, EightChannelsAreFollowed) {
-  BoardRig rig(kBoardKinds[2]);
-  EXPECT_EQ(rig.bringTo(2e5), "");
-  EXPECT_EQ(rig.bringTo(0.5e5), "");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -466,12 +466,6 @@ TEST(Provenance, IsAbsentWhereNothingWasCalibrated) {
   EXPECT_FALSE(scene.calibration->held_out_error);
 }
 
-TEST(Provenance, ChangesNothingOfTheModel) {
-  const Scene with = sceneOf(kScene), without = sceneOf(kPlanarScene);
-  const Eigen::VectorXd pressure = Eigen::Vector2d(1e5, 3e5);
-  EXPECT_EQ(with.arm.twists(pressure), without.arm.twists(pressure));
-}
-
 // Line 21 of the scene is the key, 22 and 23 the entries.
 const std::string kCombinations =
     "  combinations:\n"

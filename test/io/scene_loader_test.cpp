@@ -408,14 +408,6 @@ TEST(ScenePhase, AThirdOfATurnPermutesTheInputsOfThreeMuscles) {
   }
 }
 
-TEST(ScenePhase, ZeroHasTheSameBits) {
-  const Scene plain = shippedScene("spatial_50"),
-              zero = shippedScene("spatial_50", {{"arm.sections.0.ring.phase_deg", "0"}});
-  const Eigen::Vector3d q(3e5, 1e5, 2e4);
-  EXPECT_EQ(plain.arm.tip(q).translation, zero.arm.tip(q).translation);
-  EXPECT_EQ(plain.arm.actuator(2).X_O.translation, zero.arm.actuator(2).X_O.translation);
-}
-
 TEST(ScenePhase, HalfATurnSwapsTheMusclesOfAPlanarArm) {
   const Scene plain = shippedScene("planar_50");
   const Scene turned = shippedScene("planar_50", {{"arm.sections.0.ring.phase_deg", "180"}});
@@ -456,10 +448,6 @@ TEST(SceneLinks, ThePlaneHasThemToo) {
   EXPECT_LT(apart(model::tipPose(scene.model.solve(q).shape), scene.arm.tip(q)), 1e-13);
 }
 
-TEST(SceneLinks, APlanarToolMayTurnInThePlane) {
-  EXPECT_EQ(test::faultsOf(kPlanarScene, {{"arm.tool.rpy_deg", "[0, 0, 10]"}}), test::Faults());
-}
-
 // ring.radius_m and ring.tilt_deg as lists.
 TEST(SceneTaper, ListsAreTheEndsOfTheSection) {
   const Scene scene = shippedScene("helical_50", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"},
@@ -474,20 +462,6 @@ TEST(SceneTaper, ListsAreTheEndsOfTheSection) {
     EXPECT_NEAR(std::acos(end.rotation(0, 0)) * 180 / 3.14159265358979, 15, 1e-9);
     EXPECT_NEAR(std::acos(middle.rotation(0, 0)) * 180 / 3.14159265358979, 7.5, 1e-9);
   }
-}
-
-TEST(SceneTaper, ThePlaneTakesIt) {
-  const Scene scene =
-      shippedScene("planar_50", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}});
-  ASSERT_TRUE(scene.planar && scene.planar->tapered());
-  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kPlanar);
-  const Eigen::Vector2d q(3e5, 0);
-  EXPECT_LT((scene.model.tip(q).tip.translation - scene.arm.tip(q).translation).norm(),
-            1e-5 * scene.arm.restLength());
-  EXPECT_LT(
-      (model::tipPose(scene.model.solve(q).shape).translation - scene.model.tip(q).tip.translation)
-          .norm(),
-      1e-13);
 }
 
 TEST(SceneTaper, TagsFollowTheirMuscle) {
@@ -533,13 +507,6 @@ TEST(SceneStiffnessTable, AConstantOneIsANumberBitForBit) {
   EXPECT_TRUE(table.model.load()->tables.empty());
   const Eigen::Vector3d q(3e5, 1e5, 0);
   EXPECT_EQ(table.model.tip(q).tip.translation, number.model.tip(q).tip.translation);
-}
-
-TEST(SceneStiffnessTable, WithoutLoadItHasNoEffect) {
-  const Scene plain = shippedScene("demo"),
-              table = shippedScene("demo", {{"arm.stiffness.K_eps_n", kTable}});
-  const Eigen::Vector3d q(3e5, 1e5, 0);
-  EXPECT_EQ(table.model.tip(q).tip.translation, plain.model.tip(q).tip.translation);
 }
 
 }  // namespace

@@ -12,7 +12,6 @@
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "scene_faults.hpp"
 #include "support/random.hpp"
@@ -150,29 +149,6 @@ TEST(ShippedScenes, TheAnnotatedRegulatorsAreRight) {
   EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).slots.size(), 6u);
 }
 
-TEST(ShippedScenes, OnlyTwoAreLoaded) {
-  for (const char* name :
-       {"helical_50", "planar_101", "planar_50", "planar_76", "spatial_101", "spatial_50"}) {
-    EXPECT_FALSE(test::shippedScene(name).model.load()) << name;
-  }
-  const Scene demo = test::shippedScene("demo");
-  ASSERT_TRUE(demo.model.load());
-  EXPECT_TRUE(demo.model.load()->empty());
-  EXPECT_EQ(demo.model.load()->K_eps, std::vector<double>{900});
-  EXPECT_EQ(demo.model.choice().setting.tier, statics::Tier::kLinear);
-  const Scene scene = test::shippedScene("loaded");
-  ASSERT_TRUE(scene.model.load());
-  EXPECT_EQ(scene.model.load()->mass, std::vector<double>{0.2});
-  EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
-  EXPECT_EQ(scene.model.load()->points.at(0).mass, 0.05);
-  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kLoaded);
-  EXPECT_LE(scene.model.choice().relative_tip_error, statics::kUsualTipError);
-  const Scene annotated = test::shippedScene("annotated");
-  ASSERT_TRUE(annotated.model.load());
-  EXPECT_EQ(annotated.model.load()->K_eps, (std::vector<double>{900, 1200}));
-  EXPECT_NEAR(annotated.model.load()->mass[0] + annotated.model.load()->mass[1], 0.25, 1e-15);
-}
-
 TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {
   const Scene scene = test::shippedScene("helical_50");
   ASSERT_TRUE(scene.tags);
@@ -224,21 +200,6 @@ TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
                             }))
         << "none near the tip at " << pressure.transpose();
   }
-}
-
-TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
-  const Scene scene = test::shippedScene("demo");
-  const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
-  const Eigen::MatrixXd tour = procedures::pressureTour(scene.arm);
-  double most = 0;
-  for (int i = 0; i < tour.rows(); ++i) {
-    const Eigen::VectorXd pressure = tour.row(i);
-    const Eigen::Vector3d error =
-        model::tipPose(truth.twists(pressure)).translation - scene.arm.tip(pressure).translation;
-    most = std::max(most, error.norm());
-  }
-  EXPECT_GT(most, 0.01);
-  EXPECT_LT(most, 0.03);
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {

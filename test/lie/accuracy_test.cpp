@@ -156,23 +156,6 @@ TYPED_TEST(Accuracy, JacobiansFollowTheirSeries) {
   EXPECT_LE(worst, 32.0);
 }
 
-TYPED_TEST(Accuracy, JacobianInversesUndoTheSeries) {
-  double worst = 0.0;
-  for (int i = 0; i < 500; ++i) {
-    const auto xi = this->twist(i % 2 == 0 ? this->random_.logUniform(1e-300, 1.0)
-                                           : this->random_.uniform(0, 5.0));
-    const RealMatrix product = TypeParam::leftJacobianInverse(xi).template cast<Real>() *
-                               test::leftJacobianByDefinition(xi);
-    const double scale =
-        TypeParam::leftJacobianInverse(xi).norm() * TypeParam::leftJacobian(xi).norm();
-    worst = std::max(
-        worst,
-        test::worstEps(product, RealMatrix::Identity(product.rows(), product.cols())) / scale);
-  }
-  std::printf("inverse of the left Jacobian: %.2f eps of its condition\n", worst);
-  EXPECT_LE(worst, 16.0);
-}
-
 // The coefficients themselves, where finite differences of exp would see nothing.
 
 // Definitions, by their series where the quotients cancel.

@@ -98,18 +98,12 @@ class CalibrationTest(unittest.TestCase):
         curvature = np.linalg.norm(self.truth.forward(self.p).twists[:, 0, 4:], axis=1)
         self.data = {"pressure_1_kpa": self.p[:, 0] / 1e3, "curvature_rad": curvature}
 
-    def test_recovers_the_stiffness_of_curvatures(self):
-        found = self.scene.calibrate(self.data)
-        self.assertTrue(found.success, found.message)
-        self.assertAlmostEqual(found["K_kappa"].value / 2.1e-4, 1, delta=2e-3)
-        self.assertTrue(found["K_kappa"].identifiable)
-        self.assertFalse(found["K_gamma"].identifiable)
-        self.assertEqual(found.combinations, [])
-
     def test_values_alone(self):
         full, found = [self.scene.calibrate(self.data, fit="K_kappa", errors=errors) for errors in [True, False]]
         self.assertTrue(found.success, found.message)
         self.assertAlmostEqual(found["K_kappa"].value / full["K_kappa"].value, 1, delta=1e-6)
+        self.assertAlmostEqual(found["K_kappa"].value / 2.1e-4, 1, delta=2e-3)
+        self.assertTrue(full["K_kappa"].identifiable)
         self.assertIsNone(found["K_kappa"].standard_error)
         self.assertIsNone(found["K_kappa"].identifiable)
         for name in ["correlation", "held_out_error", "next_pressures_pa"]:

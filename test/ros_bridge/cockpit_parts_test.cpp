@@ -490,15 +490,6 @@ TEST_F(CallDeskTest, TellsTheAnswerOrWhatTheCallThrows) {
   EXPECT_EQ(answers_[1].message, "no such service");
 }
 
-TEST_F(CallDeskTest, ACallThatHangsIsGivenUpOnAndHoldsUpNoStop) {
-  desk_.ask("Enable", kShort, hanging());
-  desk_.ask("Emergency stop", kLong, answering(true, "fault"));
-  const auto answers = this->answers(2);
-  ASSERT_EQ(answers.size(), 2U);
-  EXPECT_NE(answers[0].what, answers[1].what);
-  for (const CallAnswer& answer : answers) EXPECT_EQ(answer.success, answer.what != "Enable");
-}
-
 TEST_F(CallDeskTest, CallsThatHangAreLimitedByName) {
   for (int k = 0; k < CallDesk::kMostWaiting + 3; ++k) desk_.ask("Enable", kLong, hanging());
   const auto answers = this->answers(3);

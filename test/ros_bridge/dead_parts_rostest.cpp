@@ -18,7 +18,6 @@ constexpr double kGuardLooks = 1;       // the node looks after its guard so oft
 constexpr double kBoardWatchdog = 0.5;  // of config/regulators/generic.yaml [s]
 
 // Rules of the scene `demo` [s].
-constexpr double kDemoTargetTimeout = 1;
 constexpr double kDemoReadingTimeout = 0.5;
 constexpr double kDemoVentTime = 3;
 constexpr double kCommandTimeout = 0.5;  // of simulated_rig
@@ -279,13 +278,6 @@ class DeadNodes : public ::testing::Test {
   Inbox<PressureArray> commands_, measured_;
   std::unique_ptr<Process> command_, device_, eyes_, series_;
 };
-
-TEST_F(DeadNodes, AKilledCommanderVentsTheArm) {
-  series_->signal(SIGKILL);
-  ASSERT_TRUE(waitFor([this] { return state() != "enabled"; }, kDemoTargetTimeout + kSlack));
-  ASSERT_TRUE(waitFor([this] { return state() == "vented"; }, kDemoVentTime + kSlack));
-  EXPECT_EQ(safety_.last().cause, "stale_target");
-}
 
 TEST_F(DeadNodes, ARegulatorsNodeVentsByItselfWhereItsCommandsStop) {
   const double begin = regulator::steadyNow();

@@ -253,27 +253,6 @@ TEST(TierPromise, FiftyRandomScenesKeepTheAccuracyThatIsAskedFor) {
   EXPECT_GT(by_order[4] + by_order[5] + by_order[6], 5);
 }
 
-// In a ring of 6, corners that repeat after three muscles bend nothing.
-TEST(TierPromise, ARingOfSixIsSampledWhereItBends) {
-  const model::Arm arm = test::ringArm(test::straightRing(6));
-  const Load load = test::weight(Posture::kHorizontal, 0.3, 900);
-  TierRequest request;
-  request.relative_tip_error = 3.4e-7;
-  const ArmModel model(arm, std::nullopt, load, request);
-  const ExactArm exact(arm, load);
-  test::Random random(59);
-  for (int i = 0; i < 64; ++i) {
-    VectorXd fraction(6);
-    for (int muscle = 0; muscle < 6; ++muscle) fraction[muscle] = (i >> muscle) & 1;
-    const VectorXd q = arm.inputAt(fraction);
-    const double error =
-        (model.tip(q).tip.translation - exact.solve(arm.twists(q)).tip.translation).norm() /
-        arm.restLength();
-    EXPECT_LE(error, *request.relative_tip_error)
-        << model.choice().setting.name() << ", corner " << i;
-  }
-}
-
 // Each motion that the map has is excited from one end to the other of what corners can do.
 TEST(InputSamples, ReachTheExtremesOfEveryMotion) {
   test::Random random(61);

@@ -370,17 +370,6 @@ TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
   }
 }
 
-TEST(WorkspaceExtremes, UnderLoadTheyAreTipsOfTheLoadedArmBeyondItsSamples) {
-  for (const auto& [tier, count] : {std::pair{Tier::kLoaded, 2000}, {Tier::kExact, 4}}) {
-    const ArmModel model(test::softHelicalArm(), {}, kWeight, request(tier));
-    const WorkspaceExtremes sampled = sampledExtremes(model, count);
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_GT(found.reach(), sampled.reach());
-    EXPECT_GT(found.bounds().volume(), sampled.bounds().volume());
-  }
-}
-
 TEST(WorkspaceExtremes, OfNothingThereIsNoBox) {
   const WorkspaceExtremes none;
   EXPECT_TRUE(none.empty());

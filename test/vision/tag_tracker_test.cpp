@@ -459,19 +459,5 @@ TEST(Tracking, PicturesMayBeTiny) {
   }
 }
 
-TEST(Tracking, TagsAtTheBorderOfThePicture) {
-  TagTracker edges = tracker();
-  Random random(16);
-  for (int i = 0; i < 40; ++i) {
-    const double angle = 2 * kPi * i / 40;
-    const Vector2d middle(100 + 95 * std::cos(angle), 100 + 95 * std::sin(angle));
-    const Corners truth = squareCorners(middle.x(), middle.y(), 50, random.uniform(-kPi, kPi));
-    const cv::Mat gray = photograph(random, {{9, truth}}, {200, 200});
-    for (const TagDetection& tag : edges.track(gray, {{9, truth, true}}).tags) {
-      EXPECT_LT(error(tag.corners, truth), kFalseLock);
-    }
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::test
