@@ -10,6 +10,7 @@ from helix_arm import _core
 
 LONGEST_PATH = 300  # in a message
 RECORDED, RECORDED_RUN = "recorded of scene ", "recorded run of "  # after "# ", the begin of a table of this package
+PROVEN = b"# follow.contact_limit and follow.on_contact are of a proof"  # the begin of a scene of procedures::provenSceneText()
 MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
 
 
@@ -69,13 +70,13 @@ class FileAccess:
 
 def _is_ours(path: str) -> bool:
     """Whether this package wrote the file."""
-    if path.endswith(".yaml"):
-        try:
-            return _core.Scene(path, [])._is_calibrated
-        except Exception:
-            return False
     with open(path, "rb") as file:
         begin = file.read(256)
+    if path.endswith(".yaml"):
+        try:
+            return begin.startswith(PROVEN) or _core.Scene(path, [])._is_calibrated
+        except Exception:
+            return False
     if path.endswith(".csv"):
         return any(begin.startswith(b"# " + title.encode()) for title in (RECORDED, RECORDED_RUN))
     return begin.startswith(b"\x89PNG") and b"helix_arm plot_report" in begin

@@ -2,19 +2,15 @@
 """Something touches the arm: what the loop says of it, and what becomes of goals."""
 import os
 import sys
-import tempfile
 
-import actionlib
 import rospy
 import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import WrenchStamped
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from helix_arm.msg import (ExternalLoad, FollowTipPathGoal, FollowTipPathResult, LoopStatus, ProveContactAction,  # noqa: E402
-                           ProveContactGoal)
+from helix_arm.msg import ExternalLoad, FollowTipPathGoal, FollowTipPathResult, LoopStatus  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, Inbox, LoopRig, call, goal_along, target_at  # noqa: E402
-from processes import Process, node  # noqa: E402
 
 ARMING = 12.0  # of pictures, and more than the loop asks for [s]
 DEADLINE = 60.0  # of a contact [s]
@@ -91,34 +87,6 @@ class Contact(LoopRig):
         self.assert_wait(lambda: self.load[-1].state == ExternalLoad.NONE, DEADLINE)
         # What is held without end is ended by a vent.
         self.assertTrue(call("pressure_command/vent"))
-        self.assert_comes_to(LoopStatus.IDLE)
-
-    def test_a_proof_moves_the_arm_and_writes_what_follows(self):
-        folder = tempfile.mkdtemp()
-        out = os.path.join(folder, "proven.yaml")
-        self.assert_comes_to(LoopStatus.IDLE)  # nobody repeats the target
-        with Process([node("calibration"), "_scene:=demo", "_out_folder:=" + folder, "_data_folder:=" + folder]) as calibration:
-            client = actionlib.SimpleActionClient("calibration/prove_contact", ProveContactAction)
-            self.assertTrue(client.wait_for_server(rospy.Duration(20)), calibration.output())
-            told = []
-            client.send_goal(ProveContactGoal(seconds=12, out=out), feedback_cb=told.append)
-            self.assert_wait(lambda: self.is_done(client), DEADLINE)
-            result = client.get_result()
-            self.assertTrue(result.success, result.message)
-            self.assertEqual((result.on_contact, result.out), ("report", out))
-            self.assertIn("at least 60 s", result.doubt)
-            self.assertGreater(result.watched_s, 1)
-            self.assertGreater(result.highest_score, 0)
-            self.assertGreaterEqual(result.contact_limit, max(32, 2 * result.highest_score))
-            self.assertGreater(max(one.time_s for one in told), 8)
-            with open(out) as scene:
-                self.assertIn("\n  on_contact: report\n", scene.read())
-            client.send_goal(ProveContactGoal(seconds=60), feedback_cb=told.append)
-            told.clear()
-            self.assert_wait(lambda: told, DEADLINE)
-            client.cancel_goal()
-            self.assert_wait(lambda: self.is_done(client), DEADLINE)
-            self.assertEqual((client.get_result().success, client.get_result().message), (False, "cancelled"))
         self.assert_comes_to(LoopStatus.IDLE)
 
     def test_z_a_dead_camera_is_told_during_contact_and_ends_the_goal(self):
