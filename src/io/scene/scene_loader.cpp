@@ -72,9 +72,8 @@ void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior
   Provenance::PlacementError unseen{lie::Vector6::Zero(), false};
   unseen.deviations.head<3>().setConstant(prior.translation);
   unseen.deviations.tail<3>().setConstant(prior.rotation);
-  const int base_tag = layout.baseTag();
   for (int i = 0; i < static_cast<int>(layout.tags.size()); ++i) {
-    if (i == base_tag) continue;
+    if (i == layout.baseTag()) continue;
     estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(i)];
     const auto known = errorOf(tag).value_or(unseen);
     tag.error = known.deviations;
