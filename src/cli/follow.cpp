@@ -433,8 +433,8 @@ steady_rms_m (of each tip's last second), settle_s (of each tip: time until with
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
 far and in how many standard deviations camera or base were found away from their place in the
 scene), contact_blind_s (time in which contacts may not be found: the model balances no force
-at the tip), lag_s, lag_deviation_s, play_kpa, play_deviation_kpa (learnt, 0 if told), budget (or null), out, png. csv: the rows of --out. On stderr: the progress, and at
-the end the error budget of the last picture: standard deviations of the tip in mm.
+at the tip), lag_s, lag_deviation_s, play_kpa, play_deviation_kpa (learnt, 0 if told), budget (or null), out, png.
+csv: the rows of --out. On stderr: the progress, and the last picture's error budget: the tip's standard deviations, mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");
