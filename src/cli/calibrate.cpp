@@ -360,8 +360,9 @@ json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) 
   }
   if (found.omitted > 0) {
     shown["notes"].push_back(std::to_string(found.omitted) +
-                             " parameters that the data do not determine keep their values "
-                             "(--format csv lists them)");
+                             " parameters that the data do not determine " +
+                             (outcome.series ? "are held by their priors" : "keep their values") +
+                             " (--format csv lists them)");
   }
   if (outcome.calibration) {
     const std::string unit = outcome.calibration->error_unit;
