@@ -26,7 +26,7 @@ constexpr double kFirstNoise = 0.05;        // of the arm's length, before there
 constexpr double kFirstCorrelation = 20.0;  // factor on variances, likewise
 constexpr double kMostCorrelation = 0.9999;
 constexpr int kRounds = 3;  // of noise and fit
-constexpr int kFolds = 8, kBlocksPerTrial = 5, kLeastTrials = 3;
+constexpr int kFolds = 8, kBlocks = 5, kLeastTrials = 3;
 constexpr double kSignificant = 2.0;    // standard errors
 constexpr double kTakesPart = 0.1;      // of the largest range: an actuator that moves
 constexpr int kKnots = 7;               // of a curve, at quantiles of the pressures
@@ -90,6 +90,7 @@ struct Decoded {
   Eigen::VectorXd scale;                        // (actuators)
   lie::SE3 X_FB;
   std::optional<Response> response;  // absent: each actuator's own
+  bool sound = true;                 // false: a length is not > 0, or a curve turns
 };
 
 /// The curves of the actuators that move, with knots and lengths before the fit.
@@ -247,6 +248,7 @@ class SeriesProblem {
 
   Estimate at(const Eigen::VectorXd& z) const {
     const Decoded now = decode(z);
+    if (!now.sound) return {z, Eigen::VectorXd::Constant(1, std::nan(""))};
     return {z, whole(z, deviation(tips(now, effective(now), takes_part_), now.X_FB))};
   }
   // Model - measured (used x outputs) [m].
@@ -459,9 +461,24 @@ class SeriesProblem {
         out.contraction.push_back(arm.actuator(i).contraction);
         continue;
       }
+      if (!isCurve(lengths[c])) {
+        out.sound = false;
+        return;
+      }
       if (!fitted[c]) fitted[c] = model::Contraction::table(curve.knots, lengths[c]);
       out.contraction.push_back(*fitted[c]);
     }
+  }
+
+  // Strictly monotone, and > 0.
+  static bool isCurve(const std::vector<double>& lengths) {
+    const bool rises = lengths.back() > lengths.front();
+    for (std::size_t j = 0; j < lengths.size(); ++j) {
+      const bool follows =
+          j == 0 || (rises ? lengths[j] > lengths[j - 1] : lengths[j] < lengths[j - 1]);
+      if (!(lengths[j] > 0) || !follows) return false;
+    }
+    return true;
   }
 
   Eigen::MatrixXd effective(const Decoded& now) const {
@@ -651,7 +668,7 @@ class SeriesJob {
   }
 
  private:
-  // Trials, or groups of them; of fewer than three, parts of each.
+  // Trials, or groups of them; of fewer than three, parts of the series.
   void setBlocks() {
     const auto rows = recording_.used.size();
     blocks_ = std::min(recording_.trials, kFolds);
@@ -659,7 +676,7 @@ class SeriesJob {
       block_of_.push_back(recording_.trial_at[k] % std::max(blocks_, 1));
     }
     if (recording_.trials >= kLeastTrials) return;
-    blocks_ = kBlocksPerTrial;
+    blocks_ = kBlocks;
     for (std::size_t k = 0; k < rows; ++k) {
       block_of_[k] = static_cast<int>(k * static_cast<std::size_t>(blocks_) / rows);
     }

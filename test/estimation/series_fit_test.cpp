@@ -183,6 +183,25 @@ TEST(SeriesFit, SaysWhatTheDataCannotTell) {
   }));
 }
 
+// A guess whose muscles shorten to almost nothing, and a series that asks for still shorter ones.
+TEST(SeriesFit, KeepsLengthsAboveZero) {
+  SeriesPrior prior = guess();
+  const model::Contraction curve =
+      model::Contraction::table({0, kMost / 2, kMost}, {0.19, 0.1, 0.01});
+  model::Section section;
+  for (int i = 0; i < 3; ++i) {
+    section.actuators.push_back(prior.model.arm().actuator(i));
+    section.actuators.back().contraction = curve;
+  }
+  prior.model = statics::ArmModel(model::Arm({section}));
+  TipSeries series = seriesOf({}, 9);
+  series.position.rowwise() -= series.position.row(0);
+  series.position *= 20;
+  const SeriesFit fit = fitSeries(prior, series, everything());
+  ASSERT_EQ(fit.failure, "");
+  for (const double length : fit.curves.front().length) EXPECT_GT(length, 0);
+}
+
 TEST(SeriesFit, RefusesWhatHoldsNoMotion) {
   TipSeries series = seriesOf({}, 7);
   series.history.input.setConstant(1e4);

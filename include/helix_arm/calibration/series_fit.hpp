@@ -91,10 +91,10 @@ struct SeriesFit {
 /// free lengths, to a shape, to the tip.
 ///
 /// The response begins with none; lag, slow state and one play, and length scales beyond a common
-/// one, are kept where leaving out trials (with fewer than three trials, fifths of each) shows that
-/// they predict better by two standard errors of the difference. Readings count as fewer where
-/// their residuals are correlated in time. Standard errors are the larger of those of the normal
-/// equations and those of leaving out blocks.
+/// one, are kept where leaving out trials (with fewer than three trials, fifths of the series)
+/// shows that they predict better by two standard errors of the difference. Readings count as fewer
+/// where their residuals are correlated in time. Standard errors are the larger of those of the
+/// normal equations and those of leaving out blocks.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
 
