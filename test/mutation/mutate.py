@@ -6,8 +6,9 @@ usage: mutate.py [--check [--build DIR] | --list] [--only REGEX]
   --build  with --check: a configured build folder, whose ctest has to know the tests
   --list   prints the laws
   --only   the laws whose layer or name the expression matches
-Copies the package to build/mutation/tree and builds it there as scripts/build does; unchanged, all tests that are named have to
-pass. Then, for each law: edits, builds what its test needs, runs the test, restores. All laws take some hours on two cores.
+Copies the package to helix_arm_mutation/tree in the temporary folder (inside the package, roslaunch would find its launch files
+twice) and builds it there as scripts/build does; unchanged, all tests that are named have to pass. Then, for each law: edits,
+builds what its test needs, runs the test, restores. All laws take some hours on two cores.
 Exit code: 0 when every law was caught; 1 if one survived or did not build, or if the table has a fault; 2 on a wrong call.
 """
 import argparse
@@ -16,6 +17,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -146,7 +148,7 @@ class Copy:
 
 
 def run(rows):
-    copy = Copy(ROOT / "build" / "mutation" / "tree")
+    copy = Copy(Path(tempfile.gettempdir()) / "helix_arm_mutation" / "tree")
     copy.refresh()
     print("building the unchanged package in %s" % copy.root, flush=True)
     copy.make(["helix_arm_cli"])  # configures the tests as well
