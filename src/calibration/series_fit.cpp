@@ -1,15 +1,12 @@
 #include "helix_arm/calibration/series_fit.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <memory>
 #include <optional>
-#include <stdexcept>
 #include <utility>
 
 #include "basics/least_squares.hpp"
@@ -93,7 +90,7 @@ struct Decoded {
   bool sound = true;                 // false: a length is not > 0, or a curve turns
 };
 
-/// The curves of the actuators that move, with knots and lengths before the fit.
+// The curves of the actuators that move, with knots and lengths before the fit.
 struct Curve {
   std::string name;
   std::vector<double> knots, lengths;
@@ -650,16 +647,14 @@ class SeriesJob {
   SeriesFit run() {
     SeriesFit out;
     if (options_.arm.base) chooseBase(out);
+    if (options_.response) first_ = Response();
     Fitted best = fitted({}, {});
+    leaveOut(best);
     if (options_.response) {
-      first_ = Response();
-      best = fitted({}, {});
-      leaveOut(best);
       const std::pair<const char*, bool Form::*> parts[] = {
           {"lag", &Form::lag}, {"slow state", &Form::slow}, {"play", &Form::play}};
       for (const auto& [name, part] : parts) consider(name, part, best, out);
     }
-    if (best.held_out.empty()) leaveOut(best);
     if (options_.arm.length_scale == LengthScaling::kEach) {
       consider("length scales", &Form::scales, best, out);
     }

@@ -129,6 +129,12 @@ void requireYaml(const std::string& out) {
   throw CallerError("--out " + out + " does not end in .yaml; name a .yaml file");
 }
 
+void requireNoInput(const std::string& out, const std::string& input) {
+  std::error_code ignored;  // one of them does not exist
+  if (!std::filesystem::equivalent(out, input, ignored)) return;
+  throw CallerError("--out " + out + " is an input; expected the path of another file");
+}
+
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
                       const std::string& what) {
   // A name that is not known is refused when the scene is loaded, so that --help still works.

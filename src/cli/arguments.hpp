@@ -56,6 +56,8 @@ io::Scene loadScene(const std::string& path, const GlobalOptions& global);
 
 /// @throws CallerError unless the name of a scene to write ends in .yaml.
 void requireYaml(const std::string& out);
+/// @throws CallerError if the file of --out is that of an input. Either may not exist.
+void requireNoInput(const std::string& out, const std::string& input);
 
 /// The overrides of --set.
 /// @throws CallerError on one that is not key=value.

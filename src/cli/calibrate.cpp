@@ -1,4 +1,3 @@
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -188,11 +187,7 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
     const std::vector<std::string> parts = partsOfAlso(text);
     inputs.insert(inputs.end(), parts.begin(), parts.end());
   }
-  for (const std::string& input : inputs) {
-    std::error_code ignored;  // one of them does not exist
-    if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
-    throw CallerError("--out " + options.out + " is an input; expected the path of another file");
-  }
+  for (const std::string& input : inputs) requireNoInput(options.out, input);
   requireYaml(options.out);
 }
 

@@ -1,10 +1,8 @@
 #include <cmath>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <sstream>
 #include <string>
-#include <system_error>
 #include <vector>
 
 #include "arguments.hpp"
@@ -320,11 +318,7 @@ void check(FollowArguments& arguments) {
           "--prove-contact moves the arm by itself; leave out --tip, --path and --open");
     }
     if (!arguments.out.empty()) requireYaml(arguments.out);
-    std::error_code ignored;
-    if (std::filesystem::equivalent(arguments.out, arguments.scene, ignored)) {
-      throw CallerError("--out " + arguments.out +
-                        " is an input; expected the path of another file");
-    }
+    requireNoInput(arguments.out, arguments.scene);
     plan.seconds = procedures::kProofTime;
   } else if (arguments.tip.empty() == arguments.path.empty()) {
     throw CallerError("give either --tip or --path");
