@@ -6,8 +6,7 @@
 
 #include "basics/vector_clones.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/exact.hpp"
-#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 
 namespace helix_arm::estimation {
@@ -204,28 +203,16 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
                             : arm.scaledStiffness(factors.ratios);
   }
-  statics::Load load = data.load.value_or(statics::Load());
-  for (double& K_eps : load.K_eps) K_eps *= factors.K_eps;
-  const auto statics = [&arm, &load](auto solver) -> Statics {
-    return [arm, load, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
-      return solver.solve(statics::unloadedUnderOfLengths(arm, load, lengths));
-    };
-  };
-  switch (data.tier.tier) {
-    case statics::Tier::kExact:
-      return statics(statics::ExactArm(arm, load));
-    case statics::Tier::kLoaded:
-      return statics(statics::LoadedArm(arm, load, data.tier.order));
-    case statics::Tier::kPlanar:
-    case statics::Tier::kLinear:
-      break;
+  std::optional<statics::Load> load = data.load;
+  if (load) {
+    for (double& K_eps : load->K_eps) K_eps *= factors.K_eps;
   }
-  return [arm](const Eigen::VectorXd& lengths) {
-    statics::Solution solution;
-    solution.shape = model::shapeOf(arm, arm.unloadedOfLengths(lengths));
-    solution.tip = model::tipPose(solution.shape);
-    return solution;
-  };
+  // Tags and cameras are in space, so the arm is, too.
+  const statics::TierSetting setting = data.tier.tier == statics::Tier::kPlanar
+                                           ? statics::TierSetting{statics::Tier::kLinear, 0}
+                                           : data.tier;
+  return [model = statics::ArmModel(std::move(arm), std::nullopt, std::move(load), setting)](
+             const Eigen::VectorXd& lengths) { return model.solveLengths(lengths); };
 }
 
 void ShapeModel::update(const double* logs, bool derivatives) {

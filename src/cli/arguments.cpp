@@ -228,8 +228,8 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 
 void addTierOptions(CLI::App& command, TierArguments& arguments) {
   addOption(command, "--tier", arguments.tier,
-            "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no load), "
-            "linear (SE(3), no load), loaded, exact; default: the scene's",
+            "how shapes are computed: auto (cheapest sufficient tier), or one of docs/loads.md; "
+            "default: the scene's",
             CLI::IsMember(statics::tierWords()));
   addOption(command, "--order", arguments.order, "with --tier loaded: order of its polynomials",
             CLI::Range(statics::kLeastOrder, statics::kMostOrder));

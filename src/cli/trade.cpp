@@ -67,12 +67,16 @@ statics::Load loadOf(const io::Scene& scene) {
 
 std::vector<statics::TierSetting> settingsOf(const io::Scene& scene, const statics::Load& load) {
   std::vector<statics::TierSetting> out;
-  if (scene.planar && statics::inPlane(load)) out.push_back({Tier::kPlanar, 0});
-  out.push_back({Tier::kLinear, 0});
-  for (int order = statics::kLeastOrder; order <= statics::kMostOrder; ++order) {
-    out.push_back({Tier::kLoaded, order});
+  for (const Tier tier : statics::kTiers) {
+    if (tier == Tier::kPlanar && !(scene.planar && statics::inPlane(load))) continue;
+    if (tier != Tier::kLoaded) {
+      out.push_back({tier, 0});
+      continue;
+    }
+    for (int order = statics::kLeastOrder; order <= statics::kMostOrder; ++order) {
+      out.push_back({tier, order});
+    }
   }
-  out.push_back({Tier::kExact, 0});
   return out;
 }
 

@@ -35,6 +35,8 @@ Provenance provenance() {
           "px"};
 }
 
+constexpr double kBleed = 0.0002;  // [m]
+
 SceneCalibration calibration() {
   SceneCalibration made;
   made.provenance = provenance();
@@ -134,7 +136,7 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   if (before.camera) change.X_CB = before.X_CB() * randomPose(random, 0.02);
   if (before.tags) {
     change.X_BF = randomPose(random, 0.02);
-    change.bleed = 0.0002;
+    change.numbers[estimation::FitParameter::kBleed] = kBleed;
     change.tags = before.tags;
     for (estimation::TagPlacement& tag : change.tags->tags) {
       tag.s = std::clamp(tag.s + 0.01 * random.normal(), 0.0, 1.0);
@@ -157,7 +159,7 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   }
   if (change.tags) {
     EXPECT_LT(difference(after.X_BF, *change.X_BF), 1e-12);
-    change.tags->size -= 2 * change.bleed;
+    change.tags->size -= 2 * kBleed;
     expectSameTags(*after.tags, *change.tags, 1e-12);
   }
 }
@@ -404,7 +406,7 @@ TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
          "the base is seen from a camera, but scene flat has none; expected one with a camera",
          [](auto& change) { change.X_CB = lie::SE3(); });
   expect(kPlanarScene, "tags are calibrated, but scene flat has none; expected one with tags",
-         [](auto& change) { change.bleed = 1e-4; });
+         [](auto& change) { change.numbers[estimation::FitParameter::kBleed] = kBleed; });
   expect(kPlanarScene, "the number of length scales is 3; expected 2",
          [](auto& change) { change.length_scale = Eigen::Vector3d::Ones(); });
   expect(kSpatialScene,

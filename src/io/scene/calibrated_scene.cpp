@@ -312,8 +312,11 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     tagsOf(scene, document);
     putTags(scene, *changes.tags, document);
   }
-  if (changes.bleed != 0) {
-    setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * changes.bleed));
+  for (const auto& [parameter, value] : changes.numbers) {
+    if (value == 0) continue;
+    if (parameter == estimation::FitParameter::kBleed) {
+      setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * value));
+    }
   }
   setValue(document, "calibration", writeProvenance(changes.provenance));
 }
@@ -347,7 +350,9 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
       changes.tags = calibration.layout;
       return;
     case FitParameter::kBleed:
-      changes.bleed = calibration.bleed;
+      for (const estimation::Parameter& one : calibration.parameters) {
+        if (one.name == estimation::infoOf(parameter).name) changes.numbers[parameter] = one.value;
+      }
       return;
   }
 }
