@@ -147,6 +147,23 @@ TEST(SceneTier, IsTheOneThatIsAskedFor) {
   EXPECT_EQ(tier(kRod, {{"tier", "exact"}}), statics::Tier::kExact);
 }
 
+TEST(SceneTier, AnotherWordIsAnsweredByThoseThatTheSceneAllows) {
+  std::string all = statics::kAutoTier, loaded = all;
+  for (const statics::Tier tier : statics::kTiers) {
+    const std::string word = (tier == std::end(statics::kTiers)[-1] ? " or " : ", ") +
+                             std::string(statics::nameOf(tier));
+    all += word;
+    if (tier != statics::Tier::kPlanar) loaded += word;
+  }
+  const auto without_order = [](const std::string& word) {
+    return faultsOf(replaced(kLoadedScene, "tier: loaded\norder: 3", "tier: " + word), {});
+  };
+  EXPECT_EQ(without_order("load"), std::vector<std::string>{":79 tier is load; expected " + all});
+  EXPECT_EQ(without_order("planar"),
+            std::vector<std::string>{":79 tier is planar; expected " + loaded +
+                                     ", since arm.geometry is spatial"});
+}
+
 TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
   const auto choice = [](const char* percent) {
     return sceneOf(kRod, {{"load.mass_kg", "0.2"}, {"accuracy.tip_error_percent", percent}})
