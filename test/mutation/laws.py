@@ -121,7 +121,7 @@ LAWS = {
             "y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;", "y * radial + p2 * (r2 + 2 * y * y) + 2 * p1 * x * y;"),
         Law("camera: a point behind it is not seen", GTEST + "tag_layout_test",
             "if (!(p_C.z() > 0)) return std::nullopt; const double x = p_C.x()",
-            "if (p_C.z() == 0) return std::nullopt; const double x = p_C.x()"),
+            "if (p_C.z() == 0) return std::nullopt;\n  const double x = p_C.x()"),
         Law("tags: bleed shrinks the border", GTEST + "tag_layout_test",
             "const double half = 0.5 * size - bleed;", "const double half = 0.5 * size + bleed;"),
         Law("tags: one moved beyond the end of its section keeps the rest as an offset", GTEST + "tag_layout_test",
