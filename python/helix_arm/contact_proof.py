@@ -14,7 +14,7 @@ from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.client_watch import ClientWatch
 from helix_arm.file_access import quoted
-from helix_arm.jobs import JobSlot, answer, serve_action, watch_sender
+from helix_arm.jobs import JobSlot, answer, is_connected, serve_action, watch_sender
 from helix_arm.msg import (FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
                            ProveContactAction, ProveContactFeedback, ProveContactGoal, ProveContactResult)
 from helix_arm.node import LONGEST_MESSAGE, end
@@ -93,7 +93,7 @@ class ProofAction:
     def _move(self, path: FollowTipPathGoal) -> FollowTipPathResult:
         """Raises ValueError with the reason where the path was not followed to its end."""
         start = time.monotonic()
-        while self._client.last_status_msg is None:
+        while not is_connected(self._client):
             require(time.monotonic() - start < PATIENCE and not end.made(),
                     f"no action {self._follow}; is visual_servo up (closed_loop:=true of arm.launch)?")
             time.sleep(BETWEEN_LOOKS)

@@ -21,6 +21,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from helix_arm import _core, run_record
 from helix_arm.file_access import RECORDED_RUN, FileAccess, quoted
+from helix_arm.jobs import is_connected
 from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
                            PressureArray)
 from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
@@ -199,7 +200,7 @@ class FollowPath(Node):
             call()
 
     def _take_turn(self) -> Optional[Callable[[], None]]:
-        connected = self._is_connected()
+        connected = is_connected(self._client)
         if not self.may_end() and not connected:
             log.fatal(f"{self._action} has ended before the path")
             self._end_with(FAILED, "the action has ended before the path")
@@ -215,16 +216,6 @@ class FollowPath(Node):
             self._verdict = FAILED
             end.make()
         return None
-
-    def _is_connected(self) -> bool:
-        """Whether the server is there: unlike wait_for_server(), where it has ended since."""
-        client = self._client
-        if client.last_status_msg is None:
-            return False
-        server = client.last_status_msg._connection_header["callerid"]
-        return (all(publisher.impl.has_connection(server) for publisher in (client.pub_goal, client.pub_cancel)) and
-                all(any(one.callerid_pub == server and one.socket is not None for one in subscriber.impl.connections)
-                    for subscriber in (client.result_sub, client.feedback_sub)))
 
     def _send(self) -> None:
         self._sent = True

@@ -47,6 +47,16 @@ def watch_sender(server: actionlib.SimpleActionServer) -> ClientWatch:
     return ClientWatch(tracker.goal._connection_header.get("callerid", ""))
 
 
+def is_connected(client: actionlib.ActionClient) -> bool:
+    """Whether its server is there and gets its goals: unlike wait_for_server(), where it has ended since."""
+    if client.last_status_msg is None:
+        return False
+    server = client.last_status_msg._connection_header["callerid"]
+    return (all(publisher.impl.has_connection(server) for publisher in (client.pub_goal, client.pub_cancel)) and
+            all(any(one.callerid_pub == server and one.socket is not None for one in subscriber.impl.connections)
+                for subscriber in (client.result_sub, client.feedback_sub)))
+
+
 class JobSlot:
     """The one long job that the node does at a time: a run of its action, or the fit of a service. While a job holds the slot, no
     other starts, and neither samples nor scene are changed from outside. From any thread.

@@ -11,11 +11,12 @@ import time
 import actionlib
 import rospy
 import rostest
+import yaml
 from actionlib_msgs.msg import GoalStatus
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import (FollowTipPathAction, FollowTipPathGoal, FollowTipPathResult, LoopStatus, PressureArray,  # noqa: E402
-                           SafetyState, TargetStatus)
+                           ProveContactAction, ProveContactGoal, SafetyState, TargetStatus)
 from helix_arm.srv import Reload  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, LoopRig, call, close_loop, goal_along, place, target_at, wait_for  # noqa: E402
 
@@ -296,6 +297,44 @@ class FollowPath(LoopRig):
             run = self.start(rows)
             self.assertEqual(run.code(60), code, run.output())
             self.assertIn(words, run.output())
+
+
+class ContactProof(LoopRig):
+    def setUp(self):
+        self.proof = None
+        super().setUp()
+        self.calibration = self.run_node("calibration", "_scene:=demo", "_out_folder:=" + self.path(""))
+        self.proof = actionlib.SimpleActionClient("calibration/prove_contact", ProveContactAction)
+        self.assertTrue(self.proof.wait_for_server(rospy.Duration(20)), self.calibration.output())
+
+    def why(self):
+        return self.calibration.output() if self.proof else "", self.feedback[-1:], super().why()
+
+    def prove(self, **fields):
+        self.feedback = []
+        self.proof.send_goal(ProveContactGoal(**fields), feedback_cb=self.feedback.append)
+
+    def test_quiet_moves_set_the_limit_of_a_scene(self):
+        out = self.path("proven.yaml")
+        self.prove(seconds=15, seed=3, out=out)
+        self.assert_wait(lambda: self.is_done(self.proof), 120)
+        result = self.proof.get_result()
+        self.assertTrue(result.success, result)
+        self.assertTrue(0 < result.highest_score <= result.contact_limit / 2, result)
+        self.assertTrue(0 < result.watched_s < 15, result)
+        self.assertEqual((result.on_contact, "could have been found" in result.doubt), ("report", True), result)
+        with open(out) as file:
+            self.assertEqual(yaml.safe_load(file)["follow"]["contact_limit"], result.contact_limit)
+        self.assertGreater(len(self.feedback), 5)
+
+    def test_cancelled_it_brings_the_arm_to_rest_and_writes_nothing(self):
+        self.prove(seconds=60, out=self.path("proven.yaml"))
+        self.assert_wait(lambda: self.feedback and self.feedback[-1].time_s > 1, 60)
+        self.proof.cancel_goal()
+        self.assert_wait(lambda: self.is_done(self.proof), 60)
+        self.assertIn("cancelled", self.proof.get_result().message)
+        self.assertFalse(os.path.exists(self.path("proven.yaml")))
+        self.assert_wait(lambda: self.safety[-1].state == SafetyState.DISABLED)
 
 
 del LoopRig  # whose tests are those of its kinds
