@@ -39,6 +39,9 @@ Selection wantedOf(const CalibrationOptions& options) {
   if (wanted.free_shapes) {
     wanted.stiffness.clear();
     wanted.length_scale = LengthScaling::kNone;
+    for (const FitParameterInfo& info : fitParameters()) {
+      if (info.aboutShape() && info.block) wanted.own_blocks.erase(*info.block);
+    }
   }
   return wanted;
 }
@@ -96,7 +99,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   if (out.spline && fit.covariance.size() > 0) out.curve_test = testCurve(fit);
   out.X_B0B = problem.base();
   out.layout = problem.layout();
-  out.bleed = problem.values().rig.at(ParameterBlock::kBleed)[0];
+  out.bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
   for (int c = 0; c < problem.captures(); ++c) {
     out.curves.push_back(problem.shape(c));
     out.shapes.push_back(out.curves.back().twists());

@@ -168,10 +168,12 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
   const bool ratios = anyFitted(options, [](const FitParameterInfo& info) {
     return info.entry && info.entry != StiffnessEntry::kEps;
   });
+  const bool each =
+      options.length_scale == LengthScaling::kEach ||
+      anyFitted(options, [](const FitParameterInfo& info) { return info.each_actuator; });
   const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
   for (const ArmCaptures& arm : arms) {
-    if (options.length_scale == LengthScaling::kEach &&
-        arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
+    if (each && arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
       return Verdict{Status::kNothingToFit,
                      text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
                           arms.front().name, " ", arms.front().arm.actuatorCount(),

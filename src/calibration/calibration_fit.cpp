@@ -50,7 +50,7 @@ Parameter heldParameter(const ParameterInfo& info) {
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
-    if (isMet(info.need, kind)) wanted.rig.insert(*info.block);
+    if (isMet(info.need, kind)) wanted.own_blocks.insert(*info.block);
   }
   if (wanted.free_shapes) return wanted;
   wanted.curve = wanted.curve || arms.front().free_curve.has_value();
@@ -103,7 +103,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
                                       const CalibrationOptions& options, const Selection& all,
                                       double noise_scale) {
   const Selection& own = fitted.selection();
-  if (all.stiffness.size() == own.stiffness.size() && all.rig == own.rig &&
+  if (all.stiffness.size() == own.stiffness.size() && all.own_blocks == own.own_blocks &&
       all.curve == own.curve) {
     return covariance;
   }
@@ -275,7 +275,7 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
 }
 
 bool hasOthers(const Selection& selection) {
-  return selection.length_scale != LengthScaling::kNone || !selection.rig.empty() ||
+  return selection.length_scale != LengthScaling::kNone || !selection.own_blocks.empty() ||
          selection.curve;
 }
 
@@ -306,7 +306,7 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
   Selection all = allOf(fit.problem->selection(), arms, kind);
   if (info.scaling != LengthScaling::kNone) all.length_scale = info.scaling;
   if (info.entry) all.stiffness.push_back(*info.entry);
-  if (info.aboutRig()) all.rig.insert(*info.block);
+  if (info.hasOwnBlock()) all.own_blocks.insert(*info.block);
   CalibrationProblem everything(arms, options, all);
   everything.values() = valuesAmong(everything, *fit.problem);
   const std::vector<ParameterInfo>& infos = everything.parameters();

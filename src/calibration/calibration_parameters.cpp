@@ -16,6 +16,8 @@ constexpr FitPrior kStiffnessPrior{"the prior of the stiffness",
                                    [](const Options& o) { return o.stiffness_prior; }};
 constexpr FitPrior kLengthScalePrior{"the prior of the length scale",
                                      [](const Options& o) { return o.length_scale_prior; }};
+constexpr FitPrior kStrokeScalePrior{"the prior of the stroke scale",
+                                     [](const Options& o) { return o.stroke_scale_prior; }};
 constexpr FitPrior kBaseTranslation{"the base's prior of translation",
                                     [](const Options& o) { return o.base_prior.translation; }};
 constexpr FitPrior kBaseRotation{"the base's prior of rotation",
@@ -44,6 +46,15 @@ FitParameterInfo lengthScale(FitParameter parameter, const char* word, LengthSca
   info.block = ParameterBlock::kLengthScale;
   info.numbers = {{"", "", kLengthScalePrior}};
   info.scaling = scaling;
+  return info;
+}
+
+FitParameterInfo strokeScale(FitParameter parameter, const char* word) {
+  FitParameterInfo info{parameter, word, "stroke_scale", FitGroup::kNone, FitNeed::kArm};
+  info.block = ParameterBlock::kStrokeScale;
+  info.numbers = {{"", "", kStrokeScalePrior}};
+  info.each_actuator = true;
+  info.flag = &Options::stroke_scale;
   return info;
 }
 
@@ -77,7 +88,8 @@ std::string membersOf(FitGroup group) {
 }  // namespace
 
 bool FitParameterInfo::aboutShape() const {
-  return block == ParameterBlock::kStiffness || block == ParameterBlock::kLengthScale;
+  return block == ParameterBlock::kStiffness || block == ParameterBlock::kLengthScale ||
+         each_actuator;
 }
 
 bool FitParameterInfo::aboutRig() const {
@@ -95,6 +107,7 @@ const std::vector<FitParameterInfo>& fitParameters() {
       stiffness(FitParameter::kEps, "K_eps", FitGroup::kNone, Entry::kEps, "N", &Options::K_eps),
       lengthScale(FitParameter::kLengthScale, "length_scale", LengthScaling::kCommon),
       lengthScale(FitParameter::kLengthScaleEach, "length_scale_each", LengthScaling::kEach),
+      strokeScale(FitParameter::kStrokeScaleEach, "stroke_scale_each"),
       {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
        FitNeed::kFreeLengths},
       {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries},

@@ -291,7 +291,7 @@ std::optional<ContractionSpline> CalibrationProblem::spline() const {
 }
 
 lie::SE3 CalibrationProblem::base() const {
-  return lie::SE3::exp(lie::Vector6(values().rig.at(ParameterBlock::kBase)));
+  return lie::SE3::exp(lie::Vector6(values().own_blocks.at(ParameterBlock::kBase)));
 }
 
 TagLayout CalibrationProblem::layout() const {

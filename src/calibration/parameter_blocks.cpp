@@ -24,7 +24,7 @@ auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
   if (block.kind == ParameterBlock::kCurve) return values.curve.data();
   if (block.kind == ParameterBlock::kShape) return values.shapes[block.of].data();
   if (block.kind == ParameterBlock::kTag) return values.tags[block.of].data();
-  return values.rig.at(block.kind).data();
+  return values.own_blocks.at(block.kind).data();
 }
 
 }  // namespace
@@ -36,7 +36,7 @@ bool Selection::has(ParameterBlock block) const {
     return !free_shapes && length_scale != LengthScaling::kNone;
   }
   if (block == ParameterBlock::kCurve) return !free_shapes && curve;
-  return rig.count(block) > 0;
+  return own_blocks.count(block) > 0;
 }
 
 Selection selectionOf(const CalibrationOptions& options) {
@@ -44,7 +44,7 @@ Selection selectionOf(const CalibrationOptions& options) {
   for (const FitParameterInfo& info : fitParameters()) {
     if (!isFitted(info, options)) continue;
     if (info.entry) selection.stiffness.push_back(*info.entry);
-    if (info.aboutRig()) selection.rig.insert(info.block.value());
+    if (info.hasOwnBlock()) selection.own_blocks.insert(info.block.value());
   }
   selection.length_scale = options.length_scale;
   selection.free_shapes = options.free_shapes;
@@ -74,21 +74,32 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
   values_.tags.assign(tags.size(), lie::Vector6::Zero());
   if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
   if (selection.has(ParameterBlock::kLengthScale)) addLengthScales(options, selection, first.arm);
-  for (const FitParameterInfo& info : fitParameters()) {
-    if (!info.aboutRig() || info.block == ParameterBlock::kTag) continue;
-    values_.rig[*info.block].setZero(static_cast<Eigen::Index>(info.numbers.size()));
-  }
+  // Names of the numbers of a block, without their suffixes.
+  const auto namesOf = [&first](const FitParameterInfo& info) {
+    std::vector<std::string> names;
+    for (int i = 0; info.each_actuator && i < first.arm.actuatorCount(); ++i) {
+      names.push_back(info.name + ("_" + first.arm.actuator(i).name));
+    }
+    return info.each_actuator ? names : std::vector<std::string>{info.name};
+  };
   const int base_tag = first.layout.baseTag();
   // Tags come last, with one block each.
   for (const bool of_tags : {false, true}) {
     for (const FitParameterInfo& info : fitParameters()) {
       const bool is_of_tags = info.block == ParameterBlock::kTag;
-      if (!info.aboutRig() || !selection.has(*info.block) || is_of_tags != of_tags) continue;
-      if (!of_tags) addRig(info, options, 0, info.name);
-      for (std::size_t i = 0; of_tags && i < tags.size(); ++i) {
+      if (!info.hasOwnBlock() || is_of_tags != of_tags) continue;
+      const bool fitted = selection.has(*info.block);
+      if (!of_tags) {
+        const std::vector<std::string> names = namesOf(info);
+        values_.own_blocks[*info.block].setZero(
+            static_cast<Eigen::Index>(names.size() * info.numbers.size()));
+        if (fitted) addOwn(info, options, 0, names);
+      }
+      for (std::size_t i = 0; fitted && of_tags && i < tags.size(); ++i) {
         // This tag fixes the frame of all the others.
         if (static_cast<int>(i) == base_tag) continue;
-        addRig(info, options, static_cast<int>(i), info.name + ("_" + std::to_string(tags[i].id)));
+        addOwn(info, options, static_cast<int>(i),
+               {info.name + ("_" + std::to_string(tags[i].id))});
       }
     }
   }
@@ -149,15 +160,20 @@ void ParameterBlocks::addLengthScales(const CalibrationOptions& options, const S
       Eigen::VectorXd::Constant(count, deviation));
 }
 
-void ParameterBlocks::addRig(const FitParameterInfo& info, const CalibrationOptions& options,
-                             int of, const std::string& name) {
-  const auto count = static_cast<Eigen::Index>(info.numbers.size());
+void ParameterBlocks::addOwn(const FitParameterInfo& info, const CalibrationOptions& options,
+                             int of, const std::vector<std::string>& names) {
+  const auto count = static_cast<Eigen::Index>(names.size() * info.numbers.size());
+  const bool is_log = info.aboutShape();
+  const double initial = is_log ? 1.0 : 0.0;
   Eigen::VectorXd deviation(count);
   Eigen::Index row = 0;
-  for (const FitNumber& number : info.numbers) {
-    deviation[row] = number.prior.deviation(options);
-    infos_.push_back({name + number.suffix, number.unit, deviation[row], false, 0.0, 0.0, false});
-    ++row;
+  for (const std::string& name : names) {
+    for (const FitNumber& number : info.numbers) {
+      deviation[row] = number.prior.deviation(options);
+      infos_.push_back(
+          {name + number.suffix, number.unit, deviation[row], is_log, initial, initial, is_log});
+      ++row;
+    }
   }
   add(*info.block, of, Eigen::VectorXd::Zero(count), deviation);
 }

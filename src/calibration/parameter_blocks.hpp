@@ -16,7 +16,7 @@ namespace helix_arm::estimation {
 struct Selection {
   std::vector<StiffnessEntry> stiffness;
   LengthScaling length_scale = LengthScaling::kNone;
-  std::set<ParameterBlock> rig;  ///< those of base, bleed and tags that are fitted
+  std::set<ParameterBlock> own_blocks;  ///< of FitParameterInfo::hasOwnBlock() that are fitted
   bool free_shapes = false;
   bool curve = false;  ///< of the arms' FreeCurve
 
@@ -37,7 +37,7 @@ struct ParameterInfo {
   bool logarithmic;
   double reference;      ///< if logarithmic, the value is reference * exp(parameter)
   double initial;        ///< value in the scenes; 0 if they have none and a reference replaces it
-  bool about_shape;      ///< stiffness or length scale
+  bool about_shape;      ///< stiffness or scale
   bool reported = true;  ///< false for the numbers of a curve, which mean nothing on their own
 };
 
@@ -45,9 +45,9 @@ struct ParameterInfo {
 struct Values {
   Eigen::VectorXd curve;                    ///< see FreeCurve
   Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
-  /// Numbers of every rig parameter except the tags: right-hand motion [m, rad] of the base, bleed
-  /// [m].
-  std::map<ParameterBlock, Eigen::VectorXd> rig;
+  /// Numbers of every block of FitParameterInfo::hasOwnBlock() except the tags, fitted or not: logs
+  /// of stroke scales, right-hand motion [m, rad] of the base, bleed [m].
+  std::map<ParameterBlock, Eigen::VectorXd> own_blocks;
   std::vector<lie::Vector6> tags;       ///< shift along and across the arm [m], rotation [rad]
   std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, if shapes are free
 };
@@ -107,8 +107,8 @@ class ParameterBlocks {
   void addLengthScales(const CalibrationOptions& options, const Selection& selection,
                        const model::Arm& arm);
   void addCurve(const FreeCurve& curve);
-  void addRig(const FitParameterInfo& info, const CalibrationOptions& options, int of,
-              const std::string& name);
+  void addOwn(const FitParameterInfo& info, const CalibrationOptions& options, int of,
+              const std::vector<std::string>& names);
 
   Values values_;
   std::vector<Block> blocks_;

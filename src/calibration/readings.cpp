@@ -63,8 +63,9 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
   state.shape = shapeAt(shared, place, values, derivatives);
   if (!isMet(FitNeed::kTags, kind)) return state;
   const model::Shape& shape = state.shape.shape;
-  const lie::Vector6 base = values.rig.at(ParameterBlock::kBase);
-  state.corners = shared.arms[place.arm].layout.corners(values.rig.at(ParameterBlock::kBleed)[0]);
+  const lie::Vector6 base = values.own_blocks.at(ParameterBlock::kBase);
+  state.corners =
+      shared.arms[place.arm].layout.corners(values.own_blocks.at(ParameterBlock::kBleed)[0]);
   lie::SE3 X_B0j = lie::SE3::exp(base);
   const int pieces = static_cast<int>(shape.pieces().cols());
   for (int j = 0; j < pieces; ++j) {

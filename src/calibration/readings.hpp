@@ -64,27 +64,40 @@ struct Shared {
 struct Place {
   int arm, capture;          // capture: index over all arms
   Eigen::VectorXd lengths;   // at its pressures [m]
+  Eigen::VectorXd rest;      // at the lower end of the curves [m]
   std::vector<int> entries;  // free entries of the twists, for free shapes
-  Eigen::MatrixXd by_curve;  // (actuators x numbers of the curve), if one is fitted [m]
+  // Of lengths and rest (actuators x numbers of the curve), if one is fitted [m].
+  Eigen::MatrixXd by_curve, rest_by_curve;
 
   // With these values of the curve's numbers.
   Eigen::VectorXd lengthsAt(const Eigen::VectorXd& curve) const {
     if (by_curve.size() == 0) return lengths;
     return lengths + by_curve * curve;
   }
+  Eigen::VectorXd restAt(const Eigen::VectorXd& curve) const {
+    if (by_curve.size() == 0) return rest;
+    return rest + rest_by_curve * curve;
+  }
 };
 
 inline Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd& pressure) {
   const ArmCaptures& data = shared.arms[arm];
-  Place place{arm, capture, data.arm.lengths(pressure), freeEntries(data), {}};
+  Place place{arm, capture, data.arm.lengths(pressure), pressure, freeEntries(data), {}, {}};
+  for (int i = 0; i < pressure.size(); ++i) {
+    place.rest[i] = data.arm.actuator(i).contraction.restLength();
+  }
   if (!shared.selection.has(ParameterBlock::kCurve)) return place;
   place.by_curve.setZero(pressure.size(), shared.arms.front().free_curve->spline.lengths.size());
+  place.rest_by_curve = place.by_curve;
   for (int i = 0; data.free_curve && i < pressure.size(); ++i) {
     if (!data.free_curve->actuators[i]) continue;
     const ContractionSpline& spline = data.free_curve->spline;
     const Eigen::RowVectorXd weights = spline.weights(pressure[i]);
     place.lengths[i] = weights * spline.lengths;
     place.by_curve.row(i) = weights * spline.root;
+    const Eigen::RowVectorXd at_rest = spline.weights(spline.knots.front());
+    place.rest[i] = at_rest * spline.lengths;
+    place.rest_by_curve.row(i) = at_rest * spline.root;
   }
   return place;
 }
@@ -101,18 +114,34 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
     shape.shape = shared.expected_shapes[place.capture].about(twists);
     return shape;
   }
-  const Eigen::VectorXd unscaled = place.lengthsAt(values.curve);
+  // Strokes first, then length scales, as in Contraction::scaledBy().
+  const bool has_strokes = shared.selection.has(ParameterBlock::kStrokeScale);
+  Eigen::VectorXd unscaled = place.lengthsAt(values.curve), stroke, change;
+  if (has_strokes) {
+    const Eigen::VectorXd rest = place.restAt(values.curve);
+    stroke = values.own_blocks.at(ParameterBlock::kStrokeScale).array().exp();
+    change = stroke.cwiseProduct(unscaled - rest);
+    unscaled = rest + change;
+  }
   Eigen::VectorXd lengths = unscaled;
   for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared.scaleOf(values.length_scale, i);
   const double* const stiffness = values.stiffness.data();
-  if (place.by_curve.size() == 0) {
+  if (place.by_curve.size() == 0 && !has_strokes) {
     return shared.model.at(place.arm, lengths, stiffness, shared.scales(), derivatives);
   }
-  // The derivatives with respect to each length give those with respect to scales and curve.
+  // The derivatives with respect to each length give those with respect to all that changes it.
   ShapeThere shape =
       shared.model.at(place.arm, lengths, stiffness, static_cast<int>(lengths.size()), derivatives);
   if (!derivatives) return shape;
-  shape.by_curve = shape.by_scale * unscaled.cwiseInverse().asDiagonal() * place.by_curve;
+  const Eigen::MatrixXd by_unscaled = shape.by_scale * unscaled.cwiseInverse().asDiagonal();
+  if (has_strokes) shape.by_stroke = by_unscaled * change.asDiagonal();
+  if (place.by_curve.size() > 0) {
+    Eigen::MatrixXd moved = place.by_curve;
+    if (has_strokes) {
+      moved = stroke.asDiagonal() * (place.by_curve - place.rest_by_curve) + place.rest_by_curve;
+    }
+    shape.by_curve = by_unscaled * moved;
+  }
   if (shared.scales() == 1) shape.by_scale = shape.by_scale.rowwise().sum().eval();
   return shape;
 }
@@ -131,7 +160,8 @@ struct CaptureState {
 
 // Columns of a term: where the derivatives with respect to each parameter block begin, or -1.
 struct TermColumns {
-  int stiffness = -1, scale = -1, curve = -1, shape = -1, base = -1, bleed = -1, tag = -1;
+  int stiffness = -1, scale = -1, stroke = -1, curve = -1, shape = -1, base = -1, bleed = -1,
+      tag = -1;
   int count = 0;
 };
 
@@ -154,6 +184,7 @@ class ReadingCost {
     take(ParameterBlock::kStiffness, static_cast<int>(shared.selection.stiffness.size()),
          columns_.stiffness);
     take(ParameterBlock::kLengthScale, shared.scales(), columns_.scale);
+    take(ParameterBlock::kStrokeScale, static_cast<int>(place_.lengths.size()), columns_.stroke);
     take(ParameterBlock::kCurve, static_cast<int>(place_.by_curve.cols()), columns_.curve);
     take(ParameterBlock::kShape, static_cast<int>(place_.entries.size()), columns_.shape);
     takeOfRig(ParameterBlock::kBase, 6, columns_.base);
@@ -208,6 +239,7 @@ class ReadingCost {
     };
     block(columns_.stiffness, shape.by_stiffness);
     block(columns_.scale, shape.by_scale);
+    block(columns_.stroke, shape.by_stroke);
     block(columns_.curve, shape.by_curve);
     if (columns_.shape < 0) return;
     // Each piece takes an equal part of a mean twist.

@@ -51,6 +51,7 @@ enum class Kind {
   kTau,
   kEps,
   kScale,
+  kStroke,
   kRest,
   kSlope,
   kBase,
@@ -77,14 +78,14 @@ struct Number {
 
 // Which optional parts the model has.
 struct Form {
-  bool lag = false, slow = false, play = false, scales = false;
+  bool lag = false, slow = false, play = false, scales = false, strokes = false;
 };
 
 // What the numbers stand for.
 struct Decoded {
   statics::ArmModel model;
   std::vector<model::Contraction> contraction;  // (actuators)
-  Eigen::VectorXd scale;                        // (actuators)
+  Eigen::VectorXd scale, stroke;                // (actuators)
   lie::SE3 X_FB;
   std::optional<Response> response;  // absent: each actuator's own
   bool sound = true;                 // false: a length is not > 0, or a curve turns
@@ -291,8 +292,8 @@ class SeriesProblem {
   }
 
   Decoded decode(const Eigen::VectorXd& z) const {
-    Decoded out{
-        prior_.model, {}, Eigen::VectorXd::Ones(prior_.model.arm().actuatorCount()), X_FB_, first_};
+    const auto ones = Eigen::VectorXd::Ones(prior_.model.arm().actuatorCount());
+    Decoded out{prior_.model, {}, ones, ones, X_FB_, first_};
     model::Stiffness factors{1, 1, 1};
     double K_eps = 1;
     std::vector<std::vector<double>> lengths;
@@ -319,6 +320,9 @@ class SeriesProblem {
             out.scale.setConstant(factor);
           else
             out.scale[one.of] = factor;
+          break;
+        case Kind::kStroke:
+          out.stroke[one.of] = factor;
           break;
         case Kind::kRest:
         case Kind::kSlope:
@@ -351,6 +355,8 @@ class SeriesProblem {
         return now.model.load()->K_eps.front();
       case Kind::kScale:
         return now.scale[std::max(one.of, 0)];
+      case Kind::kStroke:
+        return now.stroke[one.of];
       case Kind::kBase:
         return (prior_.X_BF * now.X_FB).log()[one.of];
       case Kind::kRise:
@@ -389,6 +395,10 @@ class SeriesProblem {
     for (int i = 0; form.scales && i < prior_.model.arm().actuatorCount(); ++i) {
       add({Kind::kScale, i, 0, "length_scale_" + std::to_string(i + 1), "",
            arm.length_scale_prior});
+    }
+    for (int i = 0; form.strokes && i < prior_.model.arm().actuatorCount(); ++i) {
+      add({Kind::kStroke, i, 0, "stroke_scale_" + std::to_string(i + 1), "",
+           arm.stroke_scale_prior});
     }
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) addCurve(c);
     static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
@@ -454,16 +464,17 @@ class SeriesProblem {
     for (int i = 0; i < arm.actuatorCount(); ++i) {
       const auto c = static_cast<std::size_t>(recording_.curve_of[static_cast<std::size_t>(i)]);
       const Curve& curve = recording_.curves[c];
-      if (!options_.arm.contraction || !curve.free) {
-        out.contraction.push_back(arm.actuator(i).contraction);
-        continue;
-      }
-      if (!isCurve(lengths[c])) {
+      const bool is_fitted = options_.arm.contraction && curve.free;
+      if (is_fitted && !isCurve(lengths[c])) {
         out.sound = false;
         return;
       }
-      if (!fitted[c]) fitted[c] = model::Contraction::table(curve.knots, lengths[c]);
-      out.contraction.push_back(*fitted[c]);
+      if (is_fitted && !fitted[c]) {
+        fitted[c] = model::Contraction::table(curve.knots, lengths[c]);
+      }
+      out.contraction.push_back(is_fitted ? *fitted[c] : arm.actuator(i).contraction);
+      const double rest = out.contraction.back().restLength();
+      out.sound &= rest + out.stroke[i] * (out.contraction.back().lengthRange().lower - rest) > 0;
     }
   }
 
@@ -490,8 +501,9 @@ class SeriesProblem {
     for (Eigen::Index row = 0; row < effective.rows(); ++row) {
       if (!rows[static_cast<std::size_t>(row)]) continue;
       for (Eigen::Index i = 0; i < lengths.size(); ++i) {
+        const model::Contraction& curve = now.contraction[static_cast<std::size_t>(i)];
         lengths[i] = now.scale[i] *
-                     now.contraction[static_cast<std::size_t>(i)].lengthInside(effective(row, i));
+                     (curve.restLength() + now.stroke[i] * curve.changeInside(effective(row, i)));
       }
       const statics::Tip tip = now.model.tipOfLengths(lengths);
       if (tip.converged()) {
@@ -658,6 +670,7 @@ class SeriesJob {
     if (options_.arm.length_scale == LengthScaling::kEach) {
       consider("length scales", &Form::scales, best, out);
     }
+    if (options_.arm.stroke_scale) consider("strokes", &Form::strokes, best, out);
     report(best, out);
     return out;
   }
@@ -826,6 +839,7 @@ class SeriesJob {
     }
     if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
+    if (arm.stroke_scale) out.stroke_scale = now.stroke;
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) {
       const Curve& curve = recording_.curves[c];
       if (!curve.free) continue;
@@ -895,6 +909,8 @@ class SeriesJob {
       held = "pose of the base, bend and length of the arm at rest";
     } else if (one.kind == Kind::kScale) {
       held = "length scales of actuators that hardly move, and bend at rest";
+    } else if (one.kind == Kind::kStroke) {
+      held = "the strokes of all actuators, slope of their curve and stiffness";
     } else if (one.kind == Kind::kGamma) {
       held = "shear stiffness of actuators along the arm, which nothing shows";
     }

@@ -22,8 +22,9 @@ double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
 struct ShapeThere {
   model::Shape shape;
   Eigen::MatrixXd by_stiffness, by_scale;  ///< (6 pieces x entries), with respect to logarithms
-  Eigen::MatrixXd by_curve;  ///< (6 pieces x numbers of a FreeCurve), filled by those who fit one
-  bool found = true;         ///< false: no shape balances the load
+  // Filled by those who fit them: (6 pieces x actuators), (6 pieces x numbers of a FreeCurve).
+  Eigen::MatrixXd by_stroke, by_curve;
+  bool found = true;  ///< false: no shape balances the load
 };
 
 /// Shapes of all arms at a given stiffness, and their derivatives with respect to it. Without load,

@@ -157,13 +157,16 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
   return Contraction(length, {{0.0, 1.0, {0, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
 }
 
-Contraction Contraction::scaledBy(double factor) const {
+Contraction Contraction::scaledBy(double factor, double stroke) const {
   requirePositive("factor", factor);
+  requirePositive("the factor on the stroke", stroke);
   std::vector<Piece> pieces = pieces_;
   for (Piece& piece : pieces) {
-    for (double& c : piece.coefficients) c *= factor;
+    for (double& c : piece.coefficients) c *= factor * stroke;
   }
-  return Contraction(factor * rest_length_, std::move(pieces), input_range_);
+  Contraction out(factor * rest_length_, std::move(pieces), input_range_);
+  requirePositive("the smallest length", out.length_range_.lower);
+  return out;
 }
 
 double Contraction::length(double q) const {

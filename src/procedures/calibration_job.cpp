@@ -77,7 +77,9 @@ std::optional<estimation::LeastTipError> leastTipError(
     const estimation::CalibrationOptions& options) {
   // The paper's definition has no other parameters.
   const bool fitted = options.K_kappa && calibration.stiffness;
-  if (!fitted || options.length_scale != estimation::LengthScaling::kNone) return std::nullopt;
+  if (!fitted || options.length_scale != estimation::LengthScaling::kNone || options.stroke_scale) {
+    return std::nullopt;
+  }
   const bool curvatures =
       std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
   if (curvatures) return estimation::fitLeastTipError({data});
@@ -619,6 +621,7 @@ class CalibrationJob {
     changes_.stiffness = fit.stiffness;
     changes_.K_eps = fit.K_eps;
     changes_.length_scale = fit.length_scale;
+    if (fit.stroke_scale) changes_.numbers[FitParameter::kStrokeScaleEach] = *fit.stroke_scale;
     if (options.arm.base) changes_.X_BF = fit.X_BF;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;

@@ -71,6 +71,7 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
   set("K_kappa", filter.stiffness_deviation.kappa);
   set("K_eps", filter.K_eps_deviation);
   set("length_scale", filter.length_deviation);
+  set("stroke_scale", filter.stroke_deviation);
   correlate(calibration, filter);
 }
 

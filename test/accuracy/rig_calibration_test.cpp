@@ -41,6 +41,8 @@ Rig draw(int number) {
   rig.arm.K_kappa_scale = std::exp(0.25 * random.normal());
   rig.arm.K_gamma_scale = std::exp(0.4 * random.normal());
   rig.arm.length_scale = std::exp(0.03 * random.normal());
+  rig.arm.stroke_scales.resize(3);
+  for (double& stroke : rig.arm.stroke_scales) stroke = std::exp(0.05 * random.normal());
   rig.mounts = {0.01, 0.02, 0.002, 0.052, static_cast<std::uint32_t>(number)};
   return rig;
 }
@@ -63,6 +65,9 @@ std::map<std::string, double> truthOf(const io::Scene& scene, const Rig& rig) {
                                       {"K_gamma", stiffness.gamma * rig.arm.K_gamma_scale},
                                       {"length_scale", rig.arm.length_scale},
                                       {"bleed", scene.simulation.camera.bleed}};
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    truth["stroke_scale_" + scene.arm.actuator(i).name] = rig.arm.stroke_scales[i];
+  }
   const estimation::ArmView known = scene.view(),
                             real = simulation::deviate(known, scene.arm, rig.mounts);
   const lie::Vector6 base = (known.X_CB.inverse() * real.X_CB).log();
@@ -91,7 +96,15 @@ double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* foun
   for (int i = 0; i < kTips; ++i) {
     const Eigen::VectorXd pressure = test::randomInput(arm, random);
     Eigen::VectorXd lengths = arm.lengths(pressure);
-    if (found != nullptr) lengths = lengths.cwiseProduct(found->length_scale);
+    for (int k = 0; found != nullptr && k < lengths.size(); ++k) {
+      const double rest = arm.actuator(k).contraction.restLength();
+      const auto is_own = [name = "stroke_scale_" + arm.actuator(k).name](const Parameter& one) {
+        return one.name == name;
+      };
+      const double stroke =
+          std::find_if(found->parameters.begin(), found->parameters.end(), is_own)->value;
+      lengths[k] = found->length_scale[k] * (rest + stroke * (lengths[k] - rest));
+    }
     sum += (model::tipPose(arm.twistsOfLengths(lengths)).translation -
             model::tipPose(real.twists(pressure)).translation)
                .squaredNorm();
@@ -104,6 +117,7 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   estimation::CalibrationOptions options;
   options.base = options.tags = options.bleed = true;
   options.length_scale = estimation::LengthScaling::kCommon;
+  options.stroke_scale = true;
   options.corner_noise = scene.vision.fit.corner_noise;
   options.tag_prior = scene.tag_prior;
 

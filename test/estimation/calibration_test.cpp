@@ -73,19 +73,27 @@ TEST(Calibration, TorsionIsFoundFromZeroAndOtherwiseStaysZero) {
   EXPECT_EQ(blind.stiffness->tau, 0.0);
 }
 
-TEST(Calibration, EachActuatorGetsItsOwnScale) {
+TEST(Calibration, EachActuatorGetsItsOwnScales) {
   const model::Arm known = test::ringArm(test::straightRing());
-  const Eigen::Vector3d scales(1.02, 0.98, 1.01);
+  const Eigen::Vector3d scales(1.02, 0.98, 1.01), strokes(0.94, 1.08, 1.03);
+  const Eigen::VectorXd rest = known.lengths(Eigen::Vector3d::Zero());
   ArmCaptures data = twists(known, known, 1e-5);
   for (Capture& capture : data.captures) {
-    const Eigen::VectorXd lengths = known.lengths(capture.pressure).cwiseProduct(scales);
+    const Eigen::VectorXd change = known.lengths(capture.pressure) - rest;
+    const Eigen::VectorXd lengths = scales.cwiseProduct(rest + strokes.cwiseProduct(change));
     std::get<TwistReading>(capture.reading).twists = known.twistsOfLengths(lengths);
   }
   CalibrationOptions options;
   options.length_scale = LengthScaling::kEach;
+  options.stroke_scale = true;
   const Calibration found = calibrated({data}, options);
   EXPECT_LT((found.length_scale - scales).norm(), 1e-5);
   EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
+  for (int i = 0; i < 3; ++i) {
+    const Parameter& stroke = parameter(found, "stroke_scale_muscle_" + std::to_string(i + 1));
+    EXPECT_NEAR(stroke.value, strokes[i], 1e-4);
+    EXPECT_TRUE(stroke.identifiable);
+  }
 }
 
 TEST(Calibration, ParametersThatAreNotFittedKeepTheirValues) {

@@ -29,6 +29,7 @@ struct Truth {
   double offset = 0.0;                                 // standard deviation from trial to trial [m]
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
+  Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
 };
 
 double angleOf(int i) { return 2 * kPi * i / 3; }
@@ -39,11 +40,11 @@ double trueLength(double p) {
   return 0.2 + 0.04 * u * (0.7 + 0.3 * u);
 }
 
-Eigen::Vector3d trueTip(const Eigen::Vector3d& effective) {
+Eigen::Vector3d trueTip(const Eigen::Vector3d& effective, const Eigen::Vector3d& stroke) {
   constexpr double kBendPerLength = 12.0;  // [rad/m]
   double length = 0, y = 0, z = 0;
   for (int i = 0; i < 3; ++i) {
-    const double one = trueLength(effective[i]);
+    const double rest = trueLength(0), one = rest + stroke[i] * (trueLength(effective[i]) - rest);
     length += one / 3;
     y += one * std::cos(angleOf(i)) * kBendPerLength;
     z += one * std::sin(angleOf(i)) * kBendPerLength;
@@ -81,8 +82,8 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       out.history.input.row(row) = p;
       out.history.time.push_back(k * kSpacing);
       out.history.starts_anew.push_back(k == 0);
-      out.position.row(row) =
-          truth.turn * trueTip(effective) + truth.place + truth.offset * offset + kNoise * noise;
+      out.position.row(row) = truth.turn * trueTip(effective, truth.stroke) + truth.place +
+                              truth.offset * offset + kNoise * noise;
     }
   }
   return out;
@@ -166,11 +167,28 @@ TEST(SeriesFit, FindsAFrameWithOtherAxes) {
 
 // What a response would add to an arm without one is noise.
 TEST(SeriesFit, LeavesOutWhatPredictsNoBetter) {
-  const SeriesFit fit = fitSeries(guess(), seriesOf({}, 5), everything());
+  SeriesOptions options = everything();
+  options.arm.stroke_scale = true;
+  const SeriesFit fit = fitSeries(guess(), seriesOf({}, 5), options);
   ASSERT_EQ(fit.failure, "");
-  EXPECT_EQ(fit.choices.size(), 3u);
+  EXPECT_EQ(fit.choices.size(), 4u);
   for (const Choice& one : fit.choices) EXPECT_FALSE(one.kept) << one.part;
   EXPECT_TRUE(fit.response.instant());
+}
+
+// Their common factor is that of the curve.
+TEST(SeriesFit, TellsTheStrokesOfActuatorsApart) {
+  Truth truth;
+  truth.stroke = {1.12, 0.9, 0.98};
+  SeriesOptions options = everything();
+  options.response = false;
+  options.arm.stroke_scale = true;
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 10), options);
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_TRUE(keeps(fit, "strokes"));
+  const Eigen::VectorXd& found = fit.stroke_scale.value();
+  EXPECT_NEAR(found[0] / found[1], 1.12 / 0.9, 0.01);
+  EXPECT_NEAR(found[2] / found[1], 0.98 / 0.9, 0.01);
 }
 
 // Shear does not show in an arm whose muscles lie along it, and only the product of radius, stroke

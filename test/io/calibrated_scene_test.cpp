@@ -133,10 +133,12 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   change.stiffness = model::Stiffness{12.5, 1.0 / 3e5, 1.0 / 7e3};
   change.length_scale = Eigen::VectorXd(before.arm.actuatorCount());
   for (double& scale : *change.length_scale) scale = random.uniform(0.95, 1.05);
+  Eigen::VectorXd& strokes = change.numbers[estimation::FitParameter::kStrokeScaleEach];
+  strokes = 2 - change.length_scale->array();
   if (before.camera) change.X_CB = before.X_CB() * randomPose(random, 0.02);
   if (before.tags) {
     change.X_BF = randomPose(random, 0.02);
-    change.numbers[estimation::FitParameter::kBleed] = kBleed;
+    change.numbers[estimation::FitParameter::kBleed] = Eigen::VectorXd::Constant(1, kBleed);
     change.tags = before.tags;
     for (estimation::TagPlacement& tag : change.tags->tags) {
       tag.s = std::clamp(tag.s + 0.01 * random.normal(), 0.0, 1.0);
@@ -150,7 +152,9 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
     EXPECT_EQ(a.stiffness.tau, change.stiffness->tau);
     EXPECT_EQ(a.stiffness.kappa, change.stiffness->kappa);
     const double q = 0.4 * b.limits.upper + 0.6 * b.limits.lower;
-    EXPECT_NEAR(a.contraction.length(q), (*change.length_scale)[i] * b.contraction.length(q),
+    const double rest = b.contraction.restLength();
+    EXPECT_NEAR(a.contraction.length(q),
+                (*change.length_scale)[i] * (rest + strokes[i] * (b.contraction.length(q) - rest)),
                 1e-15);
     EXPECT_EQ(a.limits.upper, b.limits.upper);
   }
@@ -359,18 +363,21 @@ TEST(CalibratedScene, ResponsesAreWrittenKeptAndRemoved) {
 TEST(CalibratedScene, ANewCurveIsNotScaledAsTheOldOneWas) {
   SceneCalibration scaled = calibration();
   scaled.length_scale = Eigen::VectorXd::Constant(6, 1.02);
+  scaled.numbers[estimation::FitParameter::kStrokeScaleEach] = Eigen::VectorXd::Constant(6, 1.1);
   const test::TemporaryFile once(
       calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, scaled));
   SceneCalibration change = calibration();
   change.contractions = {{"muscle", quintic(pascals(413.6856))}};
-  const auto lengthAtRest = [&] {
+  const auto lengthAt = [&](double pressure) {
     const test::TemporaryFile twice(calibratedSceneText(once.path(), {}, change));
-    return loadScene(twice.path()).arm.actuator(0).contraction.length(0);
+    return loadScene(twice.path()).arm.actuator(0).contraction.length(pressure);
   };
-  const double measured = change.contractions.front().second.curve->length(0);
-  EXPECT_NEAR(lengthAtRest(), measured, 1e-15);
+  const model::Contraction& curve = *change.contractions.front().second.curve;
+  const double measured = curve.length(0);
+  EXPECT_NEAR(lengthAt(0), measured, 1e-15);
+  EXPECT_NEAR(lengthAt(3e5), curve.length(3e5), 1e-15);
   change.length_scale = Eigen::VectorXd::Constant(6, 1.01);
-  EXPECT_NEAR(lengthAtRest(), 1.01 * measured, 1e-12) << "a scale of the new one is its own";
+  EXPECT_NEAR(lengthAt(0), 1.01 * measured, 1e-12) << "a scale of the new one is its own";
 }
 
 // The largest pressure of a data set is often an actuator's limit as well.
@@ -406,9 +413,14 @@ TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
          "the base is seen from a camera, but scene flat has none; expected one with a camera",
          [](auto& change) { change.X_CB = lie::SE3(); });
   expect(kPlanarScene, "tags are calibrated, but scene flat has none; expected one with tags",
-         [](auto& change) { change.numbers[estimation::FitParameter::kBleed] = kBleed; });
+         [](auto& change) {
+           change.numbers[estimation::FitParameter::kBleed] = Eigen::VectorXd::Constant(1, kBleed);
+         });
   expect(kPlanarScene, "the number of length scales is 3; expected 2",
          [](auto& change) { change.length_scale = Eigen::Vector3d::Ones(); });
+  expect(kPlanarScene, "the number of stroke scales is 3; expected 2", [](auto& change) {
+    change.numbers[estimation::FitParameter::kStrokeScaleEach] = Eigen::Vector3d::Ones();
+  });
   expect(kSpatialScene,
          "tag 1 of scene rig is not placed on its section; expected all tags of the scene",
          [](auto& change) {

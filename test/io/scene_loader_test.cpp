@@ -72,15 +72,20 @@ TEST(SceneLoader, FreeLengthsHaveTheirScales) {
   const Scene scene =
       sceneOf(kSpatialScene, {{"arm.sections.0.ring.length_scale", "[1.02, 1, 0.97]"},
                               {"arm.sections.1.actuators.2.length_scale", "1.5"}});
-  const Scene common = sceneOf(kSpatialScene, {{"arm.sections.0.ring.length_scale", "1.02"}});
+  const Scene common = sceneOf(kSpatialScene, {{"arm.sections.0.ring.length_scale", "1.02"},
+                                               {"arm.sections.0.ring.stroke_scale", "[1, 1.2, 1]"},
+                                               {"arm.sections.1.actuators.2.stroke_scale", "0.9"}});
   const double expected[] = {1.02, 1, 0.97};
   for (int i = 0; i < 3; ++i) {
     EXPECT_NEAR(scene.arm.actuator(i).contraction.length(200e3), 0.35 * expected[i], 1e-15);
-    EXPECT_NEAR(common.arm.actuator(i).contraction.length(200e3), 0.35 * 1.02, 1e-15);
+    const double stroke = i == 1 ? 1.2 : 1;
+    EXPECT_NEAR(common.arm.actuator(i).contraction.length(200e3), (0.4 - 0.05 * stroke) * 1.02,
+                1e-15);
     EXPECT_EQ(scene.arm.actuator(i).limits.upper, 300e3);
   }
   EXPECT_NEAR(scene.arm.actuator(4).contraction.length(50e3), 0.12, 1e-15);
   EXPECT_NEAR(scene.arm.actuator(5).contraction.length(50e3), 0.18, 1e-15);
+  EXPECT_NEAR(common.arm.actuator(5).contraction.length(50e3), 0.1 + 0.9 * 0.02, 1e-15);
 }
 
 TEST(SceneLoader, PlacementsAreKnownAsWellAsTheirPriorSays) {

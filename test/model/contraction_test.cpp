@@ -184,7 +184,7 @@ TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
   const Range range = curve.inputRange();
   test::Random random(45);
   for (const double factor : {0.97, 1.0, 1.6}) {
-    const Contraction scaled = curve.scaledBy(factor);
+    const Contraction scaled = curve.scaledBy(factor), longer = curve.scaledBy(factor, 1.1);
     EXPECT_EQ(scaled.inputRange().lower, range.lower);
     EXPECT_EQ(scaled.inputRange().upper, range.upper);
     EXPECT_NEAR(scaled.lengthRange().lower, factor * curve.lengthRange().lower, 4 * kEps);
@@ -193,10 +193,18 @@ TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
       const double q = random.uniform(range.lower, range.upper);
       EXPECT_NEAR(scaled.length(q), factor * curve.length(q), 4 * kEps) << q;
       EXPECT_NEAR(scaled.length(scaled.inverse(scaled.length(q))), scaled.length(q), 4 * kEps) << q;
+      const double rest = curve.length(range.lower);
+      EXPECT_NEAR(longer.length(q), factor * (rest + 1.1 * (curve.length(q) - rest)), 8 * kEps);
+      EXPECT_NEAR(longer.slope(q), factor * 1.1 * curve.slope(q), 1e-12 * std::abs(curve.slope(q)));
+      EXPECT_NEAR(longer.length(longer.inverse(longer.length(q))), longer.length(q), 8 * kEps);
     }
   }
   for (const double factor : {0.0, -1.0, double(NAN), double(INFINITY)}) {
     test::expectRefusal("factor is", [&] { curve.scaledBy(factor); });
+    test::expectRefusal("the factor on the stroke is", [&] { curve.scaledBy(1, factor); });
+  }
+  if (curve.length(range.upper) < curve.restLength()) {
+    test::expectRefusal("the smallest length is", [&] { curve.scaledBy(1, 30); });
   }
 }
 

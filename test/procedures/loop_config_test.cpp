@@ -75,8 +75,10 @@ TEST(LoopConfig, ACalibratedSceneStartsWithItsStandardErrors) {
 TEST(LoopConfig, OfSeveralLengthScalesTheLeastCertainCounts) {
   const ArmFilterOptions filter = filterOf(
       "length_scale_muscle_1: {value: 1.01, standard_error: 0.001, identifiable: true}, "
-      "length_scale_muscle_2: {value: 1, standard_error: 0.003, identifiable: true}");
+      "length_scale_muscle_2: {value: 1, standard_error: 0.003, identifiable: true}, "
+      "stroke_scale_muscle_1: {value: 1.25, standard_error: 0.01, identifiable: true}");
   EXPECT_NEAR(filter.length_deviation, 0.003, 1e-12);
+  EXPECT_NEAR(filter.stroke_deviation, 0.008, 1e-12);
 }
 
 TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {

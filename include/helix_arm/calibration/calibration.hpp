@@ -65,6 +65,36 @@ struct ArmCaptures {
   bool isLoaded() const;
 };
 
+/// What can be fitted, in the order of fitParameters(), which is that of messages and help.
+enum class FitParameter {
+  kKappa,
+  kGamma,
+  kTau,
+  kEps,
+  kLengthScale,
+  kLengthScaleEach,
+  kStrokeScaleEach,
+  kContraction,
+  kResponse,
+  kMode,
+  kBase,
+  kTags,
+  kBleed,
+};
+constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;
+
+/// Blocks of the least-squares problem, which contain the numbers of the parameters.
+enum class ParameterBlock {
+  kStiffness,    ///< logs of all fitted entries of the stiffness
+  kLengthScale,  ///< logs of all length scales
+  kStrokeScale,  ///< logs of the stroke scales of all actuators
+  kBase,
+  kBleed,
+  kTag,    ///< placement of one tag
+  kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
+  kShape,  ///< twists of one capture; not a parameter of a request
+};
+
 /// Factors on the free lengths of the actuators, the most common error of contraction curves.
 enum class LengthScaling {
   kNone,
@@ -79,14 +109,16 @@ struct CalibrationOptions {
   bool K_tau = false;
   bool K_eps = false;  ///< one for all sections; requires a load
   LengthScaling length_scale = LengthScaling::kNone;
+  /// One factor per actuator on how far its free length is from that at the lower end of its curve.
+  bool stroke_scale = false;
   bool contraction = false;  ///< FreeCurve of the arms, under what the free lengths say
   bool base = false;         ///< pose of the base seen from the camera or instrument
   bool tags = false;   ///< placement of every tag except the one nearest to the base, which defines
                        ///< the reference frame
   bool bleed = false;  ///< width of white bleeding into black; requires corners
   /// Fit the twists of every capture instead of using the model's shapes, for placements that do
-  /// not depend on the model. Cannot be combined with stiffness and length scales, which free
-  /// shapes do not determine.
+  /// not depend on the model. Cannot be combined with stiffness and scales, which free shapes do
+  /// not determine.
   bool free_shapes = false;
 
   // Expected standard deviations; the residuals correct them.
@@ -101,6 +133,7 @@ struct CalibrationOptions {
   /// Standard deviation of the logs about the scene's values: a factor of three.
   double stiffness_prior = 1.1;
   double length_scale_prior = 0.05;  ///< standard deviation of the scales about 1
+  double stroke_scale_prior = 0.05;  ///< likewise
   BasePrior base_prior{0.1, 0.5};
   TagPrior tag_prior;
   double bleed_prior = 0.0005;  ///< [m]

@@ -11,23 +11,6 @@
 /// the options of the fit, and the names, units and priors of the fitted numbers derive from it.
 namespace helix_arm::estimation {
 
-/// In the order of the table, which is that of messages and help.
-enum class FitParameter {
-  kKappa,
-  kGamma,
-  kTau,
-  kEps,
-  kLengthScale,
-  kLengthScaleEach,
-  kContraction,
-  kResponse,
-  kMode,
-  kBase,
-  kTags,
-  kBleed,
-};
-constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;
-
 /// Words of a request that stand for several parameters.
 enum class FitGroup { kNone, kStiffness, kPlacement };
 /// What a request without words asks for.
@@ -43,17 +26,6 @@ enum class FitNeed {
   kCorners,      ///< captures of tag corners; the parameter belongs to one rig
 };
 
-/// Blocks of the least-squares problem, which contain the numbers of the parameters.
-enum class ParameterBlock {
-  kStiffness,    ///< logs of all fitted entries of the stiffness
-  kLengthScale,  ///< logs of all length scales
-  kBase,
-  kBleed,
-  kTag,    ///< placement of one tag
-  kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
-  kShape,  ///< twists of one capture; not a parameter of a request
-};
-
 /// Entries of a stiffness that can be fitted. The others are ratios to kEps.
 enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
 
@@ -67,7 +39,7 @@ struct FitPrior {
 struct FitNumber {
   const char* suffix;  ///< suffix of its name
   const char* unit;    ///< empty if unitless
-  FitPrior prior;      ///< in this unit; for stiffness and length scales, of the logarithm
+  FitPrior prior;      ///< in this unit; for stiffness and scales, of the logarithm
 };
 
 /// One row of the table.
@@ -81,6 +53,7 @@ struct FitParameterInfo {
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
+  bool each_actuator = false;           ///< fitted for every actuator, in a block of its own
   // Option that it sets: a flag, or the kind of length scaling. Those without a block set none.
   bool CalibrationOptions::*flag = nullptr;
   LengthScaling scaling = LengthScaling::kNone;
@@ -91,9 +64,11 @@ struct FitParameterInfo {
   /// without this flag count as exact.
   bool uncertain_if_held = false;
 
-  /// Whether it is a stiffness or length scale, which determines the shape of the arm and is fitted
-  /// as a logarithm.
+  /// Whether it is a stiffness or a scale, which determines the shape of the arm and is fitted as a
+  /// logarithm.
   bool aboutShape() const;
+  /// Whether its block holds nothing else, unlike those of stiffness and length scales.
+  bool hasOwnBlock() const { return aboutRig() || each_actuator; }
   /// Whether it describes the rig: base, tags and bleed.
   bool aboutRig() const;
 };

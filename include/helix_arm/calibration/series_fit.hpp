@@ -28,8 +28,8 @@ struct SeriesPrior {
   lie::SE3 X_BF;  ///< frame of the positions seen from the base
 };
 
-/// What is fitted. Stiffness, length scales, contraction, base and their priors are those of
-/// CalibrationOptions: contraction frees the curves of the actuators that move.
+/// What is fitted. Stiffness, scales of lengths and strokes, contraction, base and their priors are
+/// those of CalibrationOptions: contraction frees the curves of the actuators that move.
 struct SeriesOptions {
   CalibrationOptions arm;
   bool response = false;  ///< lag, play and slow state, one for all actuators
@@ -40,7 +40,7 @@ struct SeriesOptions {
 
 /// A part of the model that is kept where it predicts what was left out.
 struct Choice {
-  std::string part;  ///< "lag", "slow state", "play", "length scales"
+  std::string part;  ///< "lag", "slow state", "play", "length scales", "strokes"
   bool kept = false;
   /// By how much the RMS error of what was left out falls, mean over the blocks, and the standard
   /// error of that mean [m].
@@ -76,6 +76,7 @@ struct SeriesFit {
   std::optional<model::Stiffness> stiffness;    ///< of every actuator, if fitted
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
+  std::optional<Eigen::VectorXd> stroke_scale;  ///< likewise
   std::vector<FittedCurve> curves;              ///< if contraction is fitted
   lie::SE3 X_BF;
   model::Response response;  ///< as fitted or as before
@@ -90,11 +91,11 @@ struct SeriesFit {
 /// Fits the arm to the series, in its own geometry: pressures through lag, play and slow state to
 /// free lengths, to a shape, to the tip.
 ///
-/// The response begins with none; lag, slow state and one play, and length scales beyond a common
-/// one, are kept where leaving out trials (with fewer than three trials, fifths of the series)
-/// shows that they predict better by two standard errors of the difference. Readings count as fewer
-/// where their residuals are correlated in time. Standard errors are the larger of those of the
-/// normal equations and those of leaving out blocks.
+/// The response begins with none; lag, slow state and one play, length scales beyond a common one,
+/// and strokes are kept where leaving out trials (with fewer than three trials, fifths of the
+/// series) shows that they predict better by two standard errors of the difference. Readings count
+/// as fewer where their residuals are correlated in time. Standard errors are the larger of those
+/// of the normal equations and those of leaving out blocks.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
 

@@ -30,9 +30,9 @@ struct SceneCalibration {
   std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
-  /// Of fitted parameters of the rig that are one number: the bleed, by which tags look smaller at
-  /// each edge [m].
-  std::map<estimation::FitParameter, double> numbers;
+  /// Of other fitted parameters: stroke scales (actuators), factors on those of the scene or of the
+  /// new curves; the bleed (1), by which tags look smaller at each edge [m].
+  std::map<estimation::FitParameter, Eigen::VectorXd> numbers;
   /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   /// Fitted responses of the curves of these names; without lag or play, the key is removed.

@@ -53,9 +53,11 @@ class Contraction {
   /// @throws std::invalid_argument naming the argument that breaks its rule.
   static Contraction tendon(double length, double radius, double max_angle);
 
-  /// The same curve with all lengths multiplied by a factor.
-  /// @param factor  > 0. @throws std::invalid_argument otherwise.
-  Contraction scaledBy(double factor) const;
+  /// The same curve with all lengths multiplied by a factor, after their distances from
+  /// restLength() were multiplied by another: factor * (rest + stroke * (l - rest)).
+  /// @param factor, stroke  > 0. @throws std::invalid_argument otherwise, or if a length is not >
+  /// 0.
+  Contraction scaledBy(double factor, double stroke = 1.0) const;
 
   /// The polynomials of the curve, in order of increasing input.
   const std::vector<Piece>& pieces() const { return pieces_; }

@@ -15,6 +15,8 @@
 namespace helix_arm::io {
 namespace {
 
+constexpr char kLengthScaleKey[] = "length_scale", kStrokeScaleKey[] = "stroke_scale";
+
 // A map in the document of a scene that describes actuators: a ring or a single one.
 struct ActuatorEntry {
   Value* keys;
@@ -123,9 +125,11 @@ void putContraction(const Scene& scene, const std::string& name,
   contraction = std::move(changed);
   // Scale factors of the old curve do not apply to the new one.
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
-    const bool scaled = entry.keys->find("length_scale") != nullptr;
-    if (scaled && entry.keys->find("contraction")->text == name) {
-      setValue(*entry.keys, "length_scale", numberValue(1));
+    for (const char* key : {kLengthScaleKey, kStrokeScaleKey}) {
+      const bool scaled = entry.keys->find(key) != nullptr;
+      if (scaled && entry.keys->find("contraction")->text == name) {
+        setValue(*entry.keys, key, numberValue(1));
+      }
     }
   }
 }
@@ -190,19 +194,21 @@ void putK_eps(const Scene& scene, double K_eps, Value& document) {
   }
 }
 
-void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& document) {
-  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
-                       "the number of length scales", factors.size(), scene.arm.actuatorCount());
+// @param what  name of the factors in messages.
+void putScales(const Scene& scene, const char* key, const char* what,
+               const Eigen::VectorXd& factors, Value& document) {
+  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText", what,
+                       factors.size(), scene.arm.actuatorCount());
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
-    if (const Value* given = entry.keys->find("length_scale")) {
+    if (const Value* given = entry.keys->find(key)) {
       const bool each = given->kind == Value::Kind::kList;
       for (int i = 0; i < entry.count; ++i) {
         scales[i] *= *parseNumber(each ? given->entries[i].value.text : given->text);
       }
     }
     const bool common = (scales.array() == scales[0]).all();
-    setValue(*entry.keys, "length_scale", common ? numberValue(scales[0]) : numbersValue(scales));
+    setValue(*entry.keys, key, common ? numberValue(scales[0]) : numbersValue(scales));
   }
 }
 
@@ -288,8 +294,8 @@ void putMode(const estimation::Mode& mode, Value& document) {
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
 
-// Applies the changes to the document of a scene. Length scales apply to the new curves, so they
-// are written after these.
+// Applies the changes to the document of a scene. Scales apply to the new curves, so they are
+// written after these.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
                     FaultList& faults) {
   for (const auto& [name, fit] : changes.contractions) {
@@ -297,7 +303,10 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   }
   if (changes.stiffness) putStiffness(*changes.stiffness, document);
   if (changes.K_eps) putK_eps(scene, *changes.K_eps, document);
-  if (changes.length_scale) putLengthScale(scene, *changes.length_scale, document);
+  if (changes.length_scale) {
+    putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
+              document);
+  }
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
   }
@@ -312,13 +321,25 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     tagsOf(scene, document);
     putTags(scene, *changes.tags, document);
   }
-  for (const auto& [parameter, value] : changes.numbers) {
-    if (value == 0) continue;
-    if (parameter == estimation::FitParameter::kBleed) {
-      setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * value));
+  for (const auto& [parameter, values] : changes.numbers) {
+    if (parameter == estimation::FitParameter::kStrokeScaleEach) {
+      putScales(scene, kStrokeScaleKey, "the number of stroke scales", values, document);
+    }
+    if (parameter == estimation::FitParameter::kBleed && values[0] != 0) {
+      setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * values[0]));
     }
   }
   setValue(document, "calibration", writeProvenance(changes.provenance));
+}
+
+// Values of all numbers of a parameter, in their order.
+Eigen::VectorXd valuesOf(estimation::FitParameter parameter,
+                         const estimation::Calibration& calibration) {
+  std::vector<double> values;
+  for (const estimation::Parameter& one : calibration.parameters) {
+    if (one.name.rfind(estimation::infoOf(parameter).name, 0) == 0) values.push_back(one.value);
+  }
+  return vectorOf(values.data(), values.size());
 }
 
 // Adds the changes of the scene for a fitted parameter.
@@ -349,10 +370,9 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
     case FitParameter::kTags:
       changes.tags = calibration.layout;
       return;
+    case FitParameter::kStrokeScaleEach:
     case FitParameter::kBleed:
-      for (const estimation::Parameter& one : calibration.parameters) {
-        if (one.name == estimation::infoOf(parameter).name) changes.numbers[parameter] = one.value;
-      }
+      changes.numbers[parameter] = valuesOf(parameter, calibration);
       return;
   }
 }

@@ -166,7 +166,7 @@ Eigen::Matrix3d muscleRotation(double th, double tilt) {
          rotation(-tilt, Eigen::Vector3d::UnitZ());
 }
 
-constexpr NumberRule kLengthScale = within(kPositive, 0.5, 2);
+constexpr NumberRule kScale = within(kPositive, 0.5, 2);
 constexpr NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 constexpr NumberRule kTilt{"an angle above -90 and below 90",
                            [](double x) { return x > -90 && x < 90; }};
@@ -224,24 +224,37 @@ std::optional<model::Actuator> readFitting(const MapReader& keys,
                          *name};
 }
 
-// Length scales of a ring: one factor, or one per actuator. Invalid ones are reported and read as
-// 1.
-std::vector<double> readLengthScales(const MapReader& ring, std::size_t count) {
-  const char* const key = "length_scale";
+// Factors on a contraction curve.
+struct CurveScale {
+  double length = 1, stroke = 1;
+};
+
+// Factors of a ring: one, or one per actuator. Invalid ones are reported and read as 1.
+std::vector<double> readScales(const MapReader& ring, const char* key, std::size_t count) {
   double common = 1;
-  if (!ring.isList(key)) Key(key, kLengthScale, common).read(ring);
+  if (!ring.isList(key)) Key(key, kScale, common).read(ring);
   std::vector<double> scales(count, common);
-  if (ring.isList(key)) Key(key, Numbers{kLengthScale, count}, scales).read(ring);
+  if (ring.isList(key)) Key(key, Numbers{kScale, count}, scales).read(ring);
   return scales;
 }
 
 // Appends an actuator, with one pose or, along a tapered section, several.
-void addActuator(std::optional<model::Actuator> actuator, const std::string& name,
-                 const std::vector<lie::SE3>& along, double length_scale, model::Section& section) {
+void addActuator(const MapReader& keys, std::optional<model::Actuator> actuator,
+                 const std::string& name, const std::vector<lie::SE3>& along,
+                 const CurveScale& scale, model::Section& section) {
   if (!actuator) return;
   actuator->name = name;
   actuator->X_O = along.front();
-  actuator->contraction = actuator->contraction.scaledBy(length_scale);
+  const model::Contraction& curve = actuator->contraction;
+  const double rest = curve.restLength();
+  const double least = rest + scale.stroke * (curve.lengthRange().lower - rest);
+  if (!(least > 0)) {
+    keys.complain("stroke_scale", "makes " + name + " as short as " +
+                                      formatNumber(scale.length * least) +
+                                      " m; expected lengths > 0");
+    return;
+  }
+  actuator->contraction = curve.scaledBy(scale.length, scale.stroke);
   if (along.size() > 1) actuator->taper = along;
   section.actuators.push_back(std::move(*actuator));
 }
@@ -285,6 +298,7 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
                             "tilt_deg",
                             "contraction",
                             "length_scale",
+                            "stroke_scale",
                             "min_pressure_kpa",
                             "max_pressure_kpa"});
   const std::vector<double> radius = readAlong(ring, "radius_m", kLength);
@@ -306,7 +320,9 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
                                   ", as many as radius_m, or one number");
     return;
   }
-  const std::vector<double> scales = readLengthScales(ring, static_cast<std::size_t>(*count));
+  const auto size = static_cast<std::size_t>(*count);
+  const std::vector<double> lengths = readScales(ring, "length_scale", size),
+                            strokes = readScales(ring, "stroke_scale", size);
   for (int i = 0; i < *count; ++i) {
     const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
     std::vector<lie::SE3> along;
@@ -322,7 +338,8 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
     }
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(fitting, name, along, scales[static_cast<std::size_t>(i)], out);
+    const auto own = static_cast<std::size_t>(i);
+    addActuator(ring, fitting, name, along, {lengths[own], strokes[own]}, out);
   }
 }
 
@@ -369,9 +386,10 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   }
   const std::optional<model::Actuator> fitting = readFitting(keys, stiffness, arm);
   if (!stiffness.value) keys.fault("stiffness", "it here, in the section or in arm");
-  double length_scale = 1;
-  Key("length_scale", kLengthScale, length_scale).read(keys);
-  addActuator(fitting, name, {X_O}, length_scale, section);
+  CurveScale scale;
+  Key("length_scale", kScale, scale.length).read(keys);
+  Key("stroke_scale", kScale, scale.stroke).read(keys);
+  addActuator(keys, fitting, name, {X_O}, scale, section);
 }
 
 // K_eps against pressure.
@@ -495,11 +513,12 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
     readRing(keys, parts.stiffness, arm, parts.section);
   } else if (layout) {
     const bool listed = keys.eachOf("actuators", [&](const Value& one, const std::string& place) {
-      readActuator(MapReader(one, place,
-                             {"name", "position_m", "rpy_deg", "tilt_deg", "contraction",
-                              "length_scale", "stiffness", "min_pressure_kpa", "max_pressure_kpa"},
-                             faults),
-                   parts.stiffness, arm, parts.section);
+      readActuator(
+          MapReader(one, place,
+                    {"name", "position_m", "rpy_deg", "tilt_deg", "contraction", "length_scale",
+                     "stroke_scale", "stiffness", "min_pressure_kpa", "max_pressure_kpa"},
+                    faults),
+          parts.stiffness, arm, parts.section);
     });
     if (!listed) return parts;
     const std::size_t count = keys.find("actuators")->entries.size();
