@@ -38,8 +38,9 @@ constexpr std::size_t kCoarse = 5;    // one row in so many for a choice of the 
 constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstWeight = 0.3, kFirstReach = 0.05;
 // Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
-constexpr double kBasePrior = 0.5;   // of its place, of the arm's length
-constexpr double kSceneBase = 1.05;  // the scene's base stays where others fit no better than so
+constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
+constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
+constexpr double kSceneBase = 1.05;   // the scene's base stays where others fit no better than so
 // Largest errors of a base that count as known: of the arm's length, and [rad].
 constexpr double kBaseLength = 0.05, kBaseTurn = 0.1;
 constexpr basics::DescentRules kBrief{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
@@ -47,6 +48,7 @@ constexpr basics::DescentRules kWhole{1e-3, 10.0, 1e8, 1e-6, 0.0, 80};
 
 enum class Kind {
   kKappa,
+  kGrowth,
   kGamma,
   kTau,
   kEps,
@@ -78,14 +80,16 @@ struct Number {
 
 // Which optional parts the model has.
 struct Form {
-  bool lag = false, slow = false, play = false, scales = false, strokes = false;
+  bool lag = false, slow = false, play = false, scales = false, strokes = false, growth = false;
 };
 
 // What the numbers stand for.
 struct Decoded {
   statics::ArmModel model;
   std::vector<model::Contraction> contraction;  // (actuators)
-  Eigen::VectorXd scale, stroke;                // (actuators)
+  model::StiffnessTable
+      bending;  // unless empty, the model has it with these curves, scales and strokes
+  Eigen::VectorXd scale, stroke;  // (actuators)
   lie::SE3 X_FB;
   std::optional<Response> response;  // absent: each actuator's own
   bool sound = true;                 // false: a length is not > 0, or a curve turns
@@ -293,7 +297,7 @@ class SeriesProblem {
 
   Decoded decode(const Eigen::VectorXd& z) const {
     const auto ones = Eigen::VectorXd::Ones(prior_.model.arm().actuatorCount());
-    Decoded out{prior_.model, {}, ones, ones, X_FB_, first_};
+    Decoded out{prior_.model, {}, {}, ones, ones, X_FB_, first_};
     model::Stiffness factors{1, 1, 1};
     double K_eps = 1;
     std::vector<std::vector<double>> lengths;
@@ -304,7 +308,12 @@ class SeriesProblem {
       const double factor = std::exp(z[k]);
       switch (one.kind) {
         case Kind::kKappa:
-          factors.kappa = factor;
+          factors.kappa *= factor;
+          break;
+        case Kind::kGrowth:
+          // Relative to the least one.
+          factors.kappa *= std::min(factor, 1.0);
+          out.bending = growing(factor);
           break;
         case Kind::kGamma:
           factors.gamma = factor;
@@ -338,6 +347,7 @@ class SeriesProblem {
     out.model = prior_.model.scaledStiffness(factors, K_eps);
     out.X_FB = X_FB_ * lie::SE3::exp(motion);
     setContractions(lengths, out);
+    if (!out.bending.empty() && out.sound) setModel(out);
     return out;
   }
 
@@ -347,6 +357,8 @@ class SeriesProblem {
     switch (one.kind) {
       case Kind::kKappa:
         return stiffness.kappa;
+      case Kind::kGrowth:
+        return now.bending.factor.back() / now.bending.factor.front();
       case Kind::kGamma:
         return stiffness.gamma;
       case Kind::kTau:
@@ -386,6 +398,7 @@ class SeriesProblem {
     const CalibrationOptions& arm = options_.arm;
     const double stiff = arm.stiffness_prior;
     if (arm.K_kappa) add({Kind::kKappa, 0, 0, "K_kappa", "m^2", stiff});
+    if (form.growth) add({Kind::kGrowth, 0, 0, "K_kappa_growth", "", kGrowthPrior});
     if (arm.K_gamma) add({Kind::kGamma, 0, 0, "K_gamma", "", stiff});
     if (arm.K_tau) add({Kind::kTau, 0, 0, "K_tau", "m^2", stiff});
     if (arm.K_eps) add({Kind::kEps, 0, 0, "K_eps", "N", stiff});
@@ -478,6 +491,39 @@ class SeriesProblem {
     }
   }
 
+  // K_kappa that is linear from one end of all limits to the other.
+  // @param ratio  of its values there.
+  model::StiffnessTable growing(double ratio) const {
+    const model::Arm& arm = prior_.model.arm();
+    model::Range all = arm.actuator(0).limits;
+    for (int i = 1; i < arm.actuatorCount(); ++i) {
+      all.lower = std::min(all.lower, arm.actuator(i).limits.lower);
+      all.upper = std::max(all.upper, arm.actuator(i).limits.upper);
+    }
+    return {{all.lower, all.upper}, {std::max(1 / ratio, 1.0), std::max(ratio, 1.0)}};
+  }
+
+  // The model of the fitted curves: K_kappa follows from pressures, not from lengths alone.
+  static void setModel(Decoded& out) {
+    const model::Arm& arm = out.model.arm();
+    std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      model::Section& section = sections[static_cast<std::size_t>(k)];
+      section.plate = arm.plate(k);
+      section.bending = out.bending;
+      for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+        section.actuators.push_back(arm.actuator(i));
+        section.actuators.back().contraction =
+            out.contraction[static_cast<std::size_t>(i)].scaledBy(out.scale[i], out.stroke[i]);
+      }
+    }
+    const statics::TierSetting setting = out.model.choice().setting;
+    const bool planar = setting.tier == statics::Tier::kPlanar;
+    out.model = statics::ArmModel(
+        model::Arm(std::move(sections), arm.tool()), std::nullopt, out.model.load(),
+        planar ? statics::TierSetting{statics::Tier::kLinear, 0} : setting);
+  }
+
   // Strictly monotone, and > 0.
   static bool isCurve(const std::vector<double>& lengths) {
     const bool rises = lengths.back() > lengths.front();
@@ -505,7 +551,9 @@ class SeriesProblem {
         lengths[i] = now.scale[i] *
                      (curve.restLength() + now.stroke[i] * curve.changeInside(effective(row, i)));
       }
-      const statics::Tip tip = now.model.tipOfLengths(lengths);
+      const statics::Tip tip = now.bending.empty()
+                                   ? now.model.tipOfLengths(lengths)
+                                   : now.model.tip(Eigen::VectorXd(effective.row(row).transpose()));
       if (tip.converged()) {
         out.row(row) = tip.tip.translation;
       } else {
@@ -671,6 +719,7 @@ class SeriesJob {
       consider("length scales", &Form::scales, best, out);
     }
     if (options_.arm.stroke_scale) consider("strokes", &Form::strokes, best, out);
+    if (mayGrow()) consider("K_kappa against pressure", &Form::growth, best, out);
     report(best, out);
     return out;
   }
@@ -688,6 +737,17 @@ class SeriesJob {
     for (std::size_t k = 0; k < rows; ++k) {
       block_of_[k] = static_cast<int>(k * static_cast<std::size_t>(blocks_) / rows);
     }
+  }
+
+  // Whether K_kappa can depend on pressure, and does not yet.
+  bool mayGrow() const {
+    const model::Arm& arm = prior_.model.arm();
+    bool out = options_.arm.K_kappa;
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      out &= arm.bending(k).empty() && arm.needForTables(k) == nullptr;
+    }
+    for (int i = 0; i < arm.actuatorCount(); ++i) out &= model::isPressure(arm.actuator(i).drive);
+    return out;
   }
 
   // What a form begins with, beyond what another fit knows.
@@ -837,6 +897,7 @@ class SeriesJob {
     if (arm.K_kappa || arm.K_gamma || arm.K_tau) {
       out.stiffness = now.model.arm().actuator(0).stiffness;
     }
+    if (!now.bending.empty()) out.bending = now.bending;
     if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;

@@ -27,7 +27,7 @@ Eigen::VectorXd changeOf(const statics::Solution& above, const statics::Solution
 }
 
 // Whether its shapes are solved, not linear in the lengths.
-bool hasPieces(const ArmCaptures& arm) { return arm.isLoaded() || arm.arm.tapered(); }
+bool hasPieces(const ArmCaptures& arm) { return arm.isLoaded() || !arm.arm.isLinear(); }
 
 bool isAlike(const model::Arm& arm) {
   const model::Stiffness& first = arm.actuator(0).stiffness;

@@ -1,7 +1,9 @@
 #include "helix_arm/model/arm.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -12,6 +14,15 @@
 
 namespace helix_arm::model {
 namespace {
+
+// Of A, scaled to lengths: its entries are sums, which lose half the digits that a stack keeps.
+constexpr double kWorstCondition = 1e9;
+
+// The index of the end of the interval of q, which is within the inputs.
+std::size_t intervalOf(const std::vector<double>& input, double q) {
+  const auto above = std::upper_bound(input.begin() + 1, input.end() - 1, q);
+  return static_cast<std::size_t>(above - input.begin());
+}
 
 void requireStiffness(const Stiffness& stiffness, const std::string& who) {
   for (const auto& [name, value] :
@@ -65,6 +76,41 @@ lie::SE2::Tangent Stiffness::diagonal<lie::SE2>() const {
   return {1, gamma, kappa};
 }
 
+double StiffnessTable::at(double q) const {
+  if (empty()) return 1.0;
+  if (q < input.front()) return factor.front();
+  if (q >= input.back()) return factor.back();
+  const std::size_t i = intervalOf(input, q);
+  const double t = (q - input[i - 1]) / (input[i] - input[i - 1]);
+  return (1.0 - t) * factor[i - 1] + t * factor[i];
+}
+
+double StiffnessTable::slopeAt(double q) const {
+  if (input.size() < 2 || q < input.front() || q > input.back()) return 0.0;
+  const std::size_t i = intervalOf(input, q);
+  return (factor[i] - factor[i - 1]) / (input[i] - input[i - 1]);
+}
+
+void StiffnessTable::validate(const char* who, const char* factors) const {
+  basics::requireValue(input.size() == factor.size(), who, "the number of a table's factors",
+                       static_cast<double>(factor.size()), "one per input");
+  basics::requireValue(
+      std::adjacent_find(input.begin(), input.end(), std::greater_equal<>()) == input.end(), who,
+      "an input of a table", empty() ? 0.0 : input.front(), "ascending inputs");
+  for (const double one : factor) {
+    basics::requireValue(std::isfinite(one) && one >= 1, who, factors, one, "a finite value >= 1");
+  }
+}
+
+template <class Group>
+typename Group::Tangent Stiffness::bending() const {
+  typename Group::Tangent K = Stiffness{0, 0, kappa}.diagonal<Group>();
+  K[0] = 0;  // K is normalised by it
+  return K;
+}
+template lie::SE2::Tangent Stiffness::bending<lie::SE2>() const;
+template lie::SE3::Tangent Stiffness::bending<lie::SE3>() const;
+
 template <class Group>
 ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool)
     : ArmOf(std::move(sections), tool, 0) {}
@@ -114,12 +160,42 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
   first_.push_back(static_cast<int>(actuators_.size()));
   for (int k = 0; k < sectionCount(); ++k) {
     rest_twists_.push_back(equilibria_[k].map * restLengths(k));
+    setBending(k, sections[k].bending);
   }
   section_steps_.resize(tapers_.size());
   const bool tapered =
       std::any_of(tapers_.begin(), tapers_.end(), [](const auto& t) { return t != nullptr; });
+  is_linear_ = !tapered && !has_tables_;
   if (tapered && steps > 0) setSteps(steps);
   if (tapered && steps == 0) chooseSteps();
+}
+
+template <class Group>
+const char* ArmOf<Group>::needForTables(int k) const {
+  if (tapers_[k]) return "a section without taper";
+  if (equilibria_[k].rank < Group::kDof) {
+    return "stiffness against every motion; give K_tau_m2 and K_kappa_m2 values > 0";
+  }
+  return equilibria_[k].condition <= kWorstCondition
+             ? nullptr
+             : "shear and bending of comparable stiffness; lower K_gamma";
+}
+
+template <class Group>
+void ArmOf<Group>::setBending(int k, const StiffnessTable& table) {
+  const std::string who = "section " + std::to_string(k + 1);
+  table.validate(who.c_str(), "a factor on K_kappa");
+  bending_.emplace_back();
+  // A constant table is a number.
+  const auto& factor = table.factor;
+  if (std::all_of(factor.begin(), factor.end(), [](double one) { return one == 1; })) return;
+  const char* const need = needForTables(k);
+  basics::require(need == nullptr, who, ": K_kappa depends on pressure, which needs ", need);
+  bending_[k] = table;
+  has_tables_ = true;
+  Lengths rest(actuators_.size());
+  for (int i = 0; i < rest.size(); ++i) rest[i] = actuators_[i].contraction.restLength();
+  rest_twists_[k] = twistAt(rest, nullptr, k);
 }
 
 template <class Group>
@@ -132,6 +208,7 @@ ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
       sections[k].actuators.back().stiffness = stiffnessOf(i);
     }
     sections[k].plate = plates_[k];
+    sections[k].bending = bending_[k];
   }
   return ArmOf(std::move(sections), tool_, steps_);
 }
@@ -247,7 +324,7 @@ typename TaperOf<Group>::Lengths ArmOf<Group>::restLengths(int k) const {
 template <class Group>
 typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
   check(q);
-  if (tapered()) return twistsOfLengths(lengthsInside(q));
+  if (!isLinear()) return twistsAt(lengthsInside(q), &q);
   Twists out(Group::kDof, sectionCount());
   for (int k = 0; k < sectionCount(); ++k) out.col(k) = sectionTwist(q, k);
   return out;
@@ -269,16 +346,77 @@ typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) con
 template <class Group>
 typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(
     const InputRef& lengths) const noexcept {
+  return twistsAt(lengths, nullptr);
+}
+
+template <class Group>
+typename ArmOf<Group>::Twists ArmOf<Group>::twistsAt(const InputRef& lengths,
+                                                     const InputRef* q) const noexcept {
   Twists out(Group::kDof, sectionCount());
   for (int k = 0; k < sectionCount(); ++k) {
-    if (tapers_[k]) {
-      out.col(k) = taperedTwist(ofSection(lengths, k), k);
+    if (!isLinear()) {
+      out.col(k) = twistAt(lengths, q, k);
       continue;
     }
     out.col(k).noalias() =
         equilibria_[k].map.lazyProduct(lengths.segment(first_[k], first_[k + 1] - first_[k]));
   }
   return out;
+}
+
+template <class Group>
+typename Group::Tangent ArmOf<Group>::twistAt(const InputRef& lengths, const InputRef* q,
+                                              int k) const noexcept {
+  if (tapers_[k]) return taperedTwist(ofSection(lengths, k), k);
+  if (bending_[k].empty()) return equilibria_[k].map * ofSection(lengths, k);
+  const double factor =
+      q != nullptr ? bending_[k].at(ofSection(*q, k).mean()) : bendingOfLengths(lengths, k).factor;
+  return balance(k, lengths, factor).twist;
+}
+
+template <class Group>
+typename ArmOf<Group>::Bending ArmOf<Group>::bendingOfLengths(const InputRef& lengths,
+                                                              int k) const noexcept {
+  const int count = first_[k + 1] - first_[k];
+  Bending out{0.0, TaperOf<Group>::Lengths::Zero(count)};
+  double sum = 0.0;
+  for (int j = 0; j < count; ++j) {
+    const ActuatorOf<Group>& actuator = actuators_[first_[k] + j];
+    const auto [q, inside] = nearestInput(actuator, lengths[first_[k] + j]);
+    if (inside) out.by_length[j] = 1 / (count * actuator.contraction.slopeInside(q));
+    sum += q;
+  }
+  out.factor = bending_[k].at(sum / count);
+  out.by_length *= bending_[k].slopeAt(sum / count);
+  return out;
+}
+
+template <class Group>
+typename ArmOf<Group>::Balance ArmOf<Group>::balance(
+    int k, const InputRef& lengths, double bending, const Eigen::VectorXd* factors) const noexcept {
+  using Tangent = typename Group::Tangent;
+  using Matrix = typename Group::Matrix;
+  double offset = 0.0;
+  for (int i = first_[k]; i < first_[k + 1]; ++i) {
+    offset = std::max(offset, actuators_[i].X_O.translation.norm());
+  }
+  // Angles are scaled to arc lengths, so that bending is not mistaken for noise.
+  Tangent S = Tangent::Ones();
+  if (offset > 0) S.template tail<Group::kRotations>().setConstant(1.0 / offset);
+  Matrix A = Matrix::Zero();
+  Tangent D_l = Tangent::Zero();
+  for (int i = first_[k]; i < first_[k + 1]; ++i) {
+    const Matrix M = actuators_[i].X_O.inverse().adjoint() * S.asDiagonal();
+    Stiffness stiffness = actuators_[i].stiffness;
+    stiffness.kappa *= bending;
+    const Tangent K =
+        (factors != nullptr ? (*factors)[i] : 1.0) * stiffness.template diagonal<Group>();
+    A += M.transpose() * K.asDiagonal() * M;
+    D_l += K[0] * lengths[i] * M.row(0).transpose();
+  }
+  const Eigen::LDLT<Matrix> A_factors(A);
+  return {S.cwiseProduct(Tangent(A_factors.solve(D_l))),
+          S.asDiagonal() * A_factors.solve(Matrix(S.asDiagonal()))};
 }
 
 template <class Group>
@@ -289,7 +427,7 @@ Group ArmOf<Group>::tip(const InputRef& q) const {
 
 template <class Group>
 Group ArmOf<Group>::tipInside(const InputRef& q) const noexcept {
-  return tapered() ? tipOfLengths(lengthsInside(q)) : untaperedTip(q);
+  return isLinear() ? untaperedTip(q) : tipAt(lengthsInside(q), &q);
 }
 
 template <class Group>
@@ -305,14 +443,18 @@ Group ArmOf<Group>::untaperedTip(const InputRef& q) const noexcept {
 
 template <class Group>
 Group ArmOf<Group>::tipOfLengths(const InputRef& lengths) const noexcept {
-  if (!tapered()) return tipOf(twistsOfLengths(lengths));
+  return isLinear() ? tipOf(twistsOfLengths(lengths)) : tipAt(lengths, nullptr);
+}
+
+template <class Group>
+Group ArmOf<Group>::tipAt(const InputRef& lengths, const InputRef* q) const noexcept {
   Group X;
   for (int k = 0; k < sectionCount(); ++k) {
-    const auto own = ofSection(lengths, k);
     if (tapers_[k]) {
+      const auto own = ofSection(lengths, k);
       for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(own));
     } else {
-      X = X * Group::exp(equilibria_[k].map * own);
+      X = X * Group::exp(twistAt(lengths, q, k));
     }
     if (links_) X = X * (*links_)[k];
   }
@@ -341,6 +483,7 @@ Arm embed(const PlanarArm& arm) {
       }
     }
     sections[k].plate = arm.plate(k);
+    sections[k].bending = arm.bending(k);
   }
   return Arm(std::move(sections), lie::embed(arm.tool()));
 }
@@ -430,13 +573,13 @@ typename Group::Tangent ArmOf<Group>::taperedTwist(const typename TaperOf<Group>
 
 template <class Group>
 UnloadedOf<Group> ArmOf<Group>::unloaded(const InputRef& q) const {
-  if (!tapered()) return twists(q);
+  if (isLinear()) return twists(q);
   return {twists(q), lengths(q)};
 }
 
 template <class Group>
 UnloadedOf<Group> ArmOf<Group>::unloadedOfLengths(const InputRef& lengths) const {
-  if (!tapered()) return twistsOfLengths(lengths);
+  if (isLinear()) return twistsOfLengths(lengths);
   return {twistsOfLengths(lengths), lengths};
 }
 
@@ -459,8 +602,23 @@ PiecesOf<Group> ArmOf<Group>::pieces(const UnloadedOf<Group>& unloaded) const {
 template <class Group>
 typename Equilibrium<Group>::Map ArmOf<Group>::pieceByLengths(
     int k, int j, const UnloadedOf<Group>& unloaded) const {
-  if (!tapers_[k]) return equilibria_[k].map / piecesPerSection();
-  return section_steps_[k][j].byLengths(ofSection(unloaded.lengths, k));
+  if (tapers_[k]) return section_steps_[k][j].byLengths(ofSection(unloaded.lengths, k));
+  typename Equilibrium<Group>::Map by = equilibria_[k].map;
+  if (!bending_[k].empty()) {
+    const Bending bending = bendingOfLengths(unloaded.lengths, k);
+    const Balance at = balance(k, unloaded.lengths, bending.factor);
+    // A dg = D dl - dA g
+    typename Group::Tangent by_factor = Group::Tangent::Zero();
+    for (int i = 0; i < by.cols(); ++i) {
+      const ActuatorOf<Group>& actuator = actuators_[first_[k] + i];
+      const typename Group::Matrix M = actuator.X_O.inverse().adjoint();
+      by.col(i) = at.compliance * M.row(0).transpose();
+      by_factor -= M.transpose() * actuator.stiffness.template bending<Group>().cwiseProduct(
+                                       typename Group::Tangent(M * at.twist));
+    }
+    by += (at.compliance * by_factor) * bending.by_length.transpose();
+  }
+  return by / piecesPerSection();
 }
 
 template class ArmOf<lie::SE2>;

@@ -212,9 +212,9 @@ struct TipBatch::Plan {
     }
   }
 
-  // Products of exponentials are not vectorised.
+  // Products of exponentials, and maps that depend on the inputs, are not vectorised.
   template <class Input, class Output>
-  void tapered(std::size_t count, const Input& input, const Output& output) const {
+  void oneByOne(std::size_t count, const Input& input, const Output& output) const {
     Eigen::VectorXd q(arm.actuatorCount());
     for (std::size_t j = 0; j < count; ++j) {
       for (int i = 0; i < q.size(); ++i) q[i] = input(j, i);
@@ -234,8 +234,8 @@ TipBatch::~TipBatch() = default;
 void TipBatch::columns(const double* const* inputs, std::size_t count, double* x, double* y,
                        double* z, std::size_t total) const {
   const Plan& plan = *plan_;
-  if (plan.arm.tapered()) {
-    return plan.tapered(
+  if (!plan.arm.isLinear()) {
+    return plan.oneByOne(
         count, [&](std::size_t j, int i) { return inputs[i][j]; },
         [&](std::size_t j, const Eigen::Vector3d& tip) {
           x[j] = tip.x();
@@ -279,8 +279,8 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
                     std::size_t total) const {
   const Plan& plan = *plan_;
   bool inside = true;
-  if (plan.arm.tapered()) {
-    plan.tapered(
+  if (!plan.arm.isLinear()) {
+    plan.oneByOne(
         count,
         [&](std::size_t j, int i) {
           const double input = inputs.at(j, i);

@@ -619,6 +619,7 @@ class CalibrationJob {
     const estimation::SeriesFit& fit = *outcome_.series;
     if (!fit.failure.empty()) return fit.failure;
     changes_.stiffness = fit.stiffness;
+    changes_.bending = fit.bending;
     changes_.K_eps = fit.K_eps;
     changes_.length_scale = fit.length_scale;
     if (fit.stroke_scale) changes_.numbers[FitParameter::kStrokeScaleEach] = *fit.stroke_scale;

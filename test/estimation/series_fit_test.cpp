@@ -24,9 +24,10 @@ constexpr double kSpacing = 0.1;   // [s]
 constexpr double kNoise = 0.0005;  // [m]
 
 struct Truth {
-  double rise = 0, fall = 0;                           // [s]
-  double slow_time = 1, slow_weight = 0;               // [s]
-  double offset = 0.0;                                 // standard deviation from trial to trial [m]
+  double rise = 0, fall = 0;              // [s]
+  double slow_time = 1, slow_weight = 0;  // [s]
+  double growth = 0.0;  // of the stiffness against bending, from no pressure to the most in all
+  double offset = 0.0;  // standard deviation from trial to trial [m]
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
@@ -40,14 +41,15 @@ double trueLength(double p) {
   return 0.2 + 0.04 * u * (0.7 + 0.3 * u);
 }
 
-Eigen::Vector3d trueTip(const Eigen::Vector3d& effective, const Eigen::Vector3d& stroke) {
-  constexpr double kBendPerLength = 12.0;  // [rad/m]
+Eigen::Vector3d trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
+  const double bend_per_length = 12.0 / (1 + truth.growth * effective.mean() / kMost);  // [rad/m]
   double length = 0, y = 0, z = 0;
   for (int i = 0; i < 3; ++i) {
-    const double rest = trueLength(0), one = rest + stroke[i] * (trueLength(effective[i]) - rest);
+    const double rest = trueLength(0),
+                 one = rest + truth.stroke[i] * (trueLength(effective[i]) - rest);
     length += one / 3;
-    y += one * std::cos(angleOf(i)) * kBendPerLength;
-    z += one * std::sin(angleOf(i)) * kBendPerLength;
+    y += one * std::cos(angleOf(i)) * bend_per_length;
+    z += one * std::sin(angleOf(i)) * bend_per_length;
   }
   const double bend = std::max(std::hypot(y, z), 1e-9);
   // A chamber that lengthens bends the arm away from it.
@@ -82,7 +84,7 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       out.history.input.row(row) = p;
       out.history.time.push_back(k * kSpacing);
       out.history.starts_anew.push_back(k == 0);
-      out.position.row(row) = truth.turn * trueTip(effective, truth.stroke) + truth.place +
+      out.position.row(row) = truth.turn * trueTip(effective, truth) + truth.place +
                               truth.offset * offset + kNoise * noise;
     }
   }
@@ -189,6 +191,22 @@ TEST(SeriesFit, TellsTheStrokesOfActuatorsApart) {
   const Eigen::VectorXd& found = fit.stroke_scale.value();
   EXPECT_NEAR(found[0] / found[1], 1.12 / 0.9, 0.01);
   EXPECT_NEAR(found[2] / found[1], 0.98 / 0.9, 0.01);
+}
+
+// Chambers in one body: K_kappa and what the chambers resist by their places, r^2 / 2, grow as one.
+TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
+  Truth truth;
+  truth.growth = 0.8;
+  SeriesOptions options = everything();
+  options.response = false;
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 8), options);
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_TRUE(keeps(fit, "K_kappa against pressure"));
+  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
+  ASSERT_TRUE(fit.bending);
+  const double share = 0.025 * 0.025 / 2, least = fit.stiffness->kappa;
+  EXPECT_NEAR((share + least * fit.bending->factor.back()) / (share + least), 1 + truth.growth,
+              0.05);
 }
 
 // Shear does not show in an arm whose muscles lie along it, and only the product of radius, stroke

@@ -240,6 +240,21 @@ TEST(CalibratedScene, WhatLoadsTheArmAndItsTierStay) {
   EXPECT_EQ(text.find("K_eps_n"), text.rfind("K_eps_n")) << "where it was given, and only there";
 }
 
+TEST(CalibratedScene, KKappaKeepsItsTableOrTakesANewOne) {
+  SceneCalibration change = calibration();
+  change.stiffness = model::Stiffness{10, 0, 2e-4};
+  const Scene scaled = calibrated(
+      kSpatialScene, change,
+      {{"arm.stiffness.K_kappa_m2", "{mean_pressure_kpa: [0, 300], ratio_m2: [2e-4, 1e-4]}"}});
+  EXPECT_EQ(scaled.arm.actuator(0).stiffness.kappa, 2e-4);
+  EXPECT_EQ(scaled.arm.bending(0).factor, (std::vector<double>{2, 1}));
+  // An actuator with a stiffness of its own takes that of the section.
+  change.bending = model::StiffnessTable{{-1e5, 4e5}, {1, 2}};
+  const Scene fitted = calibrated(kSpatialScene, change);
+  EXPECT_EQ(fitted.arm.bending(1).factor, (std::vector<double>{1, 2}));
+  EXPECT_EQ(fitted.arm.actuator(5).stiffness.kappa, 2e-4);
+}
+
 TEST(CalibratedScene, K_epsIsReplacedWhereItIsGiven) {
   SceneCalibration change = calibration();
   change.K_eps = 1100;

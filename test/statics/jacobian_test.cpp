@@ -211,13 +211,14 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
                    c.name + ": stiffness");
     }
   }
-  if (c.setting.tier == Tier::kLinear && c.arm.tapered()) return;
+  if (c.setting.tier == Tier::kLinear && !c.arm.isLinear()) return;
   ASSERT_TRUE(found.by_load);
   expectLoadColumns(c, *found.by_load, tolerance, angle, stride);
 }
 
 // Rings whose muscles all differ.
-model::Arm variedArm(int sections, int count, bool resists_torsion, Random& random) {
+model::Arm variedArm(int sections, int count, bool resists_torsion, Random& random,
+                     const StiffnessTable& bending = {}) {
   std::vector<model::Section> parts;
   for (int k = 0; k < sections; ++k) {
     test::Ring ring = test::helicalRing(count);
@@ -229,6 +230,7 @@ model::Arm variedArm(int sections, int count, bool resists_torsion, Random& rand
                             random.uniform(5e-5, 2e-4)};
     }
     section.plate = random.uniform(0, 0.02);
+    section.bending = bending;
     parts.push_back(section);
   }
   return model::Arm(parts, test::tool());
@@ -302,6 +304,21 @@ void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
   EXPECT_LT((found.by_load->twists - expected.by_load->twists).norm(),
             kMostOrderError * expected.by_load->twists.norm())
       << what;
+}
+
+const StiffnessTable kStiffening{{0, 1.5e5, kMaxPressure}, {1, 1.5, 4}};
+
+TEST(Jacobian, FollowsAKKappaThatDependsOnTheMeanPressure) {
+  Random random(17);
+  const model::Arm arm = variedArm(2, 3, true, random, kStiffening);
+  const Eigen::VectorXd q = innerInput(arm, random);
+  Load load = loadOfLinks(arm, {5, 0, -8}, {0.05, 0.1, -0.08});
+  for (const TierSetting& setting : {kLinearTier, loadedTier(3), loadedTier(5), kExactTier}) {
+    expectDerivatives({"K_kappa, " + setting.name(), arm, load, setting, q}, 3 * kAgreement);
+  }
+  load.tables = {kTable, {}};
+  expectDerivatives({"K_kappa and K_eps", arm, load, loadedTier(5), q}, 3 * kAgreement);
+  expectResponseOfTheUnloadedArm(arm, load, q, "K_kappa and K_eps");
 }
 
 TEST(Jacobian, ByALoadIsThatOfTheExactTierAtAVanishingLoad) {

@@ -1,10 +1,11 @@
-// K_eps that depends on pressure, under load.
+// K_eps that depends on pressure, under load; K_kappa that depends on the mean pressure.
 #include <cmath>
 #include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/model/batch.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -47,6 +48,84 @@ TEST(StiffnessTable, TwistAndComplianceAreTheEquilibriumOfThatStiffness) {
     EXPECT_LT((found.compliance - C).norm(), 1e-10 * C.norm());
     const model::Unloaded same = unloadedUnderOfLengths(arm, load, arm.lengths(q));
     EXPECT_LT((same.twists - found.twists).norm(), 1e-9);
+  }
+}
+
+// Chambers in one body, which lengthen in proportion to the pressure.
+const model::Contraction kChamber = model::Contraction::table({0, 1.2e5}, {0.14, 0.19});
+constexpr double kRadius = 0.02, kKappa = kRadius * kRadius / 4;
+
+model::Arm chambers(const StiffnessTable& bending, double tilt, int sections = 1) {
+  model::Section section = test::ringSection({3, kRadius, tilt, {10, 1e-4, kKappa}}, kChamber);
+  section.bending = bending;
+  return model::Arm(std::vector<model::Section>(sections, section));
+}
+// Doubles what resists bending, K_kappa + r^2 / 2, from a mean of 20 to one of 35 kPa.
+const StiffnessTable kDoubling{{0, 20e3, 35e3, 1.2e5}, {1, 1, 4, 5}};
+
+// Elastic energy (eq. 14), which is quadratic in the twist.
+double energy(const model::Arm& arm, const lie::Vector6& g, const Eigen::VectorXd& q,
+              double bending) {
+  double sum = 0;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    model::Stiffness K = arm.actuator(i).stiffness;
+    K.kappa *= bending;
+    const lie::Vector6 strain =
+        arm.actuator(i).X_O.inverse().adjoint() * g - arm.lengths(q)[i] * lie::Vector6::Unit(0);
+    sum += strain.cwiseAbs2().dot(K.diagonal<lie::SE3>()) / 2;
+  }
+  return sum;
+}
+
+TEST(BendingTable, TwistsHaveTheLeastEnergyAndHalveWhenTheOtherChambersDouble) {
+  const model::Arm arm = chambers(kDoubling, 0.1), straight = chambers(kDoubling, 0);
+  const Eigen::Vector3d one(30e3, 15e3, 15e3), other(45e3, 30e3, 30e3);
+  for (const auto& [q, bending] : {std::pair{one, 1.0}, {other, 4.0}}) {
+    const lie::Vector6 g = arm.twists(q);
+    for (int i = 0; i < 6; ++i) {
+      const double above = energy(arm, g + lie::Vector6::Unit(i), q, bending),
+                   below = energy(arm, g - lie::Vector6::Unit(i), q, bending);
+      EXPECT_LT(std::abs(above - below), 1e-9 * (above + below - 2 * energy(arm, g, q, bending)));
+    }
+    EXPECT_LT((arm.twistsOfLengths(arm.lengths(q)) - g).norm(), 1e-12);
+    EXPECT_EQ(arm.tip(q).translation, arm.tipOf(arm.twists(q)).translation);
+    Eigen::Vector3d tip;
+    model::TipBatch(arm).rows({q.data(), 24, 8}, 1, tip.data());
+    EXPECT_EQ(tip, arm.tip(q).translation);
+  }
+  EXPECT_NEAR(2 * model::curvatureOf(straight.twists(other)),
+              model::curvatureOf(straight.twists(one)), 1e-12);
+  model::PlanarSection flat;
+  for (const double y : {kRadius, -kRadius}) {
+    flat.actuators.push_back({"", {{}, {0, y}}, {10, 0, kKappa}, kChamber, {0, 1.2e5}});
+    flat.actuators.back().X_O.rotation.setIdentity();
+  }
+  flat.bending = kDoubling;
+  const model::PlanarArm plane({flat});
+  const Eigen::Vector2d q(20e3, 40e3);
+  EXPECT_LT((model::embed(plane.twists(q)) - model::embed(plane).twists(q)).norm(), 1e-12);
+}
+
+TEST(BendingTable, AConstantOneIsANumberBitForBit) {
+  const model::Arm number = chambers({}, 0.1, 2), table = chambers({{0, 1.2e5}, {1, 1}}, 0.1, 2);
+  EXPECT_TRUE(table.isLinear());
+  const Eigen::VectorXd q = Eigen::VectorXd::LinSpaced(6, 0, 1.1e5);
+  EXPECT_EQ(table.tip(q).translation, number.tip(q).translation);
+}
+
+TEST(BendingTable, TheInverseReachesItsTargets) {
+  const model::Arm arm = chambers(kDoubling, 0.1, 2);
+  test::Random random(31);
+  InverseOptions options;
+  for (const Preference preference : {Preference::kMinPressure, Preference::kMinChange}) {
+    options.preference = preference;
+    InverseSolver solver(arm, options);
+    for (int i = 0; i < 20; ++i) {
+      const Eigen::Vector3d place = arm.tip(test::randomInput(arm, random)).translation;
+      const InverseResult& found = solver.toPosition(place, test::randomInput(arm, random));
+      ASSERT_EQ(found.status, InverseStatus::kReached);
+      EXPECT_LT((arm.tip(found.input).translation - place).norm(), 2e-6);
+    }
   }
 }
 

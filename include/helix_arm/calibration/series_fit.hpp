@@ -40,7 +40,8 @@ struct SeriesOptions {
 
 /// A part of the model that is kept where it predicts what was left out.
 struct Choice {
-  std::string part;  ///< "lag", "slow state", "play", "length scales", "strokes"
+  /// "lag", "slow state", "play", "length scales", "strokes" or "K_kappa against pressure".
+  std::string part;
   bool kept = false;
   /// By how much the RMS error of what was left out falls, mean over the blocks, and the standard
   /// error of that mean [m].
@@ -73,7 +74,9 @@ struct SeriesComparison {
 struct SeriesFit {
   std::string failure;  ///< cause and remedy; empty if fitted
   std::vector<Parameter> parameters;
-  std::optional<model::Stiffness> stiffness;    ///< of every actuator, if fitted
+  std::optional<model::Stiffness> stiffness;  ///< of every actuator, if fitted
+  /// Of K_kappa of every section, if it is kept; stiffness then has the least K_kappa.
+  std::optional<model::StiffnessTable> bending;
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
   std::optional<Eigen::VectorXd> stroke_scale;  ///< likewise
@@ -92,10 +95,11 @@ struct SeriesFit {
 /// free lengths, to a shape, to the tip.
 ///
 /// The response begins with none; lag, slow state and one play, length scales beyond a common one,
-/// and strokes are kept where leaving out trials (with fewer than three trials, fifths of the
-/// series) shows that they predict better by two standard errors of the difference. Readings count
-/// as fewer where their residuals are correlated in time. Standard errors are the larger of those
-/// of the normal equations and those of leaving out blocks.
+/// strokes, and a K_kappa that is linear in a section's mean pressure, are kept where leaving out
+/// trials (with fewer than three trials, fifths of the series) shows that they predict better by
+/// two standard errors of the difference. Readings count as fewer where their residuals are
+/// correlated in time. Standard errors are the larger of those of the normal equations and those of
+/// leaving out blocks.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
 

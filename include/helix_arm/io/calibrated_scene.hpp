@@ -23,7 +23,9 @@ namespace helix_arm::io {
 /// Changes of a scene by a calibration; absent members leave the scene as it is.
 struct SceneCalibration {
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
-  std::optional<double> K_eps;                ///< of every section [N]
+  /// How K_kappa of every section depends on the mean pressure; absent: as before. Needs stiffness.
+  std::optional<model::StiffnessTable> bending;
+  std::optional<double> K_eps;  ///< of every section [N]
   /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
   std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera

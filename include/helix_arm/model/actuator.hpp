@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,24 @@ struct Stiffness {
   /// The diagonal of K in the order of the group's twists.
   template <class Group>
   typename Group::Tangent diagonal() const;
+  /// The part of it that K_kappa contributes.
+  template <class Group>
+  typename Group::Tangent bending() const;
+};
+
+/// How a stiffness of a section's actuators depends on their inputs: factors on its least value,
+/// linear between given inputs, constant beyond them.
+struct StiffnessTable {
+  std::vector<double> input;   ///< ascending [Pa]; empty: the stiffness is constant
+  std::vector<double> factor;  ///< one per input, >= 1
+
+  bool empty() const { return input.empty(); }
+  double at(double q) const;
+  /// Derivative of at() [1/Pa]; at a given input, that of the interval above, if there is one.
+  double slopeAt(double q) const;
+  /// @param who  in messages, as is `factors`, what the table is of.
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate(const char* who, const char* factors) const;
 };
 
 /// How an actuator is driven, which sets the unit of its input q.
@@ -67,6 +86,23 @@ struct ActuatorOf {
   std::vector<Group> taper{};
   std::string curve{};  ///< name of its contraction curve in the scene; empty without a scene
 };
+
+/// The input that gives an actuator a free length, within its limits.
+struct NearestInput {
+  double q;
+  bool inside;  ///< whether that length is the given one, not that of a limit
+};
+
+/// @param length  [m], any.
+template <class Group>
+NearestInput nearestInput(const ActuatorOf<Group>& actuator, double length) noexcept {
+  const Contraction& contraction = actuator.contraction;
+  const double one = contraction.lengthInside(actuator.limits.lower);
+  const double other = contraction.lengthInside(actuator.limits.upper);
+  const double nearest = std::clamp(length, std::min(one, other), std::max(one, other));
+  const double middle = 0.5 * (actuator.limits.lower + actuator.limits.upper);
+  return {contraction.inverseInside(nearest, middle), nearest == length};
+}
 
 using Actuator = ActuatorOf<lie::SE3>;
 using PlanarActuator = ActuatorOf<lie::SE2>;

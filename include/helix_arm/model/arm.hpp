@@ -29,7 +29,8 @@ using PlanarTwists = TwistsOf<lie::SE2>;
 template <class Group>
 struct SectionOf {
   std::vector<ActuatorOf<Group>> actuators;
-  double plate = 0.0;  ///< rigid length beyond the section, along x of its end, >= 0 [m]
+  double plate = 0.0;        ///< rigid length beyond the section, along x of its end, >= 0 [m]
+  StiffnessTable bending{};  ///< of K_kappa, against the mean input of the actuators [Pa]
 };
 
 /// Rigid links of an arm, (sections): pose of what follows section k, seen from the end of its base
@@ -48,14 +49,14 @@ using PiecesOf =
 /// An arm without load at given inputs.
 template <class Group>
 struct UnloadedOf {
-  /// Constant twists (dof x sections): all that an arm without taper needs.
+  /// Constant twists (dof x sections): all that a linear arm needs.
   template <class Derived>
   UnloadedOf(const Eigen::MatrixBase<Derived>& constant) : twists(constant) {}
   UnloadedOf(const TwistsOf<Group>& mean, Eigen::VectorXd all_lengths)
       : twists(mean), lengths(std::move(all_lengths)) {}
 
   TwistsOf<Group> twists;   ///< (dof x sections) means over each section
-  Eigen::VectorXd lengths;  ///< (n) free lengths [m] of a tapered arm; otherwise empty
+  Eigen::VectorXd lengths;  ///< (n) free lengths [m] unless the arm isLinear(); otherwise empty
   /// (dof x dof * sections) twist per wrench of each section, where that depends on the inputs;
   /// otherwise empty.
   Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof,
@@ -72,8 +73,11 @@ using Unloaded = UnloadedOf<lie::SE3>;
 /// arm's length when doubled, and as are within 2e-4 of the curve between their ends (at sampled
 /// inputs). Its twist is the sum of those of the steps.
 ///
-/// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
-/// base, with x along the tangent there.
+/// Where K_kappa depends on the mean input of a section's actuators (SectionOf::bending), as in
+/// chambers that share a body, the maps do, too: g = A(q)^-1 D l.
+///
+/// Immutable; the maps of constant stiffness are computed once, in the constructor. All poses are
+/// seen from the arm's base, with x along the tangent there.
 template <class Group>
 class ArmOf {
  public:
@@ -82,7 +86,8 @@ class ArmOf {
   /// @param tool  pose of the tip, seen from the end of the last section's plate.
   /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 ..
   ///     kMaxSections sections, 1 .. kMaxActuators actuators each, limits inside the contraction's
-  ///     range, stiffness finite and >= 0, plates finite and >= 0, a finite tool.
+  ///     range, stiffness finite and >= 0, plates finite and >= 0, a finite tool. If K_kappa
+  ///     depends on inputs, also those of needForTables().
   explicit ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool = {});
 
   /// The same arm with this stiffness for every actuator.
@@ -95,12 +100,21 @@ class ArmOf {
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
-  /// Of a tapered section, the mean over s.
+  /// Of a tapered section, the mean over s; with the least K_kappa, where it depends on inputs.
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
   /// Null if section k is not tapered.
   const std::shared_ptr<const TaperOf<Group>>& taper(int k) const { return tapers_[k]; }
   /// Whether any section is tapered.
   bool tapered() const { return steps_ > 0; }
+  /// Of K_kappa of section k, against the mean input of its actuators; empty if it is constant.
+  const StiffnessTable& bending(int k) const { return bending_[k]; }
+  /// Whether K_kappa of any section depends on inputs.
+  bool hasTables() const { return has_tables_; }
+  /// Whether the twist of each section is constant and linear in the lengths: without taper, and
+  /// with constant K_kappa.
+  bool isLinear() const { return is_linear_; }
+  /// What section k lacks for a stiffness that depends on inputs, as a remedy; null if nothing.
+  const char* needForTables(int k) const;
   /// Number of pieces per section of the shape without load: 1, or the steps of a tapered arm.
   int piecesPerSection() const { return steps_ > 0 ? steps_ : 1; }
   /// Null if the arm has neither plates nor a tool.
@@ -149,8 +163,28 @@ class ArmOf {
   /// Twists (dof x sections) of given lengths (n) [m]. Does not allocate and does not check.
   Twists twistsOfLengths(const InputRef& lengths) const noexcept;
 
-  /// The arm at inputs q (n) or at given lengths (n) [m], which are not checked. The latter
-  /// allocates if the arm is tapered. @throws as lengths() does.
+  /// Factor on K_kappa of a section, and its derivative by the section's lengths [1/m].
+  struct Bending {
+    double factor;
+    typename TaperOf<Group>::Lengths by_length;
+  };
+  /// That of section k at given lengths (n) [m] of all actuators: K_kappa is as at the inputs that
+  /// give these lengths; beyond its limits, an actuator counts as there.
+  Bending bendingOfLengths(const InputRef& lengths, int k) const noexcept;
+
+  /// Equilibrium of a section at given lengths.
+  struct Balance {
+    typename Group::Tangent twist;      ///< A^-1 D l
+    typename Group::Matrix compliance;  ///< A^-1
+  };
+  /// That of section k, to which needForTables() applies, with other stiffness.
+  /// @param lengths  (n) [m]. @param bending  factor on K_kappa. @param factors  (n) on the whole
+  ///     stiffness of each actuator; null: 1.
+  Balance balance(int k, const InputRef& lengths, double bending,
+                  const Eigen::VectorXd* factors = nullptr) const noexcept;
+
+  /// The arm at inputs q (n) or at given lengths (n) [m], which are not checked. Both allocate
+  /// unless the arm isLinear(). @throws as lengths() does.
   UnloadedOf<Group> unloaded(const InputRef& q) const;
   UnloadedOf<Group> unloadedOfLengths(const InputRef& lengths) const;
   /// Its pieces (dof x sections * piecesPerSection()).
@@ -174,6 +208,7 @@ class ArmOf {
                                 kMaxSections * kMaxActuators, 1>;  // without the heap
 
   ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps);
+  void setBending(int k, const StiffnessTable& table);
   void chooseSteps();
   void setSteps(int steps);
   Lengths lengthsInside(const InputRef& q) const noexcept;
@@ -181,6 +216,10 @@ class ArmOf {
   typename TaperOf<Group>::Lengths restLengths(int k) const;
   typename Group::Tangent taperedTwist(const typename TaperOf<Group>::Lengths& lengths,
                                        int k) const noexcept;
+  // At lengths and, where they are known, their inputs; null otherwise.
+  typename Group::Tangent twistAt(const InputRef& lengths, const InputRef* q, int k) const noexcept;
+  Twists twistsAt(const InputRef& lengths, const InputRef* q) const noexcept;
+  Group tipAt(const InputRef& lengths, const InputRef* q) const noexcept;
   template <class StiffnessOf>
   ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
@@ -196,6 +235,8 @@ class ArmOf {
   std::vector<std::shared_ptr<const TaperOf<Group>>> tapers_;
   std::vector<Steps> section_steps_;  // empty where a section is not tapered
   int steps_ = 0;                     // per section; 0 without taper
+  std::vector<StiffnessTable> bending_;
+  bool has_tables_ = false, is_linear_ = true;
   std::vector<double> plates_;
   Group tool_;
   std::shared_ptr<const LinksOf<Group>> links_;  // shared with shapes, which are copied often

@@ -34,7 +34,7 @@ struct InputArray {
 ///
 /// Agrees with Arm::tip to 8 eps of the arm's length where no section turns by more than 4.5 rad.
 /// Beyond that, the rounding of the twist grows with the angle (24 eps at 7.5 rad), and tips take
-/// four times as long. Contractions from a table, and tapered arms, run at scalar speed.
+/// four times as long. Contractions from a table, and arms not linear, run at scalar speed.
 class TipBatch {
  public:
   /// @param arm  outlives the batch.

@@ -31,8 +31,7 @@ class ArmModel {
   /// Absent if K_eps of the arm is unknown; empty (Load::empty()) if only K_eps is known.
   const std::optional<Load>& load() const;
   const TierChoice& choice() const;
-  /// Whether sections are constant twists, linear in the lengths: no load is solved, and nothing is
-  /// tapered. Otherwise shapes have several pieces per section.
+  /// Whether no load is solved, and the arm is linear (ArmOf::isLinear()).
   bool isLinear() const;
 
   /// The same arm, load and tier, with these factors on every actuator's stiffness and K_eps.

@@ -21,15 +21,7 @@ struct PointLoad {
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
 };
 
-/// How the extensional stiffness of a section's actuators depends on their inputs: factors on K_eps
-/// of the section, linear between given inputs, constant beyond them.
-struct StiffnessTable {
-  std::vector<double> input;   ///< ascending [Pa]; empty: K_eps is constant
-  std::vector<double> factor;  ///< one per input, >= 1
-
-  bool empty() const { return input.empty(); }
-  double at(double q) const;
-};
+using model::StiffnessTable;
 
 /// All loads on an arm. A mass or wrench at the tip is a point load at the end of the last section;
 /// its offset includes the arm's last link, if there is one.
@@ -39,8 +31,8 @@ struct Load {
   /// Extensional stiffness K_eps of one actuator of each section, by which K is normalised, > 0
   /// [N].
   std::vector<double> K_eps;
-  /// Of each section, relative to its K_eps, which is then the least one; empty if all are
-  /// constant.
+  /// Of K_eps against each actuator's own input, per section, relative to its K_eps, which is then
+  /// the least one; empty if all are constant.
   std::vector<StiffnessTable> tables;
   std::vector<PointLoad> points;
 

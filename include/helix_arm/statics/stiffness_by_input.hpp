@@ -1,35 +1,18 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 
-#include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/load.hpp"
 
 namespace helix_arm::statics {
 
-/// The input that gives an actuator a free length, within its limits.
-struct NearestInput {
-  double q;
-  bool inside;  ///< whether that length is the given one, not that of a limit
-};
-
-/// @param length  [m], any.
-template <class Group>
-NearestInput nearestInput(const model::ActuatorOf<Group>& actuator, double length) {
-  const model::Contraction& contraction = actuator.contraction;
-  const double one = contraction.lengthInside(actuator.limits.lower);
-  const double other = contraction.lengthInside(actuator.limits.upper);
-  const double nearest = std::clamp(length, std::min(one, other), std::max(one, other));
-  const double middle = 0.5 * (actuator.limits.lower + actuator.limits.upper);
-  return {contraction.inverseInside(nearest, middle), nearest == length};
-}
-
 /// The arm at given inputs (n), as the tiers that take a load need it: with the stiffness that its
-/// actuators have at these inputs, if the load has StiffnessTables. In each of its sections
+/// actuators have at these inputs, if the load or the arm has StiffnessTables. In each of their
+/// sections
 ///   A(q) = sum k_i Ad_i^-T K_i Ad_i^-1,  D(q) = [k_i Ad_i^-T K_i e1],  g* = A(q)^-1 D(q) l,
-/// where k_i is K_eps of actuator i relative to that of the section.
+/// where k_i is K_eps of actuator i relative to that of the section; K_i depends on q, too, if
+/// K_kappa does.
 template <class Group>
 model::UnloadedOf<Group> unloadedUnder(const model::ArmOf<Group>& arm, const Load& load,
                                        const model::InputRef& q);

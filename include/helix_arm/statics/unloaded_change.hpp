@@ -34,7 +34,7 @@ class UnloadedChange {
 /// Derivatives with respect to the free lengths of the actuators and, on request, to the entries of
 /// their stiffness. From A g = D l:
 ///   A dg = sum Ad_i^-T (K_i e1 dl_i + dK_i (l_i e1 - Ad_i^-1 g)),  dA+ = -A+ dA A+.
-/// With StiffnessTables K_i depends on the length, too, as unloadedUnderOfLengths() has it.
+/// With StiffnessTables K_i depends on the lengths, too, as unloadedUnderOfLengths() has it.
 ///
 /// The columns of section k are its lengths [m]; then K_gamma [1], K_tau [m^2] and K_kappa [m^2] of
 /// its first actuator, of the second one, and so on.
@@ -77,7 +77,10 @@ class ActuatorChange final : public UnloadedChange<Group> {
   bool hasTable(int k) const {
     return load_ != nullptr && !load_->tables.empty() && !load_->tables[k].empty();
   }
-  Factor factorOf(int k, int actuator) const;
+  // Whether any stiffness of section k depends on inputs.
+  bool varies(int k) const { return hasTable(k) || !arm_.bending(k).empty(); }
+  // At these inputs; sets the factors of section k.
+  typename model::ArmOf<Group>::Balance balanceOf(int k);
   void setJumps(int k);
   Matrix toActuatorAt(int i, double s) const;
   Matrix toActuator(int k, int i, double s) const;
@@ -90,8 +93,9 @@ class ActuatorChange final : public UnloadedChange<Group> {
   Eigen::VectorXd lengths_;
   int per_actuator_;
   std::vector<Factor> factors_;
-  std::vector<Matrix> compliance_;   // A+ of each section without taper
-  std::vector<Matrix> to_actuator_;  // of each actuator, at s = 0
+  std::vector<typename model::ArmOf<Group>::Bending> bending_;  // of each section
+  std::vector<Matrix> compliance_;                              // A+ of each section without taper
+  std::vector<Matrix> to_actuator_;                             // of each actuator, at s = 0
   std::vector<std::array<bool, kEntries>> jumps_;
   std::vector<Motion> constant_;  // twist() of each section without taper
 };

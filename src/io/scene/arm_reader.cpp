@@ -41,6 +41,7 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections, const li
       }
     }
     planar[k].plate = sections[k].plate;
+    planar[k].bending = sections[k].bending;
   }
   return model::PlanarArm(std::move(planar), inPlane(tool));
 }

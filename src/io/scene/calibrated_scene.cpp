@@ -178,11 +178,41 @@ std::vector<Value*> stiffnessesOf(Value& document) {
   return given;
 }
 
-void putStiffness(const model::Stiffness& stiffness, Value& document) {
+// K_kappa that depends on pressure: as before and scaled as a whole, or as a new table says.
+void putKappa(double least, const std::optional<model::StiffnessTable>& bending, Value& stiffness) {
+  Value* const given = findValue(stiffness, "K_kappa_m2");
+  if (bending) {
+    std::vector<double> pressure = bending->input, ratio = bending->factor;
+    for (double& one : ratio) one *= least;
+    setValue(stiffness, "K_kappa_m2",
+             mapOf({{"mean_pressure_kpa", Numbers{kPressure}, pressure, kKilo},
+                    {"ratio_m2", Numbers{kStiffness}, ratio}}));
+  } else if (given != nullptr && given->kind == Value::Kind::kMap) {
+    Value& list = *findValue(*given, "ratio_m2");
+    Eigen::VectorXd ratio(static_cast<Eigen::Index>(list.entries.size()));
+    std::transform(list.entries.begin(), list.entries.end(), ratio.begin(),
+                   [](const Value::Entry& one) { return *parseNumber(one.value.text); });
+    ratio *= least / ratio.minCoeff();
+    list = numbersValue(ratio);
+  } else {
+    setValue(stiffness, "K_kappa_m2", numberValue(least));
+  }
+}
+
+void putStiffness(const model::Stiffness& stiffness,
+                  const std::optional<model::StiffnessTable>& bending, Value& document) {
+  if (bending) {
+    // It belongs to sections: their actuators have no stiffness of their own.
+    for (const ActuatorEntry& entry : actuatorEntries(document)) {
+      eraseValue(*entry.keys, "stiffness");
+    }
+    Value& arm = *findValue(document, "arm");
+    if (findValue(arm, "stiffness") == nullptr) setValue(arm, "stiffness", mapOf({}));
+  }
   for (Value* const one : stiffnessesOf(document)) {
     setValue(*one, "K_gamma", numberValue(stiffness.gamma));
     setValue(*one, "K_tau_m2", numberValue(stiffness.tau));
-    setValue(*one, "K_kappa_m2", numberValue(stiffness.kappa));
+    putKappa(stiffness.kappa, bending, *one);
   }
 }
 
@@ -301,7 +331,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   for (const auto& [name, fit] : changes.contractions) {
     putContraction(scene, name, fit, document, faults);
   }
-  if (changes.stiffness) putStiffness(*changes.stiffness, document);
+  if (changes.stiffness) putStiffness(*changes.stiffness, changes.bending, document);
   if (changes.K_eps) putK_eps(scene, *changes.K_eps, document);
   if (changes.length_scale) {
     putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,

@@ -41,6 +41,7 @@ struct InheritedStiffness {
   std::optional<model::Stiffness> value;
   std::optional<double> K_eps;  ///< [N]; of a table, the least
   statics::StiffnessTable table;
+  model::StiffnessTable bending;  ///< of K_kappa, whose least one is that of `value`
 };
 
 /// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.

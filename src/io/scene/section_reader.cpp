@@ -378,6 +378,13 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   const lie::SE3 X_O = readActuatorPose(keys, arm.planar);
   const InheritedStiffness stiffness = readStiffness(keys, inherited);
   const Value* own = keys.find("stiffness");
+  const bool depends = !inherited.bending.empty() || !stiffness.bending.empty();
+  if (own != nullptr && depends) {
+    report(keys.faults(), own->place,
+           keys.path("stiffness.K_kappa_m2") +
+               " is that of one actuator; expected it in the stiffness of the section or of arm, "
+               "where it depends on pressure, and none here");
+  }
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
     report(keys.faults(), K_eps->place,
            keys.path("stiffness.K_eps_n") +
@@ -392,34 +399,50 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   addActuator(keys, fitting, name, {X_O}, scale, section);
 }
 
-// K_eps against pressure.
-void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
-  const auto pressure = keys.read("pressure_kpa", Numbers{kPressure});
-  const auto force = keys.read("force_n", Numbers{kExtensionalStiffness});
-  if (!pressure || !force) return;
-  if (pressure->size() < 2 || pressure->size() != force->size()) {
-    keys.complain("force_n", "has " + std::to_string(force->size()) + " entries for " +
-                                 std::to_string(pressure->size()) +
-                                 " of pressure_kpa; expected 2 or more of each");
+// A stiffness that is a number or, against pressure, a table.
+struct StiffnessKeys {
+  const char *key, *pressure, *value;
+  NumberRule number, entry;
+};
+constexpr StiffnessKeys kEpsKeys{"K_eps_n", "pressure_kpa", "force_n", kExtensionalStiffness,
+                                 kExtensionalStiffness};
+constexpr StiffnessKeys kKappaKeys{"K_kappa_m2", "mean_pressure_kpa", "ratio_m2", kStiffness,
+                                   within(kPositive, 0, 1e15)};
+
+// @param least  its value, or the least one of the table.
+void readEntry(const MapReader& owner, const StiffnessKeys& of, double& least,
+               model::StiffnessTable& table) {
+  const Value* const given = owner.find(of.key);
+  if (given == nullptr || given->kind != Value::Kind::kMap) {
+    Key(of.key, of.number, least).required().read(owner);
     return;
   }
-  if (!areAscending(keys, "pressure_kpa", *pressure, "pressures")) return;
-  const double least = *std::min_element(force->begin(), force->end());
-  stiffness.K_eps = least;
+  const MapReader keys = *owner.map(of.key, {of.pressure, of.value});
+  const auto pressure = keys.read(of.pressure, Numbers{kPressure});
+  const auto value = keys.read(of.value, Numbers{of.entry});
+  if (!pressure || !value) return;
+  if (pressure->size() < 2 || pressure->size() != value->size()) {
+    keys.complain(of.value, "has " + std::to_string(value->size()) + " entries for " +
+                                std::to_string(pressure->size()) + " of " + of.pressure +
+                                "; expected 2 or more of each");
+    return;
+  }
+  if (!areAscending(keys, of.pressure, *pressure, "pressures")) return;
+  least = *std::min_element(value->begin(), value->end());
   // A constant table is a number.
-  if (*std::max_element(force->begin(), force->end()) == least) return;
-  for (std::size_t i = 0; i < force->size(); ++i) {
-    stiffness.table.input.push_back(pascals((*pressure)[i]));
-    stiffness.table.factor.push_back((*force)[i] / least);
+  if (*std::max_element(value->begin(), value->end()) == least) return;
+  for (std::size_t i = 0; i < value->size(); ++i) {
+    table.input.push_back(pascals((*pressure)[i]));
+    table.factor.push_back((*value)[i] / least);
   }
 }
 
-// The table must cover what its actuators can be asked for.
-void checkTable(const MapReader& keys, const SectionParts& parts) {
-  const statics::StiffnessTable& table = parts.stiffness.table;
-  for (const model::Actuator& actuator : parts.section.actuators) {
+// A table must cover what its actuators can be asked for.
+void checkTable(const MapReader& keys, const char* key, const model::StiffnessTable& table,
+                const model::Section& section) {
+  for (const model::Actuator& actuator : section.actuators) {
     if (table.empty()) return;
-    const std::string who = "gives " + actuator.name + " a K_eps_n that depends on pressure";
+    const std::string who = "gives " + actuator.name + " a " + key + " that depends on pressure";
     if (!model::isPressure(actuator.drive)) {
       keys.complain("", who + ", but it is a tendon; expected one number");
     } else if (actuator.limits.lower < table.input.front() ||
@@ -471,20 +494,22 @@ Contractions readContractions(const MapReader& scene) {
 
 InheritedStiffness readStiffness(const MapReader& owner, InheritedStiffness stiffness) {
   model::Stiffness K{};
-  const auto keys =
-      owner.map("stiffness", {Key("K_gamma", kStiffness, K.gamma).required(),
-                              Key("K_tau_m2", kStiffness, K.tau).required(),
-                              Key("K_kappa_m2", kStiffness, K.kappa).required(), "K_eps_n"});
+  model::StiffnessTable bending;
+  const auto keys = owner.map("stiffness", {Key("K_gamma", kStiffness, K.gamma).required(),
+                                            Key("K_tau_m2", kStiffness, K.tau).required(),
+                                            Key("K_kappa_m2",
+                                                [&](const MapReader& map, const std::string&) {
+                                                  readEntry(map, kKappaKeys, K.kappa, bending);
+                                                })
+                                                .required(),
+                                            "K_eps_n"});
   if (!keys) return stiffness;
   stiffness.value = K;
+  stiffness.bending = bending;
   if (!keys->has("K_eps_n")) return stiffness;
   stiffness.K_eps = 1;
   stiffness.table = {};
-  if (keys->find("K_eps_n")->kind == Value::Kind::kMap) {
-    readStiffnessTable(*keys->map("K_eps_n", {"pressure_kpa", "force_n"}), stiffness);
-  } else {
-    Key("K_eps_n", kExtensionalStiffness, stiffness.K_eps).read(*keys);
-  }
+  readEntry(*keys, kEpsKeys, *stiffness.K_eps, stiffness.table);
   return stiffness;
 }
 
@@ -526,7 +551,9 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
       keys.complainOfSize("actuators", count, "at most " + std::to_string(model::kMaxActuators));
     }
   }
-  checkTable(keys, parts);
+  parts.section.bending = parts.stiffness.bending;
+  checkTable(keys, kEpsKeys.key, parts.stiffness.table, parts.section);
+  checkTable(keys, kKappaKeys.key, parts.section.bending, parts.section);
   return parts;
 }
 

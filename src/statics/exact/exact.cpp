@@ -485,9 +485,9 @@ class ExactArm::Statics {
                          "one per section");
     basics::require(!rod_.tapered() || unloaded.lengths.size() > 0,
                     "exact tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
-    basics::require(
-        !rod_.hasTables() || unloaded.compliance.size() > 0,
-        "exact tier: K_eps depends on pressure; expected unloadedUnder(), not twists alone");
+    basics::require(!rod_.hasTables() || unloaded.compliance.size() > 0,
+                    "exact tier: the stiffness depends on pressure; expected unloadedUnder(), not "
+                    "twists alone");
     basics::require(unloaded.twists.allFinite(),
                     "exact tier: a twist of the unloaded arm is not finite");
   }

@@ -2,23 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <set>
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::statics {
-
-double StiffnessTable::at(double q) const {
-  if (empty()) return 1.0;
-  const auto above = std::upper_bound(input.begin(), input.end(), q);
-  if (above == input.begin()) return factor.front();
-  if (above == input.end()) return factor.back();
-  const auto i = static_cast<std::size_t>(above - input.begin());
-  const double t = (q - input[i - 1]) / (input[i] - input[i - 1]);
-  return (1.0 - t) * factor[i - 1] + t * factor[i];
-}
 
 bool Load::empty() const {
   const bool weightless =
@@ -63,17 +52,7 @@ void Load::validate(int sections) const {
   check(tables.empty() || static_cast<int>(tables.size()) == sections,
         "the number of stiffness tables", static_cast<double>(tables.size()),
         "one per section, or none");
-  for (const StiffnessTable& table : tables) {
-    check(table.input.size() == table.factor.size(), "the number of a table's factors",
-          static_cast<double>(table.factor.size()), "one per input");
-    check(std::adjacent_find(table.input.begin(), table.input.end(), std::greater_equal<>()) ==
-              table.input.end(),
-          "an input of a table", table.empty() ? 0.0 : table.input.front(), "ascending inputs");
-    for (const double factor : table.factor) {
-      check(std::isfinite(factor) && factor >= 1, "a factor on K_eps", factor,
-            "a finite value >= 1");
-    }
-  }
+  for (const StiffnessTable& table : tables) table.validate("load", "a factor on K_eps");
   for (const PointLoad& point : points) {
     check(point.section >= 0 && point.section < sections, "the section of a point", point.section,
           "one that the arm has");

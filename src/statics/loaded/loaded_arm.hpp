@@ -92,7 +92,7 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
   requireTables(arm, load_);
-  has_tables_ = !load_.tables.empty();
+  has_tables_ = !load_.tables.empty() || arm.hasTables();
   may_buckle_ = bucklingBound(arm, load) >= 1.0;
 }
 
@@ -102,8 +102,8 @@ Solver LoadedArmOf<Group>::solved(const Unloaded& unloaded, const Solver* near) 
   basics::require(!tapered_ || unloaded.lengths.size() == first_.back(),
                   "loaded tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
   basics::require(!has_tables_ || unloaded.compliance.size() > 0,
-                  "loaded tier: K_eps depends on pressure; expected unloadedUnder(), not twists "
-                  "alone");
+                  "loaded tier: the stiffness depends on pressure; expected unloadedUnder(), not "
+                  "twists alone");
   Solver solver(*this, unloaded);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);

@@ -115,7 +115,7 @@ lie::Vector6 twistNear(const lie::SE3& X, const Eigen::Vector3d& near);
 
 /// Body motion of the tip with respect to the free length of each actuator, without load. Calls
 /// take(i, motion) for every actuator i, motion (dof) [m/m; rad/m].
-/// @param unloaded  state of the arm, which may be tapered.
+/// @param unloaded  state of the arm.
 template <class Group, class Take>
 void forTipMotionsOfPieces(const model::ArmOf<Group>& arm, const model::UnloadedOf<Group>& unloaded,
                            const Take& take) {
@@ -138,7 +138,7 @@ void forTipMotionsOfPieces(const model::ArmOf<Group>& arm, const model::Unloaded
   }
 }
 
-/// The same for an arm without taper.
+/// The same for a linear arm.
 /// @param twists  (dof x sections).
 template <class Group, class Take>
 void forTipMotions(const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists,

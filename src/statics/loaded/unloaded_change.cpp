@@ -8,25 +8,16 @@ namespace {
 
 // A motion that costs less than this fraction of another one is free of cost.
 constexpr double kFreeOfCost = 1e-9;
+constexpr int kBending = 2;  // among the components of a stiffness
 
 // The entries of K that belong to one component of a stiffness, as a diagonal.
 template <class Group>
 typename Group::Tangent entriesOf(int component) {
   model::Stiffness unit{0.0, 0.0, 0.0};
-  (component == 0 ? unit.gamma : component == 1 ? unit.tau : unit.kappa) = 1.0;
+  (component == 0 ? unit.gamma : component == kBending ? unit.kappa : unit.tau) = 1.0;
   typename Group::Tangent out = unit.diagonal<Group>();
   out[0] = 0.0;  // K is normalised by it
   return out;
-}
-
-// Of the table's factor; at a given input, that of the interval above, if there is one.
-double slopeOf(const StiffnessTable& table, double q) {
-  const std::vector<double>& input = table.input;
-  if (input.size() < 2 || q < input.front() || q > input.back()) return 0.0;
-  auto above = std::upper_bound(input.begin(), input.end(), q);
-  if (above == input.end()) --above;
-  const auto i = static_cast<std::size_t>(above - input.begin());
-  return (table.factor[i] - table.factor[i - 1]) / (input[i] - input[i - 1]);
 }
 
 }  // namespace
@@ -39,10 +30,9 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
       lengths_(lengths),
       per_actuator_(by == By::kLengths ? 1 : 1 + kEntries),
       factors_(static_cast<std::size_t>(arm.actuatorCount())),
+      bending_(static_cast<std::size_t>(arm.sectionCount()), {1.0, {}}),
       jumps_(static_cast<std::size_t>(arm.actuatorCount())) {
-  const bool has_tables = load != nullptr && !load->tables.empty();
-  const model::UnloadedOf<Group> unloaded =
-      has_tables ? unloadedUnderOfLengths(arm, *load, lengths) : arm.unloadedOfLengths(lengths);
+  const model::UnloadedOf<Group> unloaded = arm.unloadedOfLengths(lengths);
   to_actuator_.reserve(static_cast<std::size_t>(arm.actuatorCount()));
   compliance_.reserve(static_cast<std::size_t>(arm.sectionCount()));
   constant_.reserve(static_cast<std::size_t>(arm.sectionCount()));
@@ -55,17 +45,19 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
     const int count = arm.firstActuator(k + 1) - arm.firstActuator(k);
     Motion strains(Group::kDof, count);
     Motion by_lengths = arm.equilibrium(k).map;
-    if (hasTable(k)) {
-      compliance_[k] = load->K_eps[k] / arm.freeLength(k) *
-                       unloaded.compliance.template middleCols<Group::kDof>(Group::kDof * k);
+    Tangent twist = unloaded.twists.col(k);
+    if (varies(k)) {
+      const auto at = balanceOf(k);
+      compliance_[k] = at.compliance;
+      twist = at.twist;
     }
     for (int j = 0; j < count; ++j) {
       const int i = arm.firstActuator(k) + j;
       const Matrix& to = to_actuator_[i];
-      strains.col(j) = lengths[i] * Tangent::Unit(0) - to * unloaded.twists.col(k);
-      if (!hasTable(k)) continue;
-      factors_[i] = factorOf(k, i);
-      by_lengths.col(j) = compliance_[k] * (factors_[i].value * to.row(0).transpose());
+      strains.col(j) = lengths[i] * Tangent::Unit(0) - to * twist;
+      if (varies(k)) {
+        by_lengths.col(j) = compliance_[k] * (factors_[i].value * to.row(0).transpose());
+      }
     }
     constant_[k] = compliance_[k] * forces(k, 0.0, strains);
     constant_[k].leftCols(count) += by_lengths;
@@ -73,12 +65,17 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
 }
 
 template <class Group>
-typename ActuatorChange<Group>::Factor ActuatorChange<Group>::factorOf(int k, int actuator) const {
-  const model::ActuatorOf<Group>& own = arm_.actuator(actuator);
-  const StiffnessTable& table = load_->tables[k];
-  // Beyond its limits an actuator is as stiff as there.
-  const auto [q, inside] = nearestInput(own, lengths_[actuator]);
-  return {table.at(q), inside ? slopeOf(table, q) / own.contraction.slopeInside(q) : 0.0};
+typename model::ArmOf<Group>::Balance ActuatorChange<Group>::balanceOf(int k) {
+  Eigen::VectorXd values = Eigen::VectorXd::Ones(arm_.actuatorCount());
+  for (int i = arm_.firstActuator(k); hasTable(k) && i < arm_.firstActuator(k + 1); ++i) {
+    const StiffnessTable& table = load_->tables[k];
+    // Beyond its limits an actuator is as stiff as there.
+    const auto [q, inside] = model::nearestInput(arm_.actuator(i), lengths_[i]);
+    factors_[i].value = values[i] = table.at(q);
+    if (inside) factors_[i].slope = table.slopeAt(q) / arm_.actuator(i).contraction.slopeInside(q);
+  }
+  if (!arm_.bending(k).empty()) bending_[k] = arm_.bendingOfLengths(lengths_, k);
+  return arm_.balance(k, lengths_, bending_[k].factor, &values);
 }
 
 template <class Group>
@@ -119,11 +116,17 @@ template <class Group>
 typename ActuatorChange<Group>::Motion ActuatorChange<Group>::forces(int k, double s,
                                                                      const Motion& strains) const {
   Motion out = Motion::Zero(Group::kDof, columns(k));
+  const double bending = bending_[k].factor;
+  Tangent by_bending = Tangent::Zero();
   for (int j = 0; j < strains.cols(); ++j) {
     const int i = arm_.firstActuator(k) + j;
     const Factor& factor = factors_[i];
     const Matrix to = toActuator(k, i, s);
-    const Tangent K = arm_.actuator(i).stiffness.template diagonal<Group>();
+    model::Stiffness stiffness = arm_.actuator(i).stiffness;
+    by_bending += factor.value * (to.transpose() *
+                                  stiffness.bending<Group>().cwiseProduct(Tangent(strains.col(j))));
+    stiffness.kappa *= bending;
+    const Tangent K = stiffness.diagonal<Group>();
     if (factor.slope != 0) {
       out.col(j) = factor.slope * (to.transpose() * K.cwiseProduct(strains.col(j)));
     }
@@ -131,8 +134,11 @@ typename ActuatorChange<Group>::Motion ActuatorChange<Group>::forces(int k, doub
       if (jumps(i, component)) continue;
       const Tangent stress = entriesOf<Group>(component).cwiseProduct(strains.col(j));
       out.col(stiffnessColumn(k, i, component) - first(k)) =
-          factor.value * (to.transpose() * stress);
+          factor.value * (component == kBending ? bending : 1.0) * (to.transpose() * stress);
     }
+  }
+  if (!arm_.bending(k).empty()) {
+    out.leftCols(strains.cols()) += by_bending * bending_[k].by_length.transpose();
   }
   return out;
 }
@@ -159,7 +165,7 @@ template <class Group>
 typename ActuatorChange<Group>::Motion ActuatorChange<Group>::strain(int k, double s,
                                                                      const Tangent& strain) const {
   const int begin = arm_.firstActuator(k), count = arm_.firstActuator(k + 1) - begin;
-  if (per_actuator_ == 1 && !hasTable(k)) return Motion::Zero(Group::kDof, count);
+  if (per_actuator_ == 1 && !varies(k)) return Motion::Zero(Group::kDof, count);
   Motion strains(Group::kDof, count);
   for (int j = 0; j < count; ++j) strains.col(j) = -(toActuator(k, begin + j, s) * strain);
   return compliance(k, s) * forces(k, s, strains);

@@ -57,7 +57,7 @@ struct ArmModel::Solvers {
       exact.emplace(arm, *load);
       return;
     }
-    differs = !arm.tapered() && load->tables.empty() &&
+    differs = arm.isLinear() && load->tables.empty() &&
               (setting.order == kLeastOrder || arm.actuatorCount() <= kFewActuators);
     if (planar && staysInPlane(arm, *load)) {
       plane = &*planar;
@@ -135,10 +135,10 @@ struct ArmModel::Solvers {
     TipResponseOf<Group> out{{of.tipOfLengths(lengths)}, {}};
     out.by.resize(Group::kDof, of.actuatorCount());
     const auto take = [&out](int i, const auto& motion) { out.by.col(i) = motion; };
-    if (of.tapered()) {
-      forTipMotionsOfPieces(of, unloaded, take);
-    } else {
+    if (of.isLinear()) {
       forTipMotions(of, unloaded.twists, take);
+    } else {
+      forTipMotionsOfPieces(of, unloaded, take);
     }
     return responseInSpace(out);
   }
@@ -176,7 +176,7 @@ const std::optional<model::PlanarArm>& ArmModel::planar() const { return solvers
 const std::optional<Load>& ArmModel::load() const { return solvers_->load; }
 const TierChoice& ArmModel::choice() const { return solvers_->choice; }
 
-bool ArmModel::isLinear() const { return !takesLoad(choice().setting.tier) && !arm().tapered(); }
+bool ArmModel::isLinear() const { return !takesLoad(choice().setting.tier) && arm().isLinear(); }
 
 ArmModel ArmModel::scaledStiffness(const model::Stiffness& factors, double K_eps_factor) const {
   std::optional<model::PlanarArm> flat;

@@ -206,7 +206,7 @@ ShapeJacobian unloadedJacobian(const ArmModel& model, const model::InputRef& q,
       arm, unloaded, 1, [&](int k, int j) { return arm.pieceByLengths(k, j, unloaded); });
   if (wanted.by_stiffness) out.by_stiffness = unloadedByStiffness(arm, unloaded, arm.lengths(q));
   if (!wanted.by_load || !load) return out;
-  if (!arm.tapered() && load->tables.empty()) {
+  if (arm.isLinear() && load->tables.empty()) {
     out.by_load = byTipLoad(arm, *load, out.twists);
     return out;
   }
