@@ -32,7 +32,7 @@ struct CalibrationRequest {
   double corner_noise = 0;     ///< [px]
   double position_noise = 0;   ///< of tag poses [m]
   double rotation_noise = 0;   ///< of tag poses [rad]
-  double rest_offset = 0.003;  ///< as of SeriesOptions [m]
+  double rest_offset = 0.0005;  ///< as of SeriesOptions [m]
   /// As of CalibrationOptions. A curve that is fitted together with the arm has errors in any case:
   /// whether it is taken depends on them.
   bool errors = true;
