@@ -1,6 +1,7 @@
 #include "helix_arm/calibration/series_fit.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -41,7 +42,8 @@ constexpr std::size_t kCoarse = 5;    // one row in so many for a choice of the 
 constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstWeight = 0.3, kFirstReach = 0.05;
 // Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
-constexpr double kBasePrior = 0.5;  // of its place, of the arm's length
+constexpr double kRadiusPrior = 0.2;  // of its log
+constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
 // Bases whose errors are so near the least are fitted with a response; alike [rad], of the arm's
 // length; what the scene's base is ahead, and what each length of the arm away counts: of the
 // error.
@@ -60,6 +62,8 @@ enum class Kind {
   kScale,
   kRest,
   kSlope,
+  kRadius,
+  kPhase,
   kBase,
   kRise,
   kFall,
@@ -92,6 +96,7 @@ struct Decoded {
   statics::ArmModel model;
   std::vector<model::Contraction> contraction;  // (actuators)
   Eigen::VectorXd scale;                        // (actuators)
+  Eigen::VectorXd radius, phase;                // (sections) factors, and turns [rad]
   lie::SE3 X_FB;
   std::optional<Response> response;  // absent: each actuator's own
   bool sound = true;                 // false: a length is not > 0, or a curve turns
@@ -299,8 +304,14 @@ class SeriesProblem {
   }
 
   Decoded decode(const Eigen::VectorXd& z) const {
-    Decoded out{
-        prior_.model, {}, Eigen::VectorXd::Ones(prior_.model.arm().actuatorCount()), X_FB_, first_};
+    const model::Arm& before = prior_.model.arm();
+    Decoded out{prior_.model,
+                {},
+                Eigen::VectorXd::Ones(before.actuatorCount()),
+                Eigen::VectorXd::Ones(before.sectionCount()),
+                Eigen::VectorXd::Zero(before.sectionCount()),
+                X_FB_,
+                first_};
     model::Stiffness factors{1, 1, 1};
     double K_eps = 1;
     std::vector<std::vector<double>> lengths;
@@ -332,6 +343,12 @@ class SeriesProblem {
         case Kind::kSlope:
           setLength(one, factor, lengths[static_cast<std::size_t>(one.of)]);
           break;
+        case Kind::kRadius:
+          out.radius[one.of] = factor;
+          break;
+        case Kind::kPhase:
+          out.phase[one.of] = z[k];
+          break;
         case Kind::kBase:
           motion[one.of] = z[k];
           break;
@@ -340,6 +357,7 @@ class SeriesProblem {
       }
     }
     out.model = prior_.model.scaledStiffness(factors, K_eps);
+    if (options_.ring_radius || options_.ring_phase) setRings(out);
     out.X_FB = X_FB_ * lie::SE3::exp(motion);
     setContractions(lengths, out);
     return out;
@@ -359,6 +377,10 @@ class SeriesProblem {
         return now.model.load()->K_eps.front();
       case Kind::kScale:
         return now.scale[std::max(one.of, 0)];
+      case Kind::kRadius:
+        return now.radius[one.of];
+      case Kind::kPhase:
+        return now.phase[one.of];
       case Kind::kBase:
         return (prior_.X_BF * now.X_FB).log()[one.of];
       case Kind::kRise:
@@ -399,6 +421,14 @@ class SeriesProblem {
            arm.length_scale_prior});
     }
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) addCurve(c);
+    for (int k = 0; k < prior_.model.arm().sectionCount(); ++k) {
+      const std::string number = "_" + std::to_string(k + 1);
+      if (options_.ring_radius)
+        add({Kind::kRadius, k, 0, "ring_radius" + number, "", kRadiusPrior});
+      if (options_.ring_phase && (k > 0 || !arm.base)) {
+        add({Kind::kPhase, k, 0, "ring_phase" + number, "rad", arm.base_prior.rotation});
+      }
+    }
     static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
     for (int i = 0; arm.base && i < 6; ++i) {
       const bool turn = i >= 3;
@@ -415,6 +445,29 @@ class SeriesProblem {
       add({Kind::kSlope, of, j, curve.name + " slope " + std::to_string(j), "",
            j == 1 ? kSlopePrior : kBendPrior, j > 1});
     }
+  }
+
+  static void setRings(Decoded& out) {
+    const model::Arm& arm = out.model.arm();
+    std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      const Eigen::Matrix3d turn =
+          Eigen::AngleAxisd(out.phase[k], Eigen::Vector3d::UnitX()).toRotationMatrix();
+      const auto move = [&](lie::SE3& X) {
+        X.rotation = turn * X.rotation;
+        X.translation = turn * X.translation;
+        X.translation.tail<2>() *= out.radius[k];
+      };
+      model::Section& section = sections[static_cast<std::size_t>(k)];
+      section.plate = arm.plate(k);
+      for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+        section.actuators.push_back(arm.actuator(i));
+        move(section.actuators.back().X_O);
+        for (lie::SE3& X : section.actuators.back().taper) move(X);
+      }
+    }
+    out.model = {model::Arm(std::move(sections), arm.tool()), std::nullopt, out.model.load(),
+                 out.model.choice().setting};
   }
 
   // Of one curve; the numbers come in the order of the knots.
@@ -919,6 +972,13 @@ class SeriesJob {
     }
     if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
+    if (options_.ring_radius) out.ring_radius = now.radius;
+    if (options_.ring_phase) out.ring_phase = now.phase;
+    if (options_.ring_phase && arm.base) {
+      out.rules.push_back(
+          "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
+          "it");
+    }
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) {
       const Curve& curve = recording_.curves[c];
       if (!curve.free) continue;
@@ -956,12 +1016,12 @@ class SeriesJob {
       if (std::isnan(value)) continue;
       Eigen::VectorXd z = fit.at.z;
       z[k] += kDifference;
-      const double slope = one.kind == Kind::kBase
-                               ? 1.0
-                               : (problem.valueOf(one, problem.decode(z)) - value) / kDifference;
+      const bool turn = one.kind == Kind::kBase || one.kind == Kind::kPhase;
+      const double slope =
+          turn ? 1.0 : (problem.valueOf(one, problem.decode(z)) - value) / kDifference;
       const double deviation = std::max(noise[k], left_out[k]);
       const double error = std::abs(slope) * deviation;
-      const double initial = one.kind == Kind::kBase ? 0.0 : problem.valueOf(one, before);
+      const double initial = turn ? 0.0 : problem.valueOf(one, before);
       out.parameters.push_back(
           {one.name, one.unit, initial, value, error, isKnown(one, value, deviation, error)});
       if (!out.parameters.back().identifiable) noteUnknown(one, out);
@@ -975,6 +1035,7 @@ class SeriesJob {
 
   bool isKnown(const Number& one, double value, double deviation, double error) const {
     if (deviation > one.prior / 2) return false;
+    if (one.kind == Kind::kPhase) return error <= kBaseTurn;
     if (one.kind != Kind::kBase) return error <= kLargestRelativeError * std::abs(value);
     return error <= (one.of < 3 ? kBaseLength * prior_.model.arm().restLength() : kBaseTurn);
   }
@@ -985,6 +1046,10 @@ class SeriesJob {
       held = "a turn of the base about the arm's axis and the directions of its actuators";
     } else if (one.kind == Kind::kBase) {
       held = "pose of the base, bend and length of the arm at rest";
+    } else if (one.kind == Kind::kRadius) {
+      held = "radius of a ring, strokes and bending stiffness, which bend the arm alike";
+    } else if (one.kind == Kind::kPhase) {
+      held = "phase of a ring, of which only actuators that move tell";
     } else if (one.kind == Kind::kScale) {
       held = "length scales of actuators that hardly move, and bend at rest";
     } else if (one.kind == Kind::kGamma) {

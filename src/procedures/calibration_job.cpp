@@ -291,7 +291,12 @@ std::set<FitParameter> fittedOf(const CalibrationRequest& request, const Calibra
   return fitted;
 }
 
-bool isOfArm(FitParameter parameter) { return estimation::infoOf(parameter).block.has_value(); }
+bool isOfRing(FitParameter parameter) {
+  return parameter == FitParameter::kRingRadius || parameter == FitParameter::kRingPhase;
+}
+bool isOfArm(FitParameter parameter) {
+  return estimation::infoOf(parameter).block.has_value() || isOfRing(parameter);
+}
 
 CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& request,
                              std::set<FitParameter> fitted, const CalibrationData& data) {
@@ -470,6 +475,11 @@ class CalibrationJob {
       return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
              "contraction as well";
     }
+    const bool of_ring = std::any_of(fitted_.begin(), fitted_.end(), isOfRing);
+    if (of_ring && (!ofSeries() || scene_->planar)) {
+      return "ring_radius and ring_phase are fitted to a series of the tip (time_s, pressure_1_kpa "
+             ".., x_m, y_m, z_m) of an arm that is not planar; leave them out";
+    }
     // A series also gives the effective pressures of captures whose times are known.
     const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
     if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows && !ofSeries()) {
@@ -623,6 +633,8 @@ class CalibrationJob {
     options.response = fitsResponse();
     options.rest_offset = request_.rest_offset;
     options.curve = request_.contraction;
+    options.ring_radius = fits(FitParameter::kRingRadius);
+    options.ring_phase = fits(FitParameter::kRingPhase);
     outcome_.series =
         estimation::fitSeries({scene_->model, scene_->X_BF}, ofArm(data_.tips), options);
     const estimation::SeriesFit& fit = *outcome_.series;
@@ -631,6 +643,8 @@ class CalibrationJob {
     changes_.stiffness = fit.stiffness;
     changes_.K_eps = fit.K_eps;
     changes_.length_scale = fit.length_scale;
+    changes_.ring_radius = fit.ring_radius;
+    changes_.ring_phase = fit.ring_phase;
     if (options.arm.base) changes_.X_BF = fit.X_BF;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;

@@ -222,11 +222,10 @@ py::list curvesOf(const procedures::CalibrationOutcome& outcome) {
 // @param noises  of curvatures [rad], corners [px], positions [m] and rotations [rad], 0: the
 //     scene's; of the rest of a series from trial to trial [m].
 // @param curve  quintic or table; empty: the default. @param branch  both, rising or falling.
-py::dict calibrate(const Scene& self,
-                   const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
-                   const std::vector<std::string>& words, const std::string& contraction,
-                   const std::array<double, 5>& noises, bool errors, const std::string& curve,
-                   const std::string& branch) {
+procedures::CalibrationRequest requestOf(const std::vector<std::string>& words,
+                                         const std::string& contraction,
+                                         const std::array<double, 5>& noises, bool errors,
+                                         const std::string& curve, const std::string& branch) {
   procedures::CalibrationRequest request;
   request.fit = words;
   request.contraction = contraction;
@@ -243,6 +242,14 @@ py::dict calibrate(const Scene& self,
   }
   if (branch == "rising") request.branch = estimation::Branch::kRising;
   if (branch == "falling") request.branch = estimation::Branch::kFalling;
+  return request;
+}
+
+py::dict calibrate(const Scene& self,
+                   const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
+                   const std::vector<std::string>& words, const std::string& contraction,
+                   const std::array<double, 5>& noises, bool errors, const std::string& curve,
+                   const std::string& branch) {
   procedures::CalibrationData read;
   if (const auto* sets = std::get_if<std::vector<Data>>(&data)) {
     for (const Data& one : *sets) procedures::addDataSet(self.scene(), dataSetOf(one), read);
@@ -253,8 +260,9 @@ py::dict calibrate(const Scene& self,
   procedures::CalibrationOutcome outcome;
   {
     const OthersRun others_run;
-    outcome = procedures::runCalibration(self.path(), self.overrides(), request,
-                                         recorded ? *recorded : read);
+    outcome = procedures::runCalibration(
+        self.path(), self.overrides(), requestOf(words, contraction, noises, errors, curve, branch),
+        recorded ? *recorded : read);
   }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
                "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),

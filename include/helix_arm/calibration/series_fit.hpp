@@ -34,6 +34,8 @@ struct SeriesOptions {
   CalibrationOptions arm;
   std::string curve;      ///< the only one that contraction frees; empty: all
   bool response = false;  ///< lag, play and slow state, one for all actuators
+  /// Of the rings of all sections. A turn of the first one, if the base is fitted, is the base's.
+  bool ring_radius = false, ring_phase = false;
   /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
   /// from hour to hour. Large ones also take up what the curves should explain. 0: no offset. [m]
   double rest_offset = 0.0005;
@@ -77,7 +79,10 @@ struct SeriesFit {
   std::optional<model::Stiffness> stiffness;    ///< of every actuator, if fitted
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
-  std::vector<FittedCurve> curves;              ///< if contraction is fitted
+  /// (sections) factors on the distance of the actuators from the axis, and turns about it [rad],
+  /// if fitted.
+  std::optional<Eigen::VectorXd> ring_radius, ring_phase;
+  std::vector<FittedCurve> curves;  ///< if contraction is fitted
   lie::SE3 X_BF;
   model::Response response;  ///< as fitted or as before
   std::vector<Choice> choices;
