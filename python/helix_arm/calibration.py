@@ -32,7 +32,8 @@ FEEDBACK_PERIOD = 0.2  # [s]
 USUAL_CAPTURES = 3  # per pressure
 BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
-SCENE_NOISES = (0.0, 0.0, 0.0, 0.0)
+REST_OFFSET = 0.0005  # of the tip from trial to trial of a series, per axis [m]
+SCENE_NOISES = (0.0, 0.0, 0.0, 0.0, REST_OFFSET)
 
 # Jobs of JobSlot, as another one is refused.
 RUN = "run_calibration is running; wait for it, or cancel it first"
@@ -403,7 +404,8 @@ class Calibration(Node):
 
     def _calibrate(self, request: Any, response: Any) -> None:
         out = self._calibrator.scene_path(request.out)
-        noises = (request.curvature_noise_rad, request.corner_noise_px, request.position_noise_m, request.rotation_noise_rad)
+        noises = (request.curvature_noise_rad, request.corner_noise_px, request.position_noise_m, request.rotation_noise_rad,
+                  request.rest_offset_m or REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
             fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises), out)

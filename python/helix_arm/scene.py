@@ -218,12 +218,13 @@ class Scene(_core.Scene):
 
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
                   curvature_noise_rad: float = 0.0, corner_noise_px: float = 0.0, position_noise_m: float = 0.0,
-                  rotation_noise_rad: float = 0.0, errors: bool = True) -> results.Calibration:
+                  rotation_noise_rad: float = 0.0, rest_offset_m: float = 0.0005, errors: bool = True) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
         data: one or several data sets: curvatures, tag poses, tag corners, free lengths or series of the tip; each a path, or a dict of
         columns as of fit(), of which trial may hold texts. fit: words of docs/calibration.md, such as stiffness, length_scale, base, tags, contraction.
         contraction: name of the curve to fit, if the scene has several. Noises: expected standard deviations; 0: the scene's.
+        rest_offset_m: expected standard deviation of the tip's offset from trial to trial, per axis, of a series; 0: none.
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
         empty in the result, and no parameter is held at the scene's value.
         """
@@ -233,6 +234,7 @@ class Scene(_core.Scene):
         noises = [arguments.number(value, name, 0, expected="a finite number >= 0, 0 for the scene's")
                   for name, value in [("curvature_noise_rad", curvature_noise_rad), ("corner_noise_px", corner_noise_px),
                                       ("position_noise_m", position_noise_m), ("rotation_noise_rad", rotation_noise_rad)]]
+        noises.append(arguments.number(rest_offset_m, "rest_offset_m", 0, expected="a finite number >= 0, 0 for none"))
         arguments.text(contraction, "contraction")
         arguments.flag(errors, "errors")
         require(bool(sets), "data is empty; expected paths of data sets, or dicts of columns")

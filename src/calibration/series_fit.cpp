@@ -1,6 +1,7 @@
 #include "helix_arm/calibration/series_fit.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -17,14 +18,17 @@ namespace {
 
 using model::Response;
 
-constexpr Eigen::Index kMostRows = 5000;    // that are compared; between them the pressures count
-constexpr Eigen::Index kLeastRows = 50;     // with a position
+constexpr Eigen::Index kMostRows = 5000;  // that are compared; between them the pressures count
+constexpr Eigen::Index kLeastRows = 50;   // with a position
+constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr double kFirstNoise = 0.05;        // of the arm's length, before there are residuals
 constexpr double kFirstCorrelation = 20.0;  // factor on variances, likewise
-constexpr double kMostCorrelation = 0.9999;
-constexpr int kRounds = 3;  // of noise and fit
+constexpr int kRounds = 3;                  // of noise and fit
 constexpr int kFolds = 8, kBlocks = 5, kLeastTrials = 3;
-constexpr double kSignificant = 2.0;    // standard errors
+constexpr double kSignificant = 2.0;  // standard errors
+constexpr double kLeastGain = 0.02;   // of the error, for which a part is worth its numbers
+constexpr double kSearching = 10.0,
+                 kFound = 1.0;          // readings that count, per number: at first, at last
 constexpr double kTakesPart = 0.1;      // of the largest range: an actuator that moves
 constexpr int kKnots = 7;               // of a curve, at quantiles of the pressures
 constexpr double kLeastKnotGap = 0.03;  // of its range
@@ -39,8 +43,13 @@ constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstWeight = 0.3, kFir
 // Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
 constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
+constexpr double kRadiusPrior = 0.2;  // of its log
 constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
-constexpr double kSceneBase = 1.05;   // the scene's base stays where others fit no better than so
+// Bases whose errors are so near the least are fitted with a response; alike [rad], of the arm's
+// length; what the scene's base is ahead, and what each length of the arm away counts: of the
+// error.
+constexpr double kRival = 2.0, kNearTurn = 0.3, kNearPlace = 0.2, kSceneBase = 0.05, kFarBase = 0.1;
+constexpr std::size_t kMostRivals = 5;
 // Largest errors of a base that count as known: of the arm's length, and [rad].
 constexpr double kBaseLength = 0.05, kBaseTurn = 0.1;
 constexpr basics::DescentRules kBrief{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
@@ -56,6 +65,8 @@ enum class Kind {
   kStroke,
   kRest,
   kSlope,
+  kRadius,
+  kPhase,
   kBase,
   kRise,
   kFall,
@@ -87,9 +98,10 @@ struct Form {
 struct Decoded {
   statics::ArmModel model;
   std::vector<model::Contraction> contraction;  // (actuators)
-  model::StiffnessTable
-      bending;  // unless empty, the model has it with these curves, scales and strokes
+  // Unless empty, the model has it with these curves, scales and strokes.
+  model::StiffnessTable bending;
   Eigen::VectorXd scale, stroke;  // (actuators)
+  Eigen::VectorXd radius, phase;  // (sections) factors, and turns [rad]
   lie::SE3 X_FB;
   std::optional<Response> response;  // absent: each actuator's own
   bool sound = true;                 // false: a length is not > 0, or a curve turns
@@ -126,7 +138,8 @@ class Recording {
     measured = series.position(used, Eigen::all);
     const Eigen::MatrixXd& p = series.history.input;
     if (p.rows() == 0) return;
-    const Eigen::RowVectorXd span = p.colwise().maxCoeff() - p.colwise().minCoeff();
+    Eigen::VectorXd least = p.colwise().minCoeff(), most = p.colwise().maxCoeff();
+    const Eigen::VectorXd span = arm.clamped(most) - arm.clamped(least);
     range = span.maxCoeff();
     for (Eigen::Index i = 0; i < span.size(); ++i) {
       moves.push_back(range > 0 && span[i] >= kTakesPart * range);
@@ -296,8 +309,17 @@ class SeriesProblem {
   }
 
   Decoded decode(const Eigen::VectorXd& z) const {
-    const auto ones = Eigen::VectorXd::Ones(prior_.model.arm().actuatorCount());
-    Decoded out{prior_.model, {}, {}, ones, ones, X_FB_, first_};
+    const model::Arm& before = prior_.model.arm();
+    const Eigen::VectorXd ones = Eigen::VectorXd::Ones(before.actuatorCount());
+    Decoded out{prior_.model,
+                {},
+                {},
+                ones,
+                ones,
+                Eigen::VectorXd::Ones(before.sectionCount()),
+                Eigen::VectorXd::Zero(before.sectionCount()),
+                X_FB_,
+                first_};
     model::Stiffness factors{1, 1, 1};
     double K_eps = 1;
     std::vector<std::vector<double>> lengths;
@@ -337,6 +359,12 @@ class SeriesProblem {
         case Kind::kSlope:
           setLength(one, factor, lengths[static_cast<std::size_t>(one.of)]);
           break;
+        case Kind::kRadius:
+          out.radius[one.of] = factor;
+          break;
+        case Kind::kPhase:
+          out.phase[one.of] = z[k];
+          break;
         case Kind::kBase:
           motion[one.of] = z[k];
           break;
@@ -347,7 +375,8 @@ class SeriesProblem {
     out.model = prior_.model.scaledStiffness(factors, K_eps);
     out.X_FB = X_FB_ * lie::SE3::exp(motion);
     setContractions(lengths, out);
-    if (!out.bending.empty() && out.sound) setModel(out);
+    const bool moves_rings = options_.ring_radius || options_.ring_phase;
+    if ((moves_rings || !out.bending.empty()) && out.sound) setModel(out);
     return out;
   }
 
@@ -369,6 +398,10 @@ class SeriesProblem {
         return now.scale[std::max(one.of, 0)];
       case Kind::kStroke:
         return now.stroke[one.of];
+      case Kind::kRadius:
+        return now.radius[one.of];
+      case Kind::kPhase:
+        return now.phase[one.of];
       case Kind::kBase:
         return (prior_.X_BF * now.X_FB).log()[one.of];
       case Kind::kRise:
@@ -414,6 +447,14 @@ class SeriesProblem {
            arm.stroke_scale_prior});
     }
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) addCurve(c);
+    for (int k = 0; k < prior_.model.arm().sectionCount(); ++k) {
+      const std::string number = "_" + std::to_string(k + 1);
+      if (options_.ring_radius)
+        add({Kind::kRadius, k, 0, "ring_radius" + number, "", kRadiusPrior});
+      if (options_.ring_phase && (k > 0 || !arm.base)) {
+        add({Kind::kPhase, k, 0, "ring_phase" + number, "rad", arm.base_prior.rotation});
+      }
+    }
     static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
     for (int i = 0; arm.base && i < 6; ++i) {
       const bool turn = i >= 3;
@@ -503,22 +544,32 @@ class SeriesProblem {
     return {{all.lower, all.upper}, {std::max(1 / ratio, 1.0), std::max(ratio, 1.0)}};
   }
 
-  // The model of the fitted curves: K_kappa follows from pressures, not from lengths alone.
+  // The model of the fitted rings and curves: its K_kappa follows from pressures, not from lengths
+  // alone.
   static void setModel(Decoded& out) {
     const model::Arm& arm = out.model.arm();
     std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
     for (int k = 0; k < arm.sectionCount(); ++k) {
+      const Eigen::Matrix3d turn =
+          Eigen::AngleAxisd(out.phase[k], Eigen::Vector3d::UnitX()).toRotationMatrix();
+      const auto move = [&](lie::SE3& X) {
+        X.rotation = turn * X.rotation;
+        X.translation = turn * X.translation;
+        X.translation.tail<2>() *= out.radius[k];
+      };
       model::Section& section = sections[static_cast<std::size_t>(k)];
       section.plate = arm.plate(k);
-      section.bending = out.bending;
+      section.bending = out.bending.empty() ? arm.bending(k) : out.bending;
       for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-        section.actuators.push_back(arm.actuator(i));
-        section.actuators.back().contraction =
+        model::Actuator& actuator = section.actuators.emplace_back(arm.actuator(i));
+        move(actuator.X_O);
+        for (lie::SE3& X : actuator.taper) move(X);
+        actuator.contraction =
             out.contraction[static_cast<std::size_t>(i)].scaledBy(out.scale[i], out.stroke[i]);
       }
     }
     const statics::TierSetting setting = out.model.choice().setting;
-    const bool planar = setting.tier == statics::Tier::kPlanar;
+    const bool planar = setting.tier == statics::Tier::kPlanar && !out.bending.empty();
     out.model = statics::ArmModel(
         model::Arm(std::move(sections), arm.tool()), std::nullopt, out.model.load(),
         planar ? statics::TierSetting{statics::Tier::kLinear, 0} : setting);
@@ -645,17 +696,23 @@ double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows) {
   return std::sqrt(sum / count);
 }
 
-Eigen::MatrixXd aboutOffsets(const Recording& recording, Eigen::MatrixXd deviation) {
+// With the mean of each trial taken off, over the rows that count.
+Eigen::MatrixXd aboutOffsets(const Recording& recording, Eigen::MatrixXd deviation,
+                             const std::vector<bool>& counts) {
   for (int trial = 0; trial < recording.trials; ++trial) {
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < deviation.rows(); ++k) {
-      if (recording.trial_at[static_cast<std::size_t>(k)] == trial) rows.push_back(k);
+      const auto row = static_cast<std::size_t>(k);
+      if (counts[row] && recording.trial_at[row] == trial) rows.push_back(k);
     }
     if (rows.empty()) continue;
     const Eigen::RowVectorXd mean = deviation(rows, Eigen::all).colwise().mean();
     for (const Eigen::Index k : rows) deviation.row(k) -= mean;
   }
   return deviation;
+}
+Eigen::MatrixXd aboutOffsets(const Recording& recording, const Eigen::MatrixXd& deviation) {
+  return aboutOffsets(recording, deviation, std::vector<bool>(recording.used.size(), true));
 }
 
 SeriesResidual residualOf(const Eigen::MatrixXd& deviation, const Eigen::MatrixXd& about,
@@ -674,17 +731,22 @@ SeriesResidual residualOf(const Eigen::MatrixXd& deviation, const Eigen::MatrixX
   return out;
 }
 
-// Factor by which residuals that are correlated in time raise a variance, >= 1.
+// Factor by which residuals that are correlated in time raise a variance, >= 1: 1 + 2 sum rho_k of
+// the correlations at k rows, as long as they are > 0.
 double correlationFactor(const Recording& recording, const Eigen::MatrixXd& deviation) {
-  double product = 0, square = 0;
-  for (Eigen::Index k = 1; k < deviation.rows(); ++k) {
-    const auto row = static_cast<std::size_t>(k);
-    if (recording.trial_at[row] != recording.trial_at[row - 1]) continue;
-    product += deviation.row(k).dot(deviation.row(k - 1));
-    square += deviation.row(k).squaredNorm();
+  const double square = deviation.squaredNorm();
+  double factor = 1.0;
+  for (Eigen::Index lag = 1; lag < deviation.rows() && square > 0; ++lag) {
+    double product = 0;
+    for (Eigen::Index k = lag; k < deviation.rows(); ++k) {
+      const auto row = static_cast<std::size_t>(k), before = static_cast<std::size_t>(k - lag);
+      if (recording.trial_at[row] != recording.trial_at[before]) continue;
+      product += deviation.row(k).dot(deviation.row(k - lag));
+    }
+    if (product <= 0) break;
+    factor += 2 * product / square;
   }
-  const double correlation = square > 0 ? std::clamp(product / square, 0.0, kMostCorrelation) : 0.0;
-  return (1 + correlation) / (1 - correlation);
+  return factor;
 }
 
 // A form of the model, fitted.
@@ -692,8 +754,9 @@ struct Fitted {
   Form form;
   std::shared_ptr<SeriesProblem> problem;
   Estimate at;
-  std::vector<double> held_out;  // RMS error of each block that was left out [m]
-  Eigen::MatrixXd without;       // (blocks x numbers) z without each block
+  // RMS error of each block that was left out, and that about the trials' offsets in it [m].
+  Eigen::ArrayXd held_out, about;
+  Eigen::MatrixXd without;  // (blocks x numbers) z without each block
 };
 
 // The fit in its steps.
@@ -706,15 +769,11 @@ class SeriesJob {
 
   SeriesFit run() {
     SeriesFit out;
-    if (options_.arm.base) chooseBase(out);
     if (options_.response) first_ = Response();
+    if (options_.arm.base) chooseBase(out);
     Fitted best = fitted({}, {});
     leaveOut(best);
-    if (options_.response) {
-      const std::pair<const char*, bool Form::*> parts[] = {
-          {"lag", &Form::lag}, {"slow state", &Form::slow}, {"play", &Form::play}};
-      for (const auto& [name, part] : parts) consider(name, part, best, out);
-    }
+    if (options_.response) considerResponse(best, out);
     if (options_.arm.length_scale == LengthScaling::kEach) {
       consider("length scales", &Form::scales, best, out);
     }
@@ -772,18 +831,30 @@ class SeriesJob {
         std::make_shared<SeriesProblem>(prior_, recording_, options_, form, X_FB_, startOf(form)),
         {},
         {},
+        {},
         {}};
     SeriesProblem& problem = *out.problem;
     out.at = bestStart(problem, known);
     for (int round = 0; round < kRounds; ++round) {
       out.at = basics::descend(problem, problem.at(out.at.z), round == 0 ? kBrief : kWhole).at;
       const Eigen::MatrixXd about = aboutOffsets(recording_, problem.deviationAt(out.at.z));
-      const double coordinates = static_cast<double>(about.size());
-      problem.setVariance(std::max(about.squaredNorm() / coordinates, kLeastNoise * kLeastNoise) *
-                          correlationFactor(recording_, about));
+      setVariance(about, round == 0 ? kSearching : kFound, problem);
     }
     out.at = problem.at(out.at.z);
     return out;
+  }
+
+  // What the model cannot describe repeats with the motion, so that residuals count as few
+  // readings.
+  void setVariance(const Eigen::MatrixXd& about, double readings_per_number,
+                   SeriesProblem& problem) const {
+    const double readings = readings_per_number * static_cast<double>(problem.size());
+    problem.setVariance(varianceOf(about) *
+                        std::max(static_cast<double>(about.size()) / readings, 1.0));
+  }
+  static double varianceOf(const Eigen::MatrixXd& about) {
+    return std::max(about.squaredNorm() / static_cast<double>(about.size()),
+                    kLeastNoise * kLeastNoise);
   }
 
   // Of several times for what is new in a form, the best to start from.
@@ -807,7 +878,8 @@ class SeriesJob {
   // Fits without each block in turn.
   void leaveOut(Fitted& fit) const {
     fit.without.resize(blocks_, fit.at.z.size());
-    fit.held_out.clear();
+    fit.held_out.resize(blocks_);
+    fit.about.resize(blocks_);
     SeriesProblem problem = *fit.problem;
     for (int block = 0; block < blocks_; ++block) {
       std::vector<bool> in, out;
@@ -818,58 +890,122 @@ class SeriesJob {
       problem.take(in);
       const Estimate without = basics::descend(problem, problem.at(fit.at.z), kBrief).at;
       fit.without.row(block) = without.z;
-      fit.held_out.push_back(rmsOf(problem.deviationAt(without.z), out));
+      const Eigen::MatrixXd deviation = problem.deviationAt(without.z);
+      fit.held_out[block] = rmsOf(deviation, out);
+      fit.about[block] = rmsOf(aboutOffsets(recording_, deviation, out), out);
     }
   }
 
-  // Adds a part where it predicts what is left out better.
-  void consider(const char* name, bool Form::*part, Fitted& best, SeriesFit& out) const {
+  // Adds a part where it predicts what is left out better, in proportion: how large a block's
+  // errors are depends on how far the arm moves in it, and its offset is not what a part explains.
+  // @return whether it was added.
+  bool consider(const char* name, bool Form::*part, Fitted& best, SeriesFit& out) const {
     Form form = best.form;
     form.*part = true;
     Fitted with = fitted(form, best.problem->named(best.at.z));
     leaveOut(with);
-    const auto n = static_cast<Eigen::Index>(best.held_out.size());
-    const Eigen::ArrayXd gain = Eigen::Map<const Eigen::ArrayXd>(best.held_out.data(), n) -
-                                Eigen::Map<const Eigen::ArrayXd>(with.held_out.data(), n);
-    const double scatter = std::sqrt((gain - gain.mean()).square().sum() /
-                                     static_cast<double>(std::max<Eigen::Index>(n * (n - 1), 1)));
-    const bool kept = gain.mean() > kSignificant * scatter;
-    out.choices.push_back({name, kept, gain.mean(), scatter});
+    const Eigen::ArrayXd gain = (best.about / with.about).log();
+    const double whole = (best.held_out / with.held_out).log().sum();
+    const auto n = static_cast<double>(gain.size());
+    const double scatter =
+        std::sqrt((gain - gain.mean()).square().sum() / std::max(n * (n - 1), 1.0));
+    const bool kept = gain.mean() > std::max(kSignificant * scatter, kLeastGain) && whole > 0;
+    const double unit = std::sqrt(best.about.square().mean());
+    const Choice choice{name, kept, unit * gain.mean(), unit * scatter};
+    const auto before = std::find_if(out.choices.begin(), out.choices.end(),
+                                     [name](const Choice& one) { return one.part == name; });
+    if (before == out.choices.end()) {
+      out.choices.push_back(choice);
+    } else {
+      *before = choice;
+    }
     if (kept) best = std::move(with);
+    return kept;
   }
 
-  // The scene's base, or one that the motion tells: frames of motion capture have any axes.
-  void chooseBase(SeriesFit& out) {
+  // Those of the response, and once more what was left out before another part was added.
+  void considerResponse(Fitted& best, SeriesFit& out) const {
+    const std::pair<const char*, bool Form::*> parts[] = {
+        {"lag", &Form::lag}, {"slow state", &Form::slow}, {"play", &Form::play}};
+    const char* last = nullptr;
+    for (const auto& [name, part] : parts) last = consider(name, part, best, out) ? name : last;
+    for (const auto& [name, part] : parts) {
+      if (last == nullptr || name == last) return;
+      if (!(best.form.*part)) consider(name, part, best, out);
+    }
+  }
+
+  // A fit to few of the rows, from a base.
+  struct Rough {
+    lie::SE3 start, X_FB;
+    double error;  // RMS about the trials' offsets [m]
+  };
+  Rough roughFit(const lie::SE3& X_FB, const Form& form) const {
+    SeriesProblem problem(prior_, recording_, options_, form, X_FB, startOf(form));
     std::vector<bool> few(recording_.used.size());
     for (std::size_t k = 0; k < few.size(); k += kCoarse) few[k] = true;
-    const auto costFrom = [&](lie::SE3& X_FB) {
-      SeriesProblem problem(prior_, recording_, options_, {}, X_FB, first_);
-      problem.take(few);
-      const Estimate found = basics::descend(problem, problem.at(problem.startFrom({})), kBrief).at;
-      return problem.cost(found);
-    };
-    lie::SE3 best = X_FB_;
-    const double own = costFrom(best);
-    double least = own;
+    problem.take(few);
+    Estimate found = basics::descend(problem, bestStart(problem, {}), kBrief).at;
+    Eigen::MatrixXd about = aboutOffsets(recording_, problem.deviationAt(found.z));
+    if (form.lag) {
+      setVariance(about, kSearching, problem);
+      found = basics::descend(problem, problem.at(found.z), kBrief).at;
+      about = aboutOffsets(recording_, problem.deviationAt(found.z));
+    }
+    return {X_FB, problem.decode(found.z).X_FB, rmsOf(about, few)};
+  }
+
+  // The scene's base, or one that the motion tells: frames of motion capture have any axes. What a
+  // response explains can hide which one is right, so those that come near are fitted with one; of
+  // those that fit alike, the nearest to the scene's is taken.
+  void chooseBase(SeriesFit& out) {
     const Eigen::Vector3d tip =
         SeriesProblem(prior_, recording_, options_, {}, {}, first_).meanTip();
     Eigen::Vector3d seen = Eigen::Vector3d::Zero();
     seen.head(recording_.outputs()) = recording_.measured.colwise().mean().transpose();
+    std::vector<Rough> found;
     for (const Eigen::Matrix3d& turn : quarterTurns()) {
-      lie::SE3 X_FB{turn, seen - turn * tip};
-      const double cost = costFrom(X_FB);
-      if (cost < least) {
-        least = cost;
-        best = X_FB;
+      found.push_back(roughFit({turn, seen - turn * tip}, {}));
+    }
+    std::sort(found.begin(), found.end(),
+              [](const Rough& a, const Rough& b) { return a.error < b.error; });
+    std::vector<Rough> rivals{roughFit(X_FB_, {})};
+    const double least = std::min(found.front().error, rivals.front().error);
+    for (const Rough& one : found) {
+      const bool known = std::any_of(rivals.begin(), rivals.end(),
+                                     [&](const Rough& other) { return isNear(one, other); });
+      if (!known && rivals.size() <= kMostRivals && one.error < kRival * least) {
+        rivals.push_back(one);
       }
     }
-    if (own <= kSceneBase * least) return;
-    X_FB_ = best;
-    const double turned = (prior_.X_BF * best).log().tail<3>().norm();
+    Form form;
+    form.lag = form.slow = options_.response;
+    for (Rough& one : rivals) one = roughFit(one.start, form);
+    takeBase(rivals, out);
+  }
+
+  void takeBase(const std::vector<Rough>& rivals, SeriesFit& out) {
+    const double length = prior_.model.arm().restLength();
+    const auto scoreOf = [&](const Rough& one) {
+      const Eigen::Vector3d moved = one.X_FB.translation - X_FB_.translation;
+      return std::log(one.error) + kFarBase * moved.norm() / length;
+    };
+    const auto best =
+        std::min_element(rivals.begin(), rivals.end(),
+                         [&](const Rough& a, const Rough& b) { return scoreOf(a) < scoreOf(b); });
+    if (scoreOf(rivals.front()) <= scoreOf(*best) + kSceneBase) return;
+    X_FB_ = best->start;
+    const double turned = (prior_.X_BF * X_FB_).log().tail<3>().norm();
     out.rules.push_back(basics::messageOf(
         "base: the frame of the positions is turned by about ", std::round(turned * 180 / M_PI),
         " deg against that of the scene: found from the motion, to within an exchange of the axes "
         "that fits as well"));
+  }
+
+  bool isNear(const Rough& a, const Rough& b) const {
+    const lie::SE3 between = a.X_FB.inverse() * b.X_FB;
+    return between.log().tail<3>().norm() < kNearTurn &&
+           between.translation.norm() < kNearPlace * prior_.model.arm().restLength();
   }
 
   // The 24 rotations that exchange axes.
@@ -901,6 +1037,13 @@ class SeriesJob {
     if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;
+    if (options_.ring_radius) out.ring_radius = now.radius;
+    if (options_.ring_phase) out.ring_phase = now.phase;
+    if (options_.ring_phase && arm.base) {
+      out.rules.push_back(
+          "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
+          "it");
+    }
     for (std::size_t c = 0; arm.contraction && c < recording_.curves.size(); ++c) {
       const Curve& curve = recording_.curves[c];
       if (!curve.free) continue;
@@ -919,16 +1062,15 @@ class SeriesJob {
     const std::vector<bool> all(recording_.used.size(), true);
     out.rms = rmsOf(deviation, all);
     out.rms_about_offset = rmsOf(aboutOffsets(recording_, deviation), all);
-    double sum = 0;
-    for (const double error : fit.held_out) sum += error * error;
-    out.held_out_rms =
-        std::sqrt(sum / static_cast<double>(std::max<std::size_t>(fit.held_out.size(), 1)));
+    out.held_out_rms = std::sqrt(fit.held_out.square().mean());
   }
 
   void reportNumbers(const Fitted& fit, const Decoded& now, SeriesFit& out) const {
-    const SeriesProblem& problem = *fit.problem;
+    SeriesProblem problem = *fit.problem;
     const Decoded before = problem.decode(Eigen::VectorXd::Zero(problem.size()));
-    const Eigen::VectorXd noise = problem.covariance(fit.at).diagonal().cwiseSqrt();
+    const Eigen::MatrixXd residuals = aboutOffsets(recording_, problem.deviationAt(fit.at.z));
+    problem.setVariance(varianceOf(residuals) * correlationFactor(recording_, residuals));
+    const Eigen::VectorXd noise = problem.covariance(problem.at(fit.at.z)).diagonal().cwiseSqrt();
     const double blocks = static_cast<double>(fit.without.rows());
     const Eigen::MatrixXd about = fit.without.rowwise() - fit.without.colwise().mean();
     const Eigen::VectorXd left_out =
@@ -939,12 +1081,12 @@ class SeriesJob {
       if (std::isnan(value)) continue;
       Eigen::VectorXd z = fit.at.z;
       z[k] += kDifference;
-      const double slope = one.kind == Kind::kBase
-                               ? 1.0
-                               : (problem.valueOf(one, problem.decode(z)) - value) / kDifference;
+      const bool turn = one.kind == Kind::kBase || one.kind == Kind::kPhase;
+      const double slope =
+          turn ? 1.0 : (problem.valueOf(one, problem.decode(z)) - value) / kDifference;
       const double deviation = std::max(noise[k], left_out[k]);
       const double error = std::abs(slope) * deviation;
-      const double initial = one.kind == Kind::kBase ? 0.0 : problem.valueOf(one, before);
+      const double initial = turn ? 0.0 : problem.valueOf(one, before);
       out.parameters.push_back(
           {one.name, one.unit, initial, value, error, isKnown(one, value, deviation, error)});
       if (!out.parameters.back().identifiable) noteUnknown(one, out);
@@ -958,6 +1100,7 @@ class SeriesJob {
 
   bool isKnown(const Number& one, double value, double deviation, double error) const {
     if (deviation > one.prior / 2) return false;
+    if (one.kind == Kind::kPhase) return error <= kBaseTurn;
     if (one.kind != Kind::kBase) return error <= kLargestRelativeError * std::abs(value);
     return error <= (one.of < 3 ? kBaseLength * prior_.model.arm().restLength() : kBaseTurn);
   }
@@ -968,6 +1111,10 @@ class SeriesJob {
       held = "a turn of the base about the arm's axis and the directions of its actuators";
     } else if (one.kind == Kind::kBase) {
       held = "pose of the base, bend and length of the arm at rest";
+    } else if (one.kind == Kind::kRadius) {
+      held = "radius of a ring, strokes and bending stiffness, which bend the arm alike";
+    } else if (one.kind == Kind::kPhase) {
+      held = "phase of a ring, of which only actuators that move tell";
     } else if (one.kind == Kind::kScale) {
       held = "length scales of actuators that hardly move, and bend at rest";
     } else if (one.kind == Kind::kStroke) {
@@ -989,22 +1136,48 @@ class SeriesJob {
   std::vector<int> block_of_;  // (used)
 };
 
+// Why nothing can be fitted; empty if it can.
+std::string faultOf(const SeriesPrior& prior, const Recording& recording) {
+  const model::InputHistory& history = recording.series.history;
+  if (history.time.empty()) return "the series has no times; expected a column time_s";
+  if (recording.rows() < kLeastRows) {
+    return basics::messageOf("the series holds ", recording.rows(),
+                             " positions; expected at least ", kLeastRows);
+  }
+  double duration = 0;
+  for (std::size_t row = 1; row < history.time.size(); ++row) {
+    if (!history.starts_anew[row]) duration += history.time[row] - history.time[row - 1];
+  }
+  if (!(duration > 0)) return "time_s does not rise within a trial; expected seconds";
+  if (recording.range == 0) {
+    const model::Range limits = prior.model.arm().actuator(0).limits;
+    return basics::messageOf(
+        "the series holds no two pressures that differ within the limits of the scene, ",
+        1e-3 * limits.lower, " to ", 1e-3 * limits.upper,
+        " kPa of the first actuator; check the unit of the pressures, and move one at least");
+  }
+  const double length = prior.model.arm().restLength();
+  const Eigen::MatrixXd about = recording.measured.rowwise() - recording.measured.colwise().mean();
+  const double motion = std::sqrt(about.squaredNorm() / static_cast<double>(about.rows()));
+  if (motion < kLeastMotion * length || motion > kMostMotion * length) {
+    return basics::messageOf("the positions vary by ", 1e3 * motion, " mm (RMS) about their mean; ",
+                             "expected ", 1e3 * kLeastMotion * length, " to ",
+                             1e3 * kMostMotion * length, " mm for an arm of ", 1e3 * length,
+                             " mm: check that they are of its tip, and in metres");
+  }
+  return {};
+}
+
 }  // namespace
 
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options) {
   SeriesFit refused;
-  if (series.history.time.empty()) {
-    refused.failure = "the series has no times; expected a column time_s";
-    return refused;
-  }
-  const Recording recording(prior, series, kMostRows);
-  if (recording.rows() < kLeastRows || recording.range == 0) {
-    refused.failure =
-        basics::messageOf("the series holds ", recording.rows(), " positions; expected at least ",
-                          kLeastRows, " at pressures that differ");
-    return refused;
-  }
+  Recording recording(prior, series, kMostRows);
+  for (Curve& one : recording.curves)
+    one.free &= options.curve.empty() || one.name == options.curve;
+  refused.failure = faultOf(prior, recording);
+  if (!refused.failure.empty()) return refused;
   return SeriesJob(prior, recording, options).run();
 }
 

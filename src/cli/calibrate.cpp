@@ -149,7 +149,7 @@ json seriesJson(const estimation::SeriesFit& fit) {
 struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
   std::vector<std::string> data, also;
-  double rest_offset_mm = 3;
+  double rest_offset_mm = 0.5;
   procedures::CalibrationRequest request;
 };
 
@@ -279,7 +279,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
                                       {"unit", one.unit}};
   }
   if (outcome.mode) result["mode"] = modeJson(*outcome.mode);
-  if (outcome.series) result["series"] = seriesJson(*outcome.series);
+  if (outcome.series && outcome.success) result["series"] = seriesJson(*outcome.series);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     result["status"] = estimation::nameOf(calibration.status);
@@ -422,8 +422,10 @@ Subcommand addCalibrate(CLI::App& app) {
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
             "repeatable")
       ->allow_extra_args(false);
-  addOption(*command, "--contraction", options->request.contraction,
-            "the scene's contraction curve that free lengths replace; needed if it has several");
+  addOption(
+      *command, "--contraction", options->request.contraction,
+      "the scene's contraction curve that free lengths replace, needed if it has several; the only "
+      "one that a series of the tip changes, else all");
   addOption(*command, "--curve", options->curve,
             "kind of contraction curve: spline (fitted to free lengths and captures together), "
             "quintic or table (to free lengths alone); default spline with captures, else quintic",

@@ -296,10 +296,19 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
   const auto percent = [arm_length](const std::optional<double>& error) {
     return error ? json(100 * *error / arm_length) : json();
   };
+  // Too few tags for a shape, such as one at the tip, have places nevertheless.
+  const bool only_places =
+      std::all_of(fitted.begin(), fitted.end(), [](const FittedCapture& capture) {
+        return capture.status == estimation::FitStatus::kUnderdetermined;
+      });
   json captures = json::array();
   std::vector<double> rms, tip_errors;  // of the valid captures [m]
   for (const FittedCapture& capture : fitted) {
     std::optional<double> tags, tip;
+    if (only_places && capture.model.converged()) {
+      tags = tagDistance(scene, capture);
+      if (tags) rms.push_back(*tags);
+    }
     if (capture.model.converged() && capture.converged()) {
       tags = tagDistance(scene, capture);
       tip = (capture.model.tip.translation - measuredTip(*capture.fit).translation).norm();
@@ -314,8 +323,8 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
                             {"usual_fit_rms_m", toJson(capture.usual_rms)}});
   }
   const std::optional<double> tip_error = median(tip_errors);
-  std::string reason = reasonForNoFit(fitted);
-  if (reason.empty() && !tip_error) {
+  std::string reason = rms.empty() ? reasonForNoFit(fitted) : "";
+  if (reason.empty() && rms.empty()) {
     const auto lacking =
         std::find_if(fitted.begin(), fitted.end(),
                      [](const FittedCapture& capture) { return !capture.model.converged(); });
@@ -445,13 +454,14 @@ json plotOf(const io::Scene& scene, const procedures::ResponseSeries& tips,
            {{"time_s", time}, {"trial", trial}, {"measured_m", measured}, {"model_m", model}}}};
 }
 
-// Compares the model's tip with a series of measured ones, and prints it. @return the exit code.
+// Compares the model's tip with a series of measured ones, without times of an arm that rests at
+// each, and prints it. @return the exit code.
 int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const CaptureOptions& options,
                    Format format) {
   requirePressureDriven(scene);
   const procedures::ResponseSeries tips = procedures::tipSeriesOf(data, scene.arm.actuatorCount());
-  if (tips.history.time.empty()) {
-    throw CallerError(data.path + " has no column time_s; expected one in a series of the tip");
+  if (tips.history.time.empty() && !options.png.empty()) {
+    throw CallerError("--png draws over the time, but " + data.path + " has no column time_s");
   }
   const estimation::SeriesComparison found =
       estimation::compareSeries({scene.model, scene.X_BF}, procedures::ofArm(tips));
@@ -532,7 +542,8 @@ Subcommand addEvaluate(CLI::App& app) {
       *command, "DATA", options->data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
       "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, or a "
-      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, trial)",
+      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, trial; without time_s the arm "
+      "rests at each row)",
       kRequired);
   addOption(*command, "--png", options->png,
             "picture of a series: model and measurement over the time");
@@ -541,9 +552,10 @@ measured_rad, model_rad}], tier, reason (if the model finds no shape under its l
 model_rad is null there, exit code 1).
 Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
 reason, model_status (as that of forward), rms_m (the model's tags against those
-measured that fit one shape), tip_error_m and tip_error_percent (model against fitted
-tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where
-fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and
+measured that fit one shape; all, if no capture's determine one), tip_error_m and
+tip_error_percent (model against fitted tip, of the arm's length at rest), outlier_tags,
+fit_rms_m, usual_fit_rms_m (only where fit_rms_m is far larger than that of the others),
+unknown_tags}], median_rms_m and
 median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
 reason.
 Series, json: rms_m and worst_m of the tip's distance, rms_without_offset_m (with the mean

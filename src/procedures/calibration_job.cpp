@@ -243,6 +243,13 @@ std::optional<std::string> fitResponseOf(const io::Scene& scene, const Calibrati
   for (const std::string* reason : {&found.fit.lag_reason, &found.fit.play_reason}) {
     if (!reason->empty()) outcome.warnings.push_back("response: " + *reason);
   }
+  if (before.slow_weight > 0) {
+    outcome.warnings.push_back(
+        "response: the scene's slow state (slow_time_constant_s, slow_weight) is removed, since "
+        "lag "
+        "and play were found without one; fit a word of the arm as well, such as stiffness, to a "
+        "series of the tip to find it again");
+  }
   outcome.response = std::move(found);
   return std::nullopt;
 }
@@ -286,7 +293,12 @@ std::set<FitParameter> fittedOf(const CalibrationRequest& request, const Calibra
   return fitted;
 }
 
-bool isOfArm(FitParameter parameter) { return estimation::infoOf(parameter).block.has_value(); }
+bool isOfRing(FitParameter parameter) {
+  return parameter == FitParameter::kRingRadius || parameter == FitParameter::kRingPhase;
+}
+bool isOfArm(FitParameter parameter) {
+  return estimation::infoOf(parameter).block.has_value() || isOfRing(parameter);
+}
 
 CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& request,
                              std::set<FitParameter> fitted, const CalibrationData& data) {
@@ -465,6 +477,11 @@ class CalibrationJob {
       return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
              "contraction as well";
     }
+    const bool of_ring = std::any_of(fitted_.begin(), fitted_.end(), isOfRing);
+    if (of_ring && (!ofSeries() || scene_->planar)) {
+      return "ring_radius and ring_phase are fitted to a series of the tip (time_s, pressure_1_kpa "
+             ".., x_m, y_m, z_m) of an arm that is not planar; leave them out";
+    }
     // A series also gives the effective pressures of captures whose times are known.
     const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
     if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows && !ofSeries()) {
@@ -472,7 +489,7 @@ class CalibrationJob {
              "response as well";
     }
     const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
-    if ((!fitsCurve() && !of_curve) || ofSeries()) return std::nullopt;
+    if (ofSeries() ? request_.contraction.empty() : !fitsCurve() && !of_curve) return std::nullopt;
     std::string message;
     name_ = curveName(*scene_, request_.contraction, message);
     return name_ ? Refusal() : message;
@@ -609,20 +626,29 @@ class CalibrationJob {
       return "the base is fitted as the frame of the positions, tags.frame, but scene " +
              scene_->name + " has no tags; expected a section tags, or a fit without base";
     }
+    basics::requireValue(std::isfinite(request_.rest_offset) && request_.rest_offset >= 0,
+                         "calibration", "the rest offset", request_.rest_offset,
+                         "a finite value >= 0, 0 for none");
     estimation::SeriesOptions options;
     options.arm = optionsOf(*scene_, request_, fitted_, data_);
     options.arm.contraction = fitsCurve();
     options.response = fitsResponse();
     options.rest_offset = request_.rest_offset;
+    options.curve = request_.contraction;
+    options.ring_radius = fits(FitParameter::kRingRadius);
+    options.ring_phase = fits(FitParameter::kRingPhase);
     outcome_.series =
         estimation::fitSeries({scene_->model, scene_->X_BF}, ofArm(data_.tips), options);
     const estimation::SeriesFit& fit = *outcome_.series;
     if (!fit.failure.empty()) return fit.failure;
+    warnOfLimits();
     changes_.stiffness = fit.stiffness;
     changes_.bending = fit.bending;
     changes_.K_eps = fit.K_eps;
     changes_.length_scale = fit.length_scale;
     if (fit.stroke_scale) changes_.numbers[FitParameter::kStrokeScaleEach] = *fit.stroke_scale;
+    changes_.ring_radius = fit.ring_radius;
+    changes_.ring_phase = fit.ring_phase;
     if (options.arm.base) changes_.X_BF = fit.X_BF;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;
@@ -639,6 +665,20 @@ class CalibrationJob {
     }
     outcome_.contractions = curves_.contractions;
     return std::nullopt;
+  }
+
+  // A few readings are noise about a limit.
+  void warnOfLimits() {
+    constexpr double kMostBeyond = 0.02;
+    const Eigen::MatrixXd& pressure = data_.tips.history.input;
+    for (int i = 0; i < scene_->arm.actuatorCount(); ++i) {
+      const model::Actuator& one = scene_->arm.actuator(i);
+      const double share = (pressure.col(i).array() > one.limits.upper).cast<double>().mean();
+      if (share <= kMostBeyond) continue;
+      warn({basics::messageOf("pressure_", i + 1, "_kpa is above the limit of ", one.name, ", ",
+                              io::kilopascals(one.limits.upper), " kPa, in ",
+                              std::round(100 * share), " % of the rows, which count as at it")});
+    }
   }
 
   void compareTips() {

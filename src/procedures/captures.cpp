@@ -184,6 +184,11 @@ DataKind kindOf(const io::DataSet& data) {
   if (found != nullptr && found->kind == DataKind::kTagPoses && isTipSeries(data)) {
     return DataKind::kTipSeries;
   }
+  if (found != nullptr && found->kind == DataKind::kTagPoses && data.find("tag") < 0) {
+    refuse(data.path,
+           "has positions, but neither a column time_s of a series of the tip nor a "
+           "column tag of tag poses; expected one of them");
+  }
   if (found != nullptr) return found->kind;
   std::vector<std::string> known;
   for (const NamedKind& kind : kKinds)

@@ -219,14 +219,13 @@ py::list curvesOf(const procedures::CalibrationOutcome& outcome) {
   return out;
 }
 
-// @param noises  of curvatures [rad], corners [px], positions [m] and rotations [rad]; 0: the
-//     scene's.
+// @param noises  of curvatures [rad], corners [px], positions [m] and rotations [rad], 0: the
+//     scene's; of the rest of a series from trial to trial [m].
 // @param curve  quintic or table; empty: the default. @param branch  both, rising or falling.
-py::dict calibrate(const Scene& self,
-                   const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
-                   const std::vector<std::string>& words, const std::string& contraction,
-                   const std::array<double, 4>& noises, bool errors, const std::string& curve,
-                   const std::string& branch) {
+procedures::CalibrationRequest requestOf(const std::vector<std::string>& words,
+                                         const std::string& contraction,
+                                         const std::array<double, 5>& noises, bool errors,
+                                         const std::string& curve, const std::string& branch) {
   procedures::CalibrationRequest request;
   request.fit = words;
   request.contraction = contraction;
@@ -234,6 +233,7 @@ py::dict calibrate(const Scene& self,
   request.corner_noise = noises[1];
   request.position_noise = noises[2];
   request.rotation_noise = noises[3];
+  request.rest_offset = noises[4];
   request.errors = errors;
   request.date = procedures::utcNow();
   if (!curve.empty()) {
@@ -242,6 +242,14 @@ py::dict calibrate(const Scene& self,
   }
   if (branch == "rising") request.branch = estimation::Branch::kRising;
   if (branch == "falling") request.branch = estimation::Branch::kFalling;
+  return request;
+}
+
+py::dict calibrate(const Scene& self,
+                   const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
+                   const std::vector<std::string>& words, const std::string& contraction,
+                   const std::array<double, 5>& noises, bool errors, const std::string& curve,
+                   const std::string& branch) {
   procedures::CalibrationData read;
   if (const auto* sets = std::get_if<std::vector<Data>>(&data)) {
     for (const Data& one : *sets) procedures::addDataSet(self.scene(), dataSetOf(one), read);
@@ -252,8 +260,9 @@ py::dict calibrate(const Scene& self,
   procedures::CalibrationOutcome outcome;
   {
     const OthersRun others_run;
-    outcome = procedures::runCalibration(self.path(), self.overrides(), request,
-                                         recorded ? *recorded : read);
+    outcome = procedures::runCalibration(
+        self.path(), self.overrides(), requestOf(words, contraction, noises, errors, curve, branch),
+        recorded ? *recorded : read);
   }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
                "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),
@@ -264,6 +273,14 @@ py::dict calibrate(const Scene& self,
                "tip_error_after_m"_a = outcome.tip_error_after, "warnings"_a = outcome.warnings,
                "scene_text"_a = outcome.scene_text, "response_rms_m"_a = py::none());
   if (outcome.response) out["response_rms_m"] = outcome.response->fit.rms;
+  if (outcome.series) {
+    std::vector<std::string> warnings = outcome.warnings;
+    warnings.insert(warnings.end(), outcome.series->rules.begin(), outcome.series->rules.end());
+    out["warnings"] = warnings;
+    out["error_unit"] = "m";
+    out["rms"] = outcome.series->rms;
+    out["held_out_error"] = outcome.series->held_out_rms;
+  }
   if (!outcome.calibration) return out;
   const estimation::Calibration& found = *outcome.calibration;
   out["error_unit"] = found.error_unit;

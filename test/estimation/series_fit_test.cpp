@@ -219,6 +219,21 @@ TEST(SeriesFit, SaysWhatTheDataCannotTell) {
   }));
 }
 
+// Turned about its axis, with a base that is known. Bend alone does not tell a radius.
+TEST(SeriesFit, FindsThePhaseOfARing) {
+  Truth truth;
+  truth.turn = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  SeriesOptions options = everything();
+  options.arm.base = options.response = false;
+  options.ring_radius = options.ring_phase = true;
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 4), options);
+  const Parameter& phase = parameterOf(fit, "ring_phase_1");
+  EXPECT_NEAR(phase.value, 0.2, 4 * phase.standard_error);
+  EXPECT_LT(phase.standard_error, 0.01);
+  EXPECT_NEAR((*fit.ring_phase)[0], phase.value, 1e-12);
+  EXPECT_FALSE(parameterOf(fit, "ring_radius_1").identifiable);
+}
+
 // A guess whose muscles shorten to almost nothing, and a series that asks for still shorter ones.
 TEST(SeriesFit, KeepsLengthsAboveZero) {
   SeriesPrior prior = guess();

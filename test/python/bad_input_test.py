@@ -176,7 +176,7 @@ class RuleTest(unittest.TestCase):
         self.refuses(TypeError, ["fit[1] is of type int; expected a str"], calibrate, fit=["stiffness", 3])
         self.refuses(ValueError, ["\"flexibility\"", "stiffness"], calibrate, fit="flexibility")
         self.refuses(TypeError, ["contraction is of type int; expected a str"], calibrate, contraction=3)
-        for name in ["curvature_noise_rad", "corner_noise_px", "position_noise_m", "rotation_noise_rad"]:
+        for name in ["curvature_noise_rad", "corner_noise_px", "position_noise_m", "rotation_noise_rad", "rest_offset_m"]:
             for bad in ["x", None, [1, 2], object()]:
                 self.refuses(TypeError, [f"{name} is of type {type(bad).__name__}; expected a number"], calibrate, **{name: bad})
             for bad, text in [(-1, "-1"), (np.nan, "nan"), (np.inf, "inf")]:
@@ -300,7 +300,7 @@ class RandomCallTest(unittest.TestCase):
             "inverse": ["tip", "pose", "twists", "start", "prefer", "cocontraction", "threads"],
             "workspace": ["points", "seed", "sensitivity"], "fit": ["captures"], "localize": ["image", "pressures_pa"],
             "calibrate": ["data", "fit", "contraction", "curvature_noise_rad", "corner_noise_px", "position_noise_m",
-                          "rotation_noise_rad", "errors"], "follow": ["tips", "path", "seconds", "sight", "force", "blind", "seed"],
+                          "rotation_noise_rad", "rest_offset_m", "errors"], "follow": ["tips", "path", "seconds", "sight", "force", "blind", "seed"],
         }
         refused = 0
         for _ in range(self.CALLS):

@@ -77,6 +77,8 @@ enum class FitParameter {
   kContraction,
   kResponse,
   kMode,
+  kRingRadius,
+  kRingPhase,
   kBase,
   kTags,
   kBleed,

@@ -32,10 +32,13 @@ struct SeriesPrior {
 /// those of CalibrationOptions: contraction frees the curves of the actuators that move.
 struct SeriesOptions {
   CalibrationOptions arm;
+  std::string curve;      ///< the only one that contraction frees; empty: all
   bool response = false;  ///< lag, play and slow state, one for all actuators
+  /// Of the rings of all sections. A turn of the first one, if the base is fitted, is the base's.
+  bool ring_radius = false, ring_phase = false;
   /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
-  /// from hour to hour. 0: no offset. [m]
-  double rest_offset = 0.003;
+  /// from hour to hour. Large ones also take up what the curves should explain. 0: no offset. [m]
+  double rest_offset = 0.0005;
 };
 
 /// A part of the model that is kept where it predicts what was left out.
@@ -43,8 +46,8 @@ struct Choice {
   /// "lag", "slow state", "play", "length scales", "strokes" or "K_kappa against pressure".
   std::string part;
   bool kept = false;
-  /// By how much the RMS error of what was left out falls, mean over the blocks, and the standard
-  /// error of that mean [m].
+  /// By how much the RMS error of what was left out falls, about the trials' offsets: the mean of
+  /// the logs over the blocks, times the error, and the standard error of that mean [m].
   double gain = 0.0, scatter = 0.0;
 };
 
@@ -80,7 +83,10 @@ struct SeriesFit {
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
   std::optional<Eigen::VectorXd> stroke_scale;  ///< likewise
-  std::vector<FittedCurve> curves;              ///< if contraction is fitted
+  /// (sections) factors on the distance of the actuators from the axis, and turns about it [rad],
+  /// if fitted.
+  std::optional<Eigen::VectorXd> ring_radius, ring_phase;
+  std::vector<FittedCurve> curves;  ///< if contraction is fitted
   lie::SE3 X_BF;
   model::Response response;  ///< as fitted or as before
   std::vector<Choice> choices;
@@ -96,10 +102,10 @@ struct SeriesFit {
 ///
 /// The response begins with none; lag, slow state and one play, length scales beyond a common one,
 /// strokes, and a K_kappa that is linear in a section's mean pressure, are kept where leaving out
-/// trials (with fewer than three trials, fifths of the series) shows that they predict better by
-/// two standard errors of the difference. Readings count as fewer where their residuals are
-/// correlated in time. Standard errors are the larger of those of the normal equations and those of
-/// leaving out blocks.
+/// trials (with fewer than three trials, fifths of the series) shows that they predict better: by 2
+/// % and by two standard errors, and with the offsets not worse. Residuals count as about as many
+/// readings as there are numbers, since what the model cannot describe repeats with the motion.
+/// Standard errors are the larger of those of the normal equations and those of leaving out blocks.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
 

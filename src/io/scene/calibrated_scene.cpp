@@ -1,6 +1,7 @@
 #include "helix_arm/io/calibrated_scene.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -242,6 +243,39 @@ void putScales(const Scene& scene, const char* key, const char* what,
   }
 }
 
+// A number or a list of numbers, each changed.
+template <class Change>
+Value changedNumbers(const Value& given, const Change& change) {
+  if (given.kind != Value::Kind::kList) return numberValue(change(*parseNumber(given.text)));
+  Eigen::VectorXd numbers(static_cast<Eigen::Index>(given.entries.size()));
+  for (Eigen::Index i = 0; i < numbers.size(); ++i) {
+    const Value& one = given.entries[static_cast<std::size_t>(i)].value;
+    numbers[i] = change(*parseNumber(one.text));
+  }
+  return numbersValue(numbers);
+}
+
+void putRings(const SceneCalibration& changes, Value& document) {
+  std::vector<Value::Entry>& sections = sectionsOf(document);
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    Value* const ring = findValue(sections[k].value, "ring");
+    basics::require(ring != nullptr, "calibratedSceneText: ", indexPath("arm.sections", k),
+                    " lists its actuators; expected a ring, whose radius and phase can be fitted");
+    const auto index = static_cast<Eigen::Index>(k);
+    if (changes.ring_radius) {
+      const double factor = (*changes.ring_radius)[index];
+      setValue(*ring, "radius_m",
+               changedNumbers(*ring->find("radius_m"), [factor](double r) { return factor * r; }));
+    }
+    if (changes.ring_phase) {
+      const Value* before = ring->find("phase_deg");
+      const double phase = before == nullptr ? 0.0 : *parseNumber(before->text);
+      const double turned = phase + (*changes.ring_phase)[index] / kDegree;
+      setValue(*ring, "phase_deg", numberValue(std::remainder(turned, 360.0)));
+    }
+  }
+}
+
 void putPose(lie::SE3 X, Value& map) { writeKeys(poseKeys(X, kFinite), map); }
 
 void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
@@ -337,6 +371,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
               document);
   }
+  if (changes.ring_radius || changes.ring_phase) putRings(changes, document);
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
   }
@@ -392,6 +427,8 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
     case FitParameter::kContraction:  // have fits of their own
     case FitParameter::kResponse:
     case FitParameter::kMode:
+    case FitParameter::kRingRadius:
+    case FitParameter::kRingPhase:
       return;
     case FitParameter::kBase:
       if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
