@@ -36,12 +36,12 @@ void ArmResponse::adopt(const Arm& arm) {
   }
 }
 
-void ArmResponse::setLag(double lag) {
-  for (ResponseState& state : states_) {
-    Response response = state.response();
-    response.rise_time = response.fall_time = lag;
-    state.adopt(response);
-  }
+void ArmResponse::set(double lag, double half_width) {
+  Response response;
+  response.rise_time = response.fall_time = lag;
+  response.play_count = half_width > 0 ? 1 : 0;
+  response.plays[0] = {half_width / Response::kMostWeight, Response::kMostWeight};
+  for (ResponseState& state : states_) state.adopt(response);
 }
 
 void ArmResponse::restart() {
