@@ -105,7 +105,7 @@ const statics::InverseResult& Aim::solve(const Target& target, bool fresh) {
   return result;
 }
 
-const Eigen::VectorXd& Aim::led(const Motion& target, double time_constant, double lag_beyond,
+const Eigen::VectorXd& Aim::led(const Motion& target, double time_constant, const Late& beyond,
                                 const std::optional<estimation::Mode>& mode) {
   led_ = pressure_;
   lie::SE3 tip;
@@ -122,17 +122,20 @@ const Eigen::VectorXd& Aim::led(const Motion& target, double time_constant, doub
   const Eigen::LDLT<Eigen::Matrix3d> factors(square);
   const Eigen::Vector3d by_velocity = factors.solve(target.velocity),
                         by_acceleration = factors.solve(target.acceleration);
-  // The inverse of regulator, lag and mode in series, in powers of d/dt.
+  // The inverse of regulator, dead time, lag and mode in series, in powers of d/dt.
   const double turn = mode ? 2 * basics::kPi * mode->frequency : 0.0;
-  const double damps = mode ? 2 * mode->damping / turn : 0.0,
-               springs = mode ? 1 / turn / turn : 0.0;
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
     const double rate = by_pressure_.col(i).dot(by_velocity);
     const model::Response& response = arm_.actuator(i).response;
-    const double lag = lag_beyond + (rate > 0 ? response.rise_time : response.fall_time);
-    const double change = (time_constant + lag + damps) * rate +
-                          (time_constant * lag + (time_constant + lag) * damps + springs) *
-                              by_pressure_.col(i).dot(by_acceleration);
+    double first = time_constant, second = 0.0;
+    const auto behind = [&](double once, double twice) {
+      second += first * once + twice;
+      first += once;
+    };
+    behind(beyond.lag + (rate > 0 ? response.rise_time : response.fall_time), 0.0);
+    behind(beyond.dead_time, beyond.dead_time * beyond.dead_time / 2);
+    if (mode) behind(2 * mode->damping / turn, 1 / turn / turn);
+    const double change = first * rate + second * by_pressure_.col(i).dot(by_acceleration);
     led_[i] = std::clamp(pressure_[i] + change, lower_[i], upper_[i]);
   }
   return led_;

@@ -39,10 +39,14 @@ class Aim {
   struct Motion {
     Eigen::Vector3d velocity, acceleration;  ///< [m/s], [m/s^2]
   };
+  /// What actuators do beyond the responses of the scene [s].
+  struct Late {
+    double dead_time, lag;
+  };
   /// Pressures (n) with which the tip follows a moving target, up to second order: the last
-  /// solution, led by the time constant of the regulator [s], the lags of the actuators, those of
-  /// the scene and one beyond them [s], and a mode, inside the limits.
-  const Eigen::VectorXd& led(const Motion& target, double time_constant, double lag_beyond,
+  /// solution, led by the time constant of the regulator [s], the lags of the actuators, what they
+  /// are late beyond these, and a mode, inside the limits.
+  const Eigen::VectorXd& led(const Motion& target, double time_constant, const Late& beyond,
                              const std::optional<estimation::Mode>& mode);
 
  private:

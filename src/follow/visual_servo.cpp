@@ -33,9 +33,9 @@ constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediat
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
-// Error of the swing in a picture, relative to its peak, and of the lag, in standard errors; it
-// persists, as that of a mode does.
-constexpr double kSwingError = 2.0;
+// Error of the swing in a picture, relative to its peak, and of the lag, in standard errors. They
+// persist.
+constexpr double kSwingError = 2.0, kLagError = 3.0;
 // Root mean square of a swing, relative to its peak.
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
@@ -90,7 +90,7 @@ class TimeRing {
 };
 
 /// Effective pressures of actuators with lag or play while an observer estimates their pressures.
-/// Of an arm whose scene tells no lag, the lag is what a filter learns of it.
+/// Of an arm whose scene tells neither, they are what an estimator learns.
 ///
 /// All memory is allocated in the constructor.
 class ResponseTracker {
@@ -103,7 +103,10 @@ class ResponseTracker {
         beyond_(Eigen::VectorXd::Zero(effective_.size())),
         lower_(lowestPressures(arm_)),
         upper_(highestPressures(arm_)),
-        pressure_(effective_) {
+        pressure_(effective_),
+        asked_(effective_),
+        then_{effective_, effective_} {
+    release();
     // Each entry of the ring gets its memory.
     for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
     history_.clear();
@@ -117,21 +120,25 @@ class ResponseTracker {
     return false;
   }
 
-  /// From now on the actuators have this lag [s] and play [Pa], if the scene tells none.
-  void learn(double lag, double play) {
+  /// From now on the actuators follow so, if the scene tells nothing.
+  void learn(const estimation::ResponseEstimator& found) {
     if (!learns_) return;
-    lag_ = lag;
-    response_.set(lag, play);
+    dead_ = found.deadTime();
+    lag_ = found.lag().value - dead_;
+    sure_ = sureOf(found.lag());
+    response_.set(lag_, sureOf(found.play()) * found.play().value);
   }
-  /// Of actuators whose scene tells none [s].
-  double lag() const { return lag_; }
+  /// To lead paths by, of actuators whose scene tells nothing.
+  Aim::Late late() const { return {sure_ * dead_, sure_ * lag_}; }
   bool learns() const { return learns_; }
 
   /// Follows the newest estimate, if there is one.
   void follow(const control::PressureObserver& observer) {
     if (!observer.started()) return;
     const Eigen::VectorXd& pressure = observer.newest().pressure;
-    if (response_.follow(observer.time(), pressure)) history_.clear();
+    then_.pressure = pressure;
+    if (dead_ > 0) observer.at(observer.time() - dead_, then_);
+    if (response_.follow(observer.time(), then_.pressure)) history_.clear();
     effective_ = response_.effective();
     beyond_ = effective_ - pressure;
     history_.add(observer.time(), beyond_);
@@ -154,20 +161,34 @@ class ResponseTracker {
 
   /// Pressures (n) with these effective pressures [Pa].
   const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+    // Within a learnt play, noise of the readings would move a command that holds.
+    if (learns_ && (effective - asked_).cwiseAbs().maxCoeff() < kHeld) return pressure_;
+    asked_ = effective;
     response_.inputsFor(arm_, effective, pressure_);
     return pressure_;
   }
+  /// Nothing is commanded: the next command is no held one.
+  void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
 
  private:
   static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
+  static constexpr double kHeld = 1.0;    // an effective pressure that changes by less [Pa]
+
+  // The part of an estimate to reckon with: what the pictures hardly show is not made up for.
+  static double sureOf(const estimation::Estimated& found) {
+    const double value2 = found.value * found.value;
+    return value2 > 0 ? value2 / (value2 + found.deviation * found.deviation) : 0.0;
+  }
 
   const model::Arm arm_;
   model::ArmResponse response_;
-  const bool learns_;  // lag and play
-  double lag_ = 0.0;
+  const bool learns_;
+  double lag_ = 0.0, dead_ = 0.0;  // [s]
+  double sure_ = 0.0;              // part of these
   Eigen::VectorXd effective_;
   Eigen::VectorXd beyond_;  // the pressures (n) [Pa]
-  Eigen::VectorXd lower_, upper_, pressure_;
+  Eigen::VectorXd lower_, upper_, pressure_, asked_;
+  control::PressureObserver::Estimate then_;  // a dead time ago
   TimeRing<Eigen::VectorXd, kMostTurns> history_;
 };
 
@@ -418,8 +439,7 @@ struct VisualServo::Workspace {
     turn.residual = result.residual;
     turn.position_error = result.position_error;
     turn.limits = result.limits;
-    commanded =
-        aim.led({velocity, acceleration}, config.time_constant, response.lag(), dynamics.bending());
+    commanded = aim.led({velocity, acceleration}, config.time_constant, response.late(), mode);
     if (mode) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
     turn.pressure = response.pressureFor(commanded);
   }
@@ -561,21 +581,26 @@ struct VisualServo::Workspace {
     return out;
   }
 
-  // Covariance of twists (6 sections x 6 sections) by this part of the swing's peak, and so many
-  // standard errors of the lag.
-  Eigen::MatrixXd swingNoise(double part, double lag_errors) const {
+  // Covariance of twists (6 sections x 6 sections) by a swing of this part of its peak.
+  Eigen::MatrixXd swingNoise(double part) const {
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
+    const auto& step = tracker.lastStep();
+    if (!mode || !step) return out;
+    Eigen::MatrixXd by_peak =
+        Eigen::MatrixXd::Zero(step->model.by_lengths.rows(), arm.actuatorCount());
+    by_peak(bending, Eigen::all) =
+        part * step->model.by_lengths(bending, Eigen::all) * swing_peak.asDiagonal();
+    out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
+    return out;
+  }
+
+  // Likewise by the error of the lag.
+  Eigen::MatrixXd lagNoise() const {
     Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
     const auto& step = tracker.lastStep();
     if (!step) return out;
-    const Eigen::MatrixXd& by_lengths = step->model.by_lengths;
-    const Eigen::VectorXd by_lag = lag_errors * by_lengths * dynamics.lagError();
-    Eigen::MatrixXd noise = by_lag * by_lag.transpose();
-    if (mode) {
-      const Eigen::MatrixXd by_peak =
-          part * by_lengths(bending, Eigen::all) * swing_peak.asDiagonal();
-      noise(bending, bending) += by_peak * by_peak.transpose();
-    }
-    out(tracker.rows(), tracker.rows()) = noise;
+    const Eigen::VectorXd by_lag = kLagError * step->model.by_lengths * dynamics.lagError();
+    out(tracker.rows(), tracker.rows()) = by_lag * by_lag.transpose();
     return out;
   }
 
@@ -583,9 +608,10 @@ struct VisualServo::Workspace {
     const auto& step = tracker.lastStep();
     const Eigen::VectorXd unit = tracker.biasDeviation()(bending).cwiseInverse();
     const Eigen::VectorXd picked = measured.reshaped()(tracker.rows())(bending);
+    if (contact.load().contact || doubts()) dynamics.skip();
     dynamics.compare(unit.cwiseProduct(picked),
                      unit.asDiagonal() * step->model.by_lengths(bending, Eigen::all));
-    response.learn(dynamics.lag().value, dynamics.play().value);
+    response.learn(dynamics);
     const auto found = dynamics.mode();
     if (!found) return;
     const bool changed = !mode || std::abs(std::log(found->frequency / mode->frequency)) > 0.02 ||
@@ -780,6 +806,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
+    w.response.release();
     w.aim.startAt(w.response.effective());
     w.commanded = w.aim.pressure();
   }
@@ -795,15 +822,16 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   if (!w.findPressures(stamp, now, out.fault)) return out;
   w.arrived_at = now;
   w.swingTo(stamp);
-  const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
-                                           w.atRest(twists),
-                                           covariance + w.swingNoise(kSwingError, kSwingError)};
+  estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
+                                     w.atRest(twists), covariance + w.swingNoise(kSwingError)};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.swingPeak(), w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();
   }
+  // What moves sooner or later than the model must not hide from the watch.
+  input.covariance += w.lagNoise();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
   w.learnMode(twists);
@@ -833,7 +861,7 @@ std::optional<Prediction> VisualServo::prediction() const {
   // knows the arm without the force.
   const estimation::ArmFilter& filter = w.contact.load().contact ? w.tracker : w.watch;
   Eigen::MatrixXd covariance = filter.twistCovariance(std::max(0.0, w.observer.time() - w.seen_at));
-  covariance += w.swingNoise(kSwingSpread, 1.0);
+  covariance += w.swingNoise(kSwingSpread);
   if (const auto& step = filter.lastStep()) {
     const Eigen::MatrixXd& H_p = step->model.by_pressure;
     const Eigen::VectorXd variance = at.variance + filter.changeVariance(at.pressure);

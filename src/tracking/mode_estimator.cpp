@@ -9,11 +9,13 @@
 namespace helix_arm::estimation {
 namespace {
 
+constexpr std::array<double, 9> kLags = {0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45};  // [s]
 constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
 constexpr double kLowest = 0.5, kFrequencyStep = 1.1;  // [Hz]
 constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 
-constexpr double kMemory = 15.0;  // of the comparison [s]
+constexpr double kHighPass = 0.7;  // time constant [s]
+constexpr double kMemory = 15.0;   // of the comparison [s]
 // A mode counts if it leaves this part of the misfit that the best hypothesis without one, or with
 // the strongest damping, leaves.
 constexpr double kClear = 0.5;
@@ -40,51 +42,78 @@ double paceOf(const model::Arm& arm, const Eigen::Ref<const Eigen::VectorXd>& le
   return rest / lengths.sum();
 }
 
-ModeEstimator::ModeEstimator(const model::Arm& arm) : arm_(arm) {
-  constexpr Eigen::Index kCount = kFrequencies * kDampings.size() + 1;
-  turn_.setZero(kCount);
-  damping_.setZero(kCount);
-  // All frequencies of the first damping, of the next one, ..; then no mode.
-  for (Eigen::Index k = 0; k + 1 < kCount; ++k) {
-    turn_[k] =
-        2 * basics::kPi * kLowest * std::pow(kFrequencyStep, static_cast<double>(k % kFrequencies));
-    damping_[k] = kDampings[static_cast<std::size_t>(k / kFrequencies)];
+ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(arm) {
+  const int lags = lag_is_known ? 1 : static_cast<int>(kLags.size());
+  const int modes = kFrequencies * static_cast<int>(kDampings.size());
+  lags_ = Eigen::Map<const Eigen::ArrayXd>(kLags.data(), lags);
+  const Eigen::Index count = lags * (modes + 1);
+  turn_.setZero(count);
+  damping_.setZero(count);
+  // Of each lag: all frequencies of the first damping, of the next one, ..; then no mode.
+  for (Eigen::Index k = 0; k < count; ++k) {
+    const Eigen::Index mode = k % (modes + 1);
+    if (mode == modes) continue;
+    turn_[k] = 2 * basics::kPi * kLowest *
+               std::pow(kFrequencyStep, static_cast<double>(mode % kFrequencies));
+    damping_[k] = kDampings[static_cast<std::size_t>(mode / kFrequencies)];
   }
-  for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) {
-    state->setZero(kCount, arm.actuatorCount());
-  }
+  const Eigen::Index actuators = arm.actuatorCount();
+  lagged_.resize(actuators, lags);
+  goal_ = lagged_;
+  for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) state->setZero(count, actuators);
   reset();
 }
 
 void ModeEstimator::reset() {
   weight_ = 0.0;
+  time_.reset();
   compared_.reset();
   mode_.reset();
 }
 
-void ModeEstimator::restart(const Eigen::VectorXd& goal) {
-  x_.rowwise() = goal.transpose();
+void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
+  lagged_.colwise() = pressure.array();
+  step(pressure, 0.0);
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    x_.middleRows(i * modes, modes).rowwise() = goal_.col(i).matrix().transpose();
+  }
   v_.setZero();
   compared_.reset();
 }
 
-void ModeEstimator::step(const Eigen::VectorXd& goal, double dt) {
-  const double paced = dt * paceOf(arm_, goal);
-  for (Eigen::Index j = 0; j < goal.size(); ++j) {
-    auto x = x_.col(j).array(), v = v_.col(j).array();
-    v += paced * turn_ * (turn_ * (goal[j] - x) - 2 * damping_ * v);
-    x += paced * v;
-    x[turn_.size() - 1] = goal[j];
+void ModeEstimator::step(const Eigen::VectorXd& pressure, double dt) {
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    const double share = lags_[i] > 0 ? -std::expm1(-dt / lags_[i]) : 1.0;
+    lagged_.col(i) += share * (pressure.array() - lagged_.col(i));
+    for (int j = 0; j < arm_.actuatorCount(); ++j) {
+      const model::Actuator& actuator = arm_.actuator(j);
+      goal_(j, i) = actuator.contraction.lengthInside(
+          std::clamp(lagged_(j, i), actuator.limits.lower, actuator.limits.upper));
+    }
+  }
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    // All modes behind this lag; the last one is none.
+    const auto turn = turn_.segment(i * modes, modes), damping = damping_.segment(i * modes, modes);
+    const double paced = dt * paceOf(arm_, goal_.col(i).matrix());
+    for (Eigen::Index j = 0; j < goal_.rows(); ++j) {
+      auto x = x_.col(j).segment(i * modes, modes).array();
+      auto v = v_.col(j).segment(i * modes, modes).array();
+      v += paced * turn * (turn * (goal_(j, i) - x) - 2 * damping * v);
+      x += paced * v;
+      x[modes - 1] = goal_(j, i);
+    }
   }
 }
 
-void ModeEstimator::moveTo(double time, const Lengths& goal) {
+void ModeEstimator::moveTo(double time, const Pressures& pressures) {
   if (!time_ || time < *time_ || time - *time_ > kSwingPause) {
-    restart(goal(time));
+    restart(pressures(time));
   } else {
     const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));
     const double dt = (time - *time_) / std::max(steps, 1);
-    for (int i = 1; i <= steps; ++i) step(goal(*time_ + i * dt), dt);
+    for (int i = 1; i <= steps; ++i) step(pressures(*time_ + i * dt), dt);
   }
   time_ = time;
 }
@@ -106,7 +135,7 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
   }
   const double dt = *time_ - *compared_;
   compared_ = time_;
-  const double kept = std::exp(-dt / kMotionMemory), share = std::exp(-dt / kMemory);
+  const double kept = std::exp(-dt / kHighPass), share = std::exp(-dt / kMemory);
   measured_ = kept * (measured_ + measured - last_measured_);
   last_measured_ = measured;
   passed_ = kept * (passed_ + x_ - last_x_);
@@ -131,13 +160,18 @@ void ModeEstimator::judge() {
 void ModeEstimator::choose() {
   if (weight_ < kLeastPictures || energy_.sum() < kLeastMotion * kLeastMotion * weight_) return;
   judge();
-  const double without = std::min(energy_.sum(), misfit_.tail(kFrequencies + 1).minCoeff());
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  double without = energy_.sum();
+  for (Eigen::Index k = modes - 1; k < turn_.size(); k += modes) {
+    without = std::min(without, misfit_.segment(k - kFrequencies, kFrequencies + 1).minCoeff());
+  }
   Eigen::Index best = 0;
   const double least = misfit_.minCoeff(&best);
   // What was found holds until motion shows that there is none.
   if (least >= without) return mode_.reset();
   if (least > kClear * without) return;
-  const Eigen::Index f = best % kFrequencies, z = best / kFrequencies;
+  const Eigen::Index place = best % modes;
+  const Eigen::Index f = place % kFrequencies, z = place / kFrequencies;
   const auto last_z = static_cast<Eigen::Index>(kDampings.size()) - 1;
   const double count = kDirections * weight_;
   Vertex by_f, by_z;

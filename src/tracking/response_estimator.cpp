@@ -9,32 +9,27 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr double kMostLag = 1.0;       // [s]
-constexpr double kLargestPlay = 2e4;   // [Pa]
-constexpr double kHighestMode = 10.0;  // [Hz]
+constexpr double kMostLag = 1.0, kMostDead = 0.3;  // [s]
+constexpr double kLargestPlay = 2e4;               // [Pa]
+constexpr double kHighestMode = 10.0;              // [Hz]
 // Standard deviations at the start, and what they grow by in a minute: of factors, lag [s], play
-// [Pa], and logarithms of frequency and damping.
+// [Pa], dead time [s], and logarithms of frequency and damping.
 constexpr double kFactorPrior = 0.2, kFactorCreep = 0.02;
-constexpr std::array<double, 4> kResponsePrior = {0.15, 5e3, 0.1, 0.5},
-                                kResponseCreep = {0.01, 1e3, 0.02, 0.2};
-// Of an arm that shows no mode, what is quicker than its lag, and by how much it may differ.
-constexpr Mode kQuick = {6.0, 0.2};
-constexpr std::array<double, 2> kQuickPrior = {0.5, 0.2};
+constexpr std::array<double, 5> kResponsePrior = {0.15, 5e3, 0.03, 0.1, 0.5},
+                                kResponseCreep = {0.01, 1e3, 0.005, 0.02, 0.2};
 constexpr double kResponseMemory = 2.0;  // of the high-pass filter: play stays seen [s]
-constexpr std::array<double, 4> kResponseStep = {0.01, 500, 0.01, 0.05};  // of differences
+constexpr std::array<double, 5> kResponseStep = {0.01, 500, 0.01, 0.01, 0.05};  // of differences
 // Residuals: their size at the start and at least in expected errors, in how many seconds of motion
 // it is averaged, and for how many pictures they persist.
-constexpr double kFirstResidual = 0.7, kLeastResidual = 0.02, kResidualTime = 2.0;
+constexpr double kFirstResidual = 0.1, kLeastResidual = 0.02, kResidualTime = 2.0;
 constexpr double kResidualPersistence = 10.0;
 constexpr double kOtherMode = 0.2;  // of the frequency's logarithm
-// What was compared with modes behind a lag this far from the estimate misleads [s].
-constexpr double kOtherLag = 0.03;
 
 }  // namespace
 
 ResponseEstimator::ResponseEstimator(const model::Arm& arm, bool known,
                                      const std::optional<Mode>& told)
-    : arm_(arm), known_(known), told_(told), gains_(arm.actuatorCount()), modes_(arm) {
+    : arm_(arm), known_(known), told_(told), gains_(arm.actuatorCount()), modes_(arm, known) {
   swing_.setZero(gains_);
   reset();
 }
@@ -45,28 +40,33 @@ void ResponseEstimator::reset() {
   compared_.reset();
   state_.setZero(gains_ + kParameters);
   state_.head(gains_).setOnes();
-  covariance_.setZero(state_.size(), state_.size());
-  covariance_.diagonal().head(gains_).setConstant(kFactorPrior * kFactorPrior);
-  for (int i = 0; i < 2 && !known_; ++i) {
-    covariance_(gains_ + i, gains_ + i) = kResponsePrior[i] * kResponsePrior[i];
-  }
+  setPrior();
   variance_ = kFirstResidual * kFirstResidual;
-  modes_lag_ = 0.0;
-  found_ = swings_ = false;
+  swings_ = false;
   swing_.setZero();
-  if (!known_) begin(kQuick, kQuickPrior[0], kQuickPrior[1]);
-  found_ = told_.has_value();
-  if (told_) begin(*told_, kResponsePrior[2], kResponsePrior[3]);
+  if (told_) begin(*told_);
   setChains();
 }
 
-void ResponseEstimator::begin(const Mode& mode, double frequency_prior, double damping_prior) {
+void ResponseEstimator::setPrior() {
+  covariance_.setZero(state_.size(), state_.size());
+  covariance_.diagonal().head(gains_).setConstant(kFactorPrior * kFactorPrior);
+  for (int i = known_ ? 3 : 0; i < (swings_ ? kParameters : 3); ++i) {
+    covariance_(gains_ + i, gains_ + i) = kResponsePrior[i] * kResponsePrior[i];
+  }
+}
+
+// What was learnt without the mode, or with another one, is no more than a start.
+void ResponseEstimator::begin(const Mode& mode) {
   swings_ = true;
-  covariance_.bottomRows<2>().setZero();
-  covariance_.rightCols<2>().setZero();
-  covariance_.diagonal().tail<2>() << frequency_prior * frequency_prior,
-      damping_prior * damping_prior;
   state_.tail<2>() << std::log(mode.frequency), std::log(mode.damping);
+  setPrior();
+}
+
+Estimated ResponseEstimator::lag() const {
+  const Eigen::Index T = gains_, D = gains_ + 2;
+  const double variance = covariance_(T, T) + 2 * covariance_(T, D) + covariance_(D, D);
+  return {state_[T] + state_[D], std::sqrt(std::max(0.0, variance))};
 }
 
 Estimated ResponseEstimator::play() const {
@@ -77,11 +77,9 @@ Eigen::VectorXd ResponseEstimator::lagError() const {
   return lag().deviation / kResponseStep[0] * (chains_[1].lengths - chains_[0].lengths);
 }
 
-std::optional<Mode> ResponseEstimator::mode() const { return found_ ? bending() : std::nullopt; }
-
-std::optional<Mode> ResponseEstimator::bending() const {
+std::optional<Mode> ResponseEstimator::mode() const {
   if (!swings_) return std::nullopt;
-  const Eigen::Index f = gains_ + 2, z = gains_ + 3;
+  const Eigen::Index f = gains_ + 3, z = gains_ + 4;
   const double frequency = std::exp(state_[f]), damping = std::exp(state_[z]);
   return Mode{frequency, damping, frequency * std::sqrt(covariance_(f, f)),
               damping * std::sqrt(covariance_(z, z))};
@@ -89,13 +87,14 @@ std::optional<Mode> ResponseEstimator::bending() const {
 
 void ResponseEstimator::setChains() {
   for (int i = 0; i <= kParameters; ++i) {
-    Eigen::Vector4d at = state_.tail<kParameters>();
+    Eigen::Matrix<double, kParameters, 1> at = state_.tail<kParameters>();
     if (i > 0) at[i - 1] += kResponseStep[i - 1];
     Chain& chain = chains_[i];
     chain.lag = at[0];
     chain.play = at[1];
-    chain.turn = swings_ ? 2 * basics::kPi * std::exp(at[2]) : 0.0;
-    chain.damping = std::exp(at[3]);
+    chain.dead = at[2];
+    chain.turn = swings_ ? 2 * basics::kPi * std::exp(at[3]) : 0.0;
+    chain.damping = std::exp(at[4]);
   }
 }
 
@@ -108,38 +107,38 @@ void ResponseEstimator::restart(const Eigen::VectorXd& pressure) {
   compared_.reset();
 }
 
-void ResponseEstimator::step(const Eigen::VectorXd& pressure, double dt) {
-  for (Chain& chain : chains_) {
-    const double share = chain.lag > 0 ? -std::expm1(-dt / chain.lag) : 1.0;
-    chain.lagged += share * (pressure - chain.lagged);
-    for (Eigen::Index j = 0; j < gains_; ++j) {
-      const model::Actuator& actuator = arm_.actuator(static_cast<int>(j));
-      chain.played[j] =
-          std::clamp(chain.played[j], chain.lagged[j] - chain.play, chain.lagged[j] + chain.play);
-      chain.goal[j] = actuator.contraction.lengthInside(
-          std::clamp(chain.played[j], actuator.limits.lower, actuator.limits.upper));
-    }
-    if (chain.turn == 0) {
-      chain.lengths = chain.goal;
-      continue;
-    }
-    const double paced = dt * paceOf(arm_, chain.goal);
-    chain.rate += paced * chain.turn *
-                  (chain.turn * (chain.goal - chain.lengths) - 2 * chain.damping * chain.rate);
-    chain.lengths += paced * chain.rate;
+void ResponseEstimator::step(Chain& chain, const Eigen::VectorXd& pressure, double dt) const {
+  const double share = chain.lag > 0 ? -std::expm1(-dt / chain.lag) : 1.0;
+  chain.lagged += share * (pressure - chain.lagged);
+  for (Eigen::Index j = 0; j < gains_; ++j) {
+    const model::Actuator& actuator = arm_.actuator(static_cast<int>(j));
+    chain.played[j] =
+        std::clamp(chain.played[j], chain.lagged[j] - chain.play, chain.lagged[j] + chain.play);
+    chain.goal[j] = actuator.contraction.lengthInside(
+        std::clamp(chain.played[j], actuator.limits.lower, actuator.limits.upper));
   }
+  if (chain.turn == 0) {
+    chain.lengths = chain.goal;
+    return;
+  }
+  const double paced = dt * paceOf(arm_, chain.goal);
+  chain.rate += paced * chain.turn *
+                (chain.turn * (chain.goal - chain.lengths) - 2 * chain.damping * chain.rate);
+  chain.lengths += paced * chain.rate;
 }
 
 void ResponseEstimator::moveTo(double time, const Pressures& pressures) {
-  modes_.moveTo(time, [&](double when) -> const Eigen::VectorXd& {
-    if (!time_ || when < *time_ || when - *time_ > kSwingPause) {
-      restart(pressures(when));
-    } else {
-      step(pressures(when), when - *time_);
+  modes_.moveTo(time, pressures);
+  if (!time_ || time < *time_ || time - *time_ > kSwingPause) {
+    restart(pressures(time - deadTime()));
+  } else {
+    const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));
+    const double dt = (time - *time_) / std::max(steps, 1);
+    for (int i = 1; i <= steps; ++i) {
+      for (Chain& chain : chains_) step(chain, pressures(*time_ + i * dt - chain.dead), dt);
     }
-    time_ = when;
-    return chains_[0].goal;
-  });
+  }
+  time_ = time;
   swing_ = chains_[0].lengths - chains_[0].goal;
 }
 
@@ -165,17 +164,13 @@ void ResponseEstimator::compare(const Eigen::VectorXd& measured,
     chain.last = chain.lengths;
   }
   const auto count = static_cast<double>(measured.size());
-  if (measured_.squaredNorm() < kLeastMotion * kLeastMotion * count) return;
+  const Eigen::VectorXd motion = by_lengths * chains_[0].passed;
+  if (motion.squaredNorm() < kLeastMotion * kLeastMotion * count) return;
   learn(by_lengths, dt);
-  if (std::abs(state_[gains_] - modes_lag_) > kOtherLag) {
-    modes_lag_ = state_[gains_];
-    modes_.reset();
-  }
   const auto& found = modes_.mode();
   if (found &&
-      !(found_ && std::abs(std::log(found->frequency) - state_[gains_ + 2]) < kOtherMode)) {
-    begin(*found, kResponsePrior[2], kResponsePrior[3]);
-    found_ = true;
+      !(swings_ && std::abs(std::log(found->frequency) - state_[gains_ + 3]) < kOtherMode)) {
+    begin(*found);
   }
   setChains();
 }
@@ -184,12 +179,14 @@ void ResponseEstimator::learn(const Eigen::MatrixXd& by_lengths, double dt) {
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(measured_.size(), state_.size());
   const Eigen::VectorXd factors = state_.head(gains_);
   H.leftCols(gains_) = by_lengths * chains_[0].passed.asDiagonal();
-  for (int i = 0; i < (swings_ ? kParameters : 2); ++i) {
+  for (int i = 0; i < (swings_ ? kParameters : 3); ++i) {
     H.col(gains_ + i) = by_lengths *
                         factors.cwiseProduct(chains_[i + 1].passed - chains_[0].passed) /
                         kResponseStep[i];
   }
   const Eigen::VectorXd residual = measured_ - H.leftCols(gains_) * factors;
+  // More than the whole motion of the model is not late: something else moves the arm.
+  if (residual.squaredNorm() > (H.leftCols(gains_) * factors).squaredNorm()) return;
   const double size2 = residual.squaredNorm() / static_cast<double>(residual.size());
   variance_ -= std::expm1(-dt / kResidualTime) * (size2 - variance_);
   variance_ = std::max(variance_, kLeastResidual * kLeastResidual);
@@ -199,14 +196,16 @@ void ResponseEstimator::learn(const Eigen::MatrixXd& by_lengths, double dt) {
   }
   const Eigen::MatrixXd PH = covariance_ * H.transpose();
   Eigen::MatrixXd S = H * PH;
-  S.diagonal().array() += kResidualPersistence * variance_;
+  // A residual beyond the usual ones is of something else.
+  S.diagonal().array() += kResidualPersistence * std::max(variance_, size2);
   const Eigen::MatrixXd gain = S.ldlt().solve(PH.transpose()).transpose();
   state_ += gain * residual;
   covariance_ -= gain * PH.transpose();
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
   state_[gains_] = std::clamp(state_[gains_], 0.0, kMostLag);
   state_[gains_ + 1] = std::clamp(state_[gains_ + 1], 0.0, kLargestPlay);
-  state_[gains_ + 2] = std::min(state_[gains_ + 2], std::log(kHighestMode));
+  state_[gains_ + 2] = std::clamp(state_[gains_ + 2], 0.0, kMostDead);
+  state_[gains_ + 3] = std::min(state_[gains_ + 3], std::log(kHighestMode));
 }
 
 }  // namespace helix_arm::estimation

@@ -27,16 +27,14 @@ double paceOf(const model::Arm& arm, const Eigen::Ref<const Eigen::VectorXd>& le
 inline constexpr double kSwingStep = 0.01;
 /// A pause between pictures after which the arm is taken to rest [s].
 inline constexpr double kSwingPause = 1.0;
-/// Time constant of the filter that leaves the motion of the bends [s].
-inline constexpr double kMotionMemory = 0.7;
 /// Root mean square of the motion from which on it says something, in expected errors.
 inline constexpr double kLeastMotion = 0.3;
 
 /// Finds the mode of vibration of an arm from pictures of its motion.
 ///
-/// Each hypothesis is a mode that the lengths of the actuators pass. Its output, by the model's
-/// Jacobian and a free gain of each bend, is compared with the measured ones; both pass a high-pass
-/// filter, so that offsets do not count. The likeliest mode counts once
+/// Each hypothesis is a lag that the pressures pass, and a mode that the lengths pass after it. Its
+/// output, by the model's Jacobian and a free gain of each bend, is compared with the measured
+/// ones; both pass a high-pass filter, so that offsets do not count. The likeliest mode counts once
 /// it explains the motion clearly better than every hypothesis without one. Frequency and damping
 /// are interpolated between hypotheses; their standard errors come from the curvature of the
 /// likelihood.
@@ -44,14 +42,15 @@ inline constexpr double kLeastMotion = 0.3;
 /// Time is a number [s].
 class ModeEstimator {
  public:
-  /// Lengths (n) behind the arm's lag at a time, which does not go back [m].
-  using Lengths = std::function<const Eigen::VectorXd&(double time)>;
+  /// Pressures (n) at a time of the last second [Pa].
+  using Pressures = std::function<const Eigen::VectorXd&(double time)>;
 
-  explicit ModeEstimator(const model::Arm& arm);
+  /// @param lag_is_known  the pressures contain all lags of the arm.
+  ModeEstimator(const model::Arm& arm, bool lag_is_known);
 
   /// Advances all hypotheses to the time of a picture. A pause of more than a second, or a time
   /// that goes back, starts at rest.
-  void moveTo(double time, const Lengths& goal);
+  void moveTo(double time, const Pressures& pressures);
   /// Compares them with the picture. @param measured  (d) entries of the twists that bend.
   /// @param by_lengths  (d x n) derivative of the model's. Both in units of the expected errors.
   void compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths);
@@ -61,13 +60,15 @@ class ModeEstimator {
   const std::optional<Mode>& mode() const { return mode_; }
 
  private:
-  void restart(const Eigen::VectorXd& goal);
-  void step(const Eigen::VectorXd& goal, double dt);
+  void restart(const Eigen::VectorXd& pressure);
+  void step(const Eigen::VectorXd& pressure, double dt);
   void judge();
   void choose();
 
   const model::Arm arm_;
-  Eigen::ArrayXd turn_, damping_;             // (K) of each hypothesis; the last one is no mode
+  Eigen::ArrayXd lags_;            // (T)
+  Eigen::ArrayXd turn_, damping_;  // (K) of each hypothesis, ordered by lag; turn 0: no mode
+  Eigen::ArrayXXd lagged_, goal_;  // (n x T) pressures behind each lag, their lengths
   Eigen::MatrixXd x_, v_, last_x_, passed_;   // (K x n) lengths
   Eigen::VectorXd last_measured_, measured_;  // (d) the latter behind the high-pass filter
   Eigen::ArrayXXd output_, cross_, power_;    // (K x d) weighted sums
