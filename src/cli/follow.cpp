@@ -198,6 +198,10 @@ json reportOf(const FollowReport& report) {
            {"base_moved", movedJson(report.result.moved)},
            {"uncalibrated_tags", report.result.uncalibrated_tags},
            {"contact_blind_s", report.result.contact_blind},
+           {"lag_s", report.result.lag.value},
+           {"lag_deviation_s", report.result.lag.deviation},
+           {"play_kpa", 1e-3 * report.result.play.value},
+           {"play_deviation_kpa", 1e-3 * report.result.play.deviation},
            {"budget", budgetJson(report.result.budget)},
            {"out", textOrNull(report.out)},
            {"png", textOrNull(report.png)}};
@@ -485,11 +489,14 @@ steady_rms_m (of each tip's last second), settle_s (of each tip: time until with
 far and in how many standard deviations camera or base were found away from their place in the
 scene), uncalibrated_tags (ids of fitted tags that no capture of the calibration
 shows), contact_blind_s (time in which contacts may not be found: the model balances no force
-at the tip), budget (or null), out, png; with --prove-contact also contact_proof {seconds (in
-which contacts could have been found), highest_score, contact_limit (twice that, at least the
-default), on_contact (yield, or stop if the scene stops; report if there is a doubt), doubt
-(null, or why), found_force_n}. csv: one row per step of 10 ms. On stderr: the progress, and at
-the end the error budget of the last picture: standard deviations of the tip in mm.
+at the tip), lag_s, lag_deviation_s, play_kpa and play_deviation_kpa (by which the arm follows its
+pressures late, errors of the pictures' stamps included, and half the width of its hysteresis, as
+estimated with standard errors; 0 if the scene tells a response), budget (or null), out, png; with
+--prove-contact also contact_proof {seconds (in which contacts could have been found),
+highest_score, contact_limit (twice that, at least the default), on_contact (yield, or stop if
+the scene stops; report if there is a doubt), doubt (null, or why), found_force_n}. csv: the rows
+of --out. On stderr: the progress, and at the end the error budget of the last picture: standard
+deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");

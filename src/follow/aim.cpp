@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::follow {
@@ -104,11 +105,12 @@ const statics::InverseResult& Aim::solve(const Target& target, bool fresh) {
   return result;
 }
 
-const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_constant,
-                                double lag_beyond) {
+const Eigen::VectorXd& Aim::led(const Motion& target, double time_constant, const Late& beyond,
+                                const std::optional<estimation::Mode>& mode) {
   led_ = pressure_;
   lie::SE3 tip;
-  if (velocity.isZero() || !corrected_.tipByLengths(lengthsAt(pressure_), tip, by_lengths_)) {
+  if (target.velocity.isZero() ||
+      !corrected_.tipByLengths(lengthsAt(pressure_), tip, by_lengths_)) {
     return led_;
   }
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
@@ -117,12 +119,24 @@ const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_con
   }
   Eigen::Matrix3d square = by_pressure_ * by_pressure_.transpose();
   square.diagonal().array() += kLeadDamping * square.trace() / 3.0;
-  const Eigen::Vector3d weight = square.ldlt().solve(time_constant * velocity);
+  const Eigen::LDLT<Eigen::Matrix3d> factors(square);
+  const Eigen::Vector3d by_velocity = factors.solve(target.velocity),
+                        by_acceleration = factors.solve(target.acceleration);
+  // The inverse of regulator, dead time, lag and mode in series, in powers of d/dt.
+  const double turn = mode ? 2 * basics::kPi * mode->frequency : 0.0;
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    const double change = by_pressure_.col(i).dot(weight);
+    const double rate = by_pressure_.col(i).dot(by_velocity);
     const model::Response& response = arm_.actuator(i).response;
-    const double lag = lag_beyond + (change > 0 ? response.rise_time : response.fall_time);
-    led_[i] = std::clamp(pressure_[i] + (1.0 + lag / time_constant) * change, lower_[i], upper_[i]);
+    double first = time_constant, second = 0.0;
+    const auto behind = [&](double once, double twice) {
+      second += first * once + twice;
+      first += once;
+    };
+    behind(beyond.lag + (rate > 0 ? response.rise_time : response.fall_time), 0.0);
+    behind(beyond.dead_time, beyond.dead_time * beyond.dead_time / 2);
+    if (mode) behind(2 * mode->damping / turn, 1 / turn / turn);
+    const double change = first * rate + second * by_pressure_.col(i).dot(by_acceleration);
+    led_[i] = std::clamp(pressure_[i] + change, lower_[i], upper_[i]);
   }
   return led_;
 }

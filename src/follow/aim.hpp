@@ -35,11 +35,19 @@ class Aim {
   /// Last solution (n) [Pa].
   const Eigen::VectorXd& pressure() const { return pressure_; }
 
-  /// Pressures (n) whose lag behind a moving target vanishes: the last solution, led by the time
-  /// constant of the regulator [s] and the lags of the actuators, those of the scene and one beyond
-  /// them [s], at a velocity of the tip (base frame) [m/s], inside the limits.
-  const Eigen::VectorXd& led(const Eigen::Vector3d& velocity, double time_constant,
-                             double lag_beyond);
+  /// How a target moves, base frame.
+  struct Motion {
+    Eigen::Vector3d velocity, acceleration;  ///< [m/s], [m/s^2]
+  };
+  /// What actuators do beyond the responses of the scene [s].
+  struct Late {
+    double dead_time, lag;
+  };
+  /// Pressures (n) with which the tip follows a moving target, up to second order: the last
+  /// solution, led by the time constant of the regulator [s], the lags of the actuators, what they
+  /// are late beyond these, and a mode, inside the limits.
+  const Eigen::VectorXd& led(const Motion& target, double time_constant, const Late& beyond,
+                             const std::optional<estimation::Mode>& mode);
 
  private:
   const Eigen::VectorXd& lengthsAt(const Eigen::VectorXd& pressure);

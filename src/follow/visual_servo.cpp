@@ -18,7 +18,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/load_forks.hpp"
-#include "helix_arm/tracking/mode_estimator.hpp"
+#include "helix_arm/tracking/response_estimator.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::follow {
@@ -33,12 +33,13 @@ constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediat
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
-constexpr double kLagStep = 0.01;  // of differences [s]
-// Error of the swing in a picture, relative to its peak; it persists, as that of a mode does.
-constexpr double kSwingError = 2.0;
+// Error of the swing in a picture, relative to its peak, and of the lag, in standard errors. They
+// persist.
+constexpr double kSwingError = 2.0, kLagError = 3.0;
 // Root mean square of a swing, relative to its peak.
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
+constexpr double kAhead = 0.1;          // of the velocities between which a path accelerates [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 
@@ -89,7 +90,7 @@ class TimeRing {
 };
 
 /// Effective pressures of actuators with lag or play while an observer estimates their pressures.
-/// Of an arm whose scene tells no lag, the lag is what a filter learns of it.
+/// Of an arm whose scene tells neither, they are what an estimator learns.
 ///
 /// All memory is allocated in the constructor.
 class ResponseTracker {
@@ -97,52 +98,49 @@ class ResponseTracker {
   explicit ResponseTracker(const model::Arm& arm)
       : arm_(arm),
         response_(arm_),
-        later_(arm_),
-        learns_(!lagIsKnown(arm_)),
+        learns_(!isKnown(arm_)),
         effective_(arm_.inputAt(0.0)),
-        beyond_{Eigen::VectorXd::Zero(effective_.size()), 0.0,
-                Eigen::VectorXd::Zero(effective_.size())},
+        beyond_(Eigen::VectorXd::Zero(effective_.size())),
         lower_(lowestPressures(arm_)),
         upper_(highestPressures(arm_)),
-        pressure_(effective_) {
-    if (learns_) later_.setLag(kLagStep);
+        pressure_(effective_),
+        asked_(effective_),
+        then_{effective_, effective_} {
+    release();
     // Each entry of the ring gets its memory.
     for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
     history_.clear();
   }
 
-  /// Whether the scene tells a lag of an actuator.
-  static bool lagIsKnown(const model::Arm& arm) {
+  /// Whether the scene tells lag or play of an actuator.
+  static bool isKnown(const model::Arm& arm) {
     for (int i = 0; i < arm.actuatorCount(); ++i) {
-      const model::Response& response = arm.actuator(i).response;
-      if (response.rise_time > 0 || response.fall_time > 0) return true;
+      if (!arm.actuator(i).response.instant()) return true;
     }
     return false;
   }
 
-  /// From now on the actuators have this lag [s], if the scene tells none.
-  void setLag(double lag) {
-    if (!learns_ || lag == lag_) return;
-    lag_ = lag;
-    response_.setLag(lag_);
-    later_.setLag(lag_ + kLagStep);
+  /// From now on the actuators follow so, if the scene tells nothing.
+  void learn(const estimation::ResponseEstimator& found) {
+    if (!learns_) return;
+    dead_ = found.deadTime();
+    lag_ = found.lag().value - dead_;
+    sure_ = sureOf(found.lag());
+    response_.set(lag_, sureOf(found.play()) * found.play().value);
   }
-  /// Of actuators whose scene tells none [s].
-  double lag() const { return lag_; }
+  /// To lead paths by, of actuators whose scene tells nothing.
+  Aim::Late late() const { return {sure_ * dead_, sure_ * lag_}; }
   bool learns() const { return learns_; }
 
   /// Follows the newest estimate, if there is one.
   void follow(const control::PressureObserver& observer) {
     if (!observer.started()) return;
     const Eigen::VectorXd& pressure = observer.newest().pressure;
-    if (response_.follow(observer.time(), pressure)) history_.clear();
+    then_.pressure = pressure;
+    if (dead_ > 0) observer.at(observer.time() - dead_, then_);
+    if (response_.follow(observer.time(), then_.pressure)) history_.clear();
     effective_ = response_.effective();
-    beyond_.pressure = effective_ - pressure;
-    if (learns_) {
-      later_.follow(observer.time(), pressure);
-      beyond_.lag = lag_;
-      beyond_.by_lag = (later_.effective() - effective_) / kLagStep;
-    }
+    beyond_ = effective_ - pressure;
     history_.add(observer.time(), beyond_);
     response_.effectiveLimits(arm_, lower_, upper_);
   }
@@ -152,15 +150,8 @@ class ResponseTracker {
 
   /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
   /// start adds to their variance.
-  void apply(double time, control::PressureObserver::Estimate& estimate, double& lag,
-             Eigen::VectorXd& by_lag) const {
-    by_lag.setZero();
-    lag = lag_;
-    if (const Beyond* beyond = history_.find(time)) {
-      estimate.pressure += beyond->pressure;
-      lag = beyond->lag;
-      by_lag = beyond->by_lag;
-    }
+  void apply(double time, control::PressureObserver::Estimate& estimate) const {
+    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
     // Evenly distributed between its bounds.
     estimate.variance += response_.uncertainty(arm_).cwiseAbs2() / 3.0;
   }
@@ -170,36 +161,36 @@ class ResponseTracker {
 
   /// Pressures (n) with these effective pressures [Pa].
   const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+    // Within a learnt play, noise of the readings would move a command that holds.
+    if (learns_ && (effective - asked_).cwiseAbs().maxCoeff() < kHeld) return pressure_;
+    asked_ = effective;
     response_.inputsFor(arm_, effective, pressure_);
     return pressure_;
   }
+  /// Nothing is commanded: the next command is no held one.
+  void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
 
  private:
   static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
+  static constexpr double kHeld = 1.0;    // an effective pressure that changes by less [Pa]
 
-  // Effective pressures beyond the pressures, with the lag that they have.
-  struct Beyond {
-    Eigen::VectorXd pressure;  // (n) [Pa]
-    double lag = 0.0;          // [s]
-    Eigen::VectorXd by_lag;    // (n) [Pa/s]
-  };
+  // The part of an estimate to reckon with: what the pictures hardly show is not made up for.
+  static double sureOf(const estimation::Estimated& found) {
+    const double value2 = found.value * found.value;
+    return value2 > 0 ? value2 / (value2 + found.deviation * found.deviation) : 0.0;
+  }
 
   const model::Arm arm_;
-  model::ArmResponse response_, later_;  // with lag_, and with a little more
-  const bool learns_;                    // the lag
-  double lag_ = 0.0;
+  model::ArmResponse response_;
+  const bool learns_;
+  double lag_ = 0.0, dead_ = 0.0;  // [s]
+  double sure_ = 0.0;              // part of these
   Eigen::VectorXd effective_;
-  Beyond beyond_;
-  Eigen::VectorXd lower_, upper_, pressure_;
-  TimeRing<Beyond, kMostTurns> history_;
+  Eigen::VectorXd beyond_;  // the pressures (n) [Pa]
+  Eigen::VectorXd lower_, upper_, pressure_, asked_;
+  control::PressureObserver::Estimate then_;  // a dead time ago
+  TimeRing<Eigen::VectorXd, kMostTurns> history_;
 };
-
-// A lag that the scene tells is not estimated.
-VisualServoConfig knownOf(const model::Arm& arm, const VisualServoConfig& config) {
-  VisualServoConfig out = checked(config);
-  if (ResponseTracker::lagIsKnown(arm)) out.filter.lag_deviation = 0;
-  return out;
-}
 
 // Pictures with other tags until these are the usual ones.
 constexpr int kUsual = 15;
@@ -218,41 +209,6 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
   return std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
 }
-
-/// Lengths of the actuators behind the mode of an arm that vibrates, with which it bends.
-class Swing {
- public:
-  /// @param pace  factor on the mode's frequency.
-  void step(const Eigen::VectorXd& goal, double time, const std::optional<estimation::Mode>& mode,
-            double pace) {
-    if (!mode || x_.size() == 0 || time < time_ || time - time_ > kLongestPause) {
-      x_ = goal;
-      v_.setZero(goal.size());
-    } else {
-      const double dt = time - time_, turn = 2 * basics::kPi * mode->frequency * pace;
-      v_ += dt * (turn * turn * (goal - x_) - 2 * mode->damping * turn * v_);
-      x_ += dt * v_;
-    }
-    const double fades =
-        mode ? std::exp((time_ - time) * 2 * basics::kPi * mode->frequency * mode->damping) : 0.0;
-    if (peak_.size() == 0) peak_.setZero(goal.size());
-    time_ = time;
-    beyond_ = x_ - goal;
-    peak_ = (fades * peak_).cwiseMax(beyond_.cwiseAbs());
-  }
-  /// (n) [m].
-  const Eigen::VectorXd& lengths() const { return x_; }
-  /// What they are more than at rest (n) [m].
-  const Eigen::VectorXd& beyond() const { return beyond_; }
-  /// Its largest size, which fades as the mode does (n) [m].
-  const Eigen::VectorXd& peak() const { return peak_; }
-
- private:
-  static constexpr double kLongestPause = 1.0;  // [s]
-
-  double time_ = 0.0;
-  Eigen::VectorXd x_, v_, beyond_, peak_;  // (n)
-};
 
 /// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
 class ContactWatch {
@@ -387,7 +343,7 @@ class DivergenceWatch {
 
 struct VisualServo::Workspace {
   Workspace(const statics::ArmModel& given, const VisualServoConfig& given_config)
-      : config(knownOf(given.arm(), given_config)),
+      : config(checked(given_config)),
         arm(given.arm()),
         tracker(given, config.filter),
         watch(given, config.watchFilter()),
@@ -400,8 +356,8 @@ struct VisualServo::Workspace {
         aim(given),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant),
-        by_lag(Eigen::VectorXd::Zero(arm.actuatorCount())),
-        vibration(arm, !response.learns()),
+        dynamics(arm, !response.learns(), config.mode),
+        swing_peak(Eigen::VectorXd::Zero(arm.actuatorCount())),
         mode(config.mode),
         smoothing(config.smoothing),
         lengths(arm.actuatorCount()) {
@@ -455,13 +411,20 @@ struct VisualServo::Workspace {
   // The path waits during a contact, or while the arm must not move.
   void moveWanted(double dt) {
     velocity.setZero();
+    acceleration.setZero();
     turn.path_time.reset();
     if (!path) return;
     if (!turn.held) path_time += dt;
     turn.path_time = path_time;
-    const control::TipReference reference =
-        path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
-    if (!turn.held) velocity = reference.velocity;
+    const auto at = [&](double time) {
+      return time < 0 ? approach->at(time + approach->duration()) : path->at(time);
+    };
+    const control::TipReference reference = at(path_time);
+    if (!turn.held) {
+      velocity = reference.velocity;
+      acceleration =
+          (at(path_time + kAhead).velocity - at(path_time - kAhead).velocity) / (2 * kAhead);
+    }
     if (reference.rotation) {
       target = lie::SE3{*reference.rotation, reference.position};
     } else {
@@ -476,7 +439,7 @@ struct VisualServo::Workspace {
     turn.residual = result.residual;
     turn.position_error = result.position_error;
     turn.limits = result.limits;
-    commanded = aim.led(velocity, config.time_constant, response.lag());
+    commanded = aim.led({velocity, acceleration}, config.time_constant, response.late(), mode);
     if (mode) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
     turn.pressure = response.pressureFor(commanded);
   }
@@ -576,40 +539,33 @@ struct VisualServo::Workspace {
                                                           : ObservationFault::kNone;
     if (fault != ObservationFault::kNone) return false;
     if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-      response.apply(stamp, at_picture, at_lag, by_lag);
+      response.apply(stamp, at_picture);
       return true;
     }
     fault = ObservationFault::kTooOld;
     return false;
   }
 
-  // Advances the estimate of the mode to a picture.
+  // Advances the estimate of the arm's response to a picture.
   void swingTo(double stamp) {
-    double lag = 0.0;
-    const auto at = [&](double time) -> const Eigen::VectorXd& {
+    const double before = swung_at;
+    swung_at = stamp;
+    dynamics.moveTo(stamp, [&](double time) -> const Eigen::VectorXd& {
       if (!observer.at(time, moment)) moment = observer.newest();
-      raw = moment.pressure;
-      response.apply(time, moment, lag, by_lag);
-      const Eigen::VectorXd goal = arm.lengths(arm.clamped(moment.pressure)),
-                            goal_later =
-                                arm.lengths(arm.clamped(moment.pressure + kLagStep * by_lag));
-      const double pace_then = estimation::paceOf(arm, goal);
-      swing.step(goal, time, mode, pace_then);
-      later.step(goal_later, time, mode, pace_then);
-      at_once = (goal_later - goal) / kLagStep;
-      return response.learns() ? raw : moment.pressure;
-    };
-    vibration.moveTo(stamp, at);
-    by_lag = at_once;
-    bends_by_lag = (later.lengths() - swing.lengths()) / kLagStep;
+      if (!response.learns()) response.apply(time, moment);
+      return moment.pressure;
+    });
+    const double left =
+        mode ? std::exp((before - stamp) * 2 * basics::kPi * mode->frequency * mode->damping) : 0.0;
+    swing_peak = (left * swing_peak).cwiseMax(dynamics.swing().cwiseAbs());
   }
 
-  // Measured twists without what the mode adds to them.
+  // Measured twists without what the swing adds to them.
   model::Twists atRest(const model::Twists& measured) const {
     model::Twists out = measured;
     const auto& step = tracker.lastStep();
-    if (!mode || !step) return out;
-    const Eigen::VectorXd swings = step->model.by_lengths * swing.beyond();
+    if (!step) return out;
+    const Eigen::VectorXd swings = step->model.by_lengths * dynamics.swing();
     for (const int i : bending) {
       out.reshaped()[tracker.rows()[static_cast<std::size_t>(i)]] -= swings[i];
     }
@@ -621,7 +577,7 @@ struct VisualServo::Workspace {
     Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(tracker.rows().size()));
     const auto& step = tracker.lastStep();
     if (!mode || !step) return out;
-    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing.peak();
+    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing_peak;
     return out;
   }
 
@@ -633,8 +589,18 @@ struct VisualServo::Workspace {
     Eigen::MatrixXd by_peak =
         Eigen::MatrixXd::Zero(step->model.by_lengths.rows(), arm.actuatorCount());
     by_peak(bending, Eigen::all) =
-        part * step->model.by_lengths(bending, Eigen::all) * swing.peak().asDiagonal();
+        part * step->model.by_lengths(bending, Eigen::all) * swing_peak.asDiagonal();
     out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
+    return out;
+  }
+
+  // Likewise by the error of the lag.
+  Eigen::MatrixXd lagNoise() const {
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
+    const auto& step = tracker.lastStep();
+    if (!step) return out;
+    const Eigen::VectorXd by_lag = kLagError * step->model.by_lengths * dynamics.lagError();
+    out(tracker.rows(), tracker.rows()) = by_lag * by_lag.transpose();
     return out;
   }
 
@@ -642,9 +608,11 @@ struct VisualServo::Workspace {
     const auto& step = tracker.lastStep();
     const Eigen::VectorXd unit = tracker.biasDeviation()(bending).cwiseInverse();
     const Eigen::VectorXd picked = measured.reshaped()(tracker.rows())(bending);
-    vibration.compare(unit.cwiseProduct(picked),
-                      unit.asDiagonal() * step->model.by_lengths(bending, Eigen::all));
-    const auto& found = vibration.mode();
+    if (contact.load().contact || doubts()) dynamics.skip();
+    dynamics.compare(unit.cwiseProduct(picked),
+                     unit.asDiagonal() * step->model.by_lengths(bending, Eigen::all));
+    response.learn(dynamics);
+    const auto found = dynamics.mode();
     if (!found) return;
     const bool changed = !mode || std::abs(std::log(found->frequency / mode->frequency)) > 0.02 ||
                          std::abs(std::log(found->damping / mode->damping)) > 0.2;
@@ -693,7 +661,7 @@ struct VisualServo::Workspace {
   std::optional<control::TipPath> path;
   std::optional<control::TipApproach> approach;  // of the path
   double path_time = 0.0;                        // negative during the approach [s]
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), acceleration = velocity;
 
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
   double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
@@ -706,15 +674,12 @@ struct VisualServo::Workspace {
   bool within_reach = false;  // it did when the target was set
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
-  double at_lag = 0.0;                   // of the pressures at the picture [s]
-  Eigen::VectorXd by_lag, bends_by_lag;  // derivatives of the lengths then (n) [m/s]
-  Eigen::VectorXd at_once;               // the first one of the newest moment
-  std::vector<int> bending;              // of the tracker's rows, which are bends
-  estimation::ModeEstimator vibration;
+  std::vector<int> bending;  // of the tracker's rows, which are bends
+  estimation::ResponseEstimator dynamics;
+  Eigen::VectorXd swing_peak;            // largest swing, which fades as the mode does (n) [m]
+  double swung_at = 0.0;                 // [s]
   std::optional<estimation::Mode> mode;  // told or found
-  Swing swing, later;                    // at the lag, and a little more
   control::PressureObserver::Estimate moment;
-  Eigen::VectorXd raw;
   double smoothing;             // of the correction [s]
   Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
   Eigen::VectorXd held_back;    // of the last step (n) [Pa]
@@ -783,7 +748,7 @@ void VisualServo::reset() {
   w.watch.reset();
   w.budget.reset();
   w.contact.reset();
-  w.vibration.reset();
+  w.dynamics.reset();
   w.mode = w.config.mode;
   w.smoothing = w.config.smoothing;
   w.estimated.set(w.tracker.correction());
@@ -841,6 +806,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
+    w.response.release();
     w.aim.startAt(w.response.effective());
     w.commanded = w.aim.pressure();
   }
@@ -856,20 +822,16 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   if (!w.findPressures(stamp, now, out.fault)) return out;
   w.arrived_at = now;
   w.swingTo(stamp);
-  const estimation::ArmFilter::Input input{stamp,
-                                           w.at_picture.pressure,
-                                           w.at_picture.variance,
-                                           w.atRest(twists),
-                                           covariance + w.swingNoise(kSwingError),
-                                           w.at_lag,
-                                           w.by_lag,
-                                           w.bends_by_lag};
+  estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
+                                     w.atRest(twists), covariance + w.swingNoise(kSwingError)};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.swingPeak(), w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();
   }
+  // What moves sooner or later than the model must not hide from the watch.
+  input.covariance += w.lagNoise();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
   w.learnMode(twists);
@@ -877,7 +839,6 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
     w.budget.update(w.watch, input, tags, w.doubts());
   }
   w.estimated.set(w.tracker.correction());
-  w.response.setLag(w.tracker.lag());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
   w.seen_at = stamp;
@@ -893,9 +854,7 @@ std::optional<Prediction> VisualServo::prediction() const {
   const Workspace& w = *work_;
   if (!w.observer.started()) return std::nullopt;
   control::PressureObserver::Estimate at = w.observer.newest();
-  double lag = 0.0;
-  Eigen::VectorXd by_lag(at.pressure.size());
-  w.response.apply(w.observer.time(), at, lag, by_lag);
+  w.response.apply(w.observer.time(), at);
   auto shape = w.tracker.shape(at.pressure);
   if (!shape) return std::nullopt;
   // The creep of the tracker serves the control: no arm creeps as fast. During a contact the watch
@@ -918,6 +877,7 @@ const control::PressureObserver& VisualServo::observer() const { return work_->o
 const estimation::ArmFilter& VisualServo::tracker() const { return work_->tracker; }
 const estimation::ArmFilter& VisualServo::watch() const { return work_->watch; }
 const std::optional<estimation::Mode>& VisualServo::mode() const { return work_->mode; }
+const estimation::ResponseEstimator& VisualServo::response() const { return work_->dynamics; }
 const std::optional<estimation::TipErrorBudget>& VisualServo::budget() const {
   return work_->budget.current();
 }

@@ -10,6 +10,9 @@ namespace helix_arm::model {
 namespace {
 
 constexpr double kNotRead = std::numeric_limits<double>::quiet_NaN();
+// Weight of a play of which only the width is known. With more, an input within the play moves by
+// more than twice of what an arm needs whose plays weigh 0.7, and swings.
+constexpr double kLearntWeight = 0.85;
 
 }  // namespace
 
@@ -36,12 +39,12 @@ void ArmResponse::adopt(const Arm& arm) {
   }
 }
 
-void ArmResponse::setLag(double lag) {
-  for (ResponseState& state : states_) {
-    Response response = state.response();
-    response.rise_time = response.fall_time = lag;
-    state.adopt(response);
-  }
+void ArmResponse::set(double lag, double half_width) {
+  Response response;
+  response.rise_time = response.fall_time = lag;
+  response.play_count = half_width > 0 ? 1 : 0;
+  response.plays[0] = {half_width / kLearntWeight, kLearntWeight};
+  for (ResponseState& state : states_) state.adopt(response);
 }
 
 void ArmResponse::restart() {

@@ -74,7 +74,13 @@ void ResponseState::adopt(const Response& response) {
     if (j >= before.play_count) memory_[j].y = x_;
     const double reach = response_.plays[j].reach;
     memory_[j].y = followPlay(memory_[j].y, x_, reach);
-    if (j >= before.play_count || reach != before.plays[j].reach) forget(j);
+    if (j >= before.play_count) {
+      forget(j);
+    } else {
+      const double change = std::abs(reach - before.plays[j].reach);
+      memory_[j].lower = std::max(memory_[j].lower - change, x_ - reach);
+      memory_[j].upper = std::min(memory_[j].upper + change, x_ + reach);
+    }
   }
   if (before.slow_time == 0) s_ = x_;
   if (response_.slow_time != before.slow_time) {

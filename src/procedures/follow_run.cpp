@@ -331,6 +331,8 @@ class FollowRun {
     out_.quiet = loop_.quiet();
     const std::set<int>& fitted = lockstep_.fittedTags();
     out_.uncalibrated_tags = uncalibratedTags(*scene_.tags, {fitted.begin(), fitted.end()});
+    out_.lag = loop_.response().lag();
+    out_.play = loop_.response().play();
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
     return std::move(out_);

@@ -56,8 +56,6 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 
 constexpr int kMostLengthScales = 12;  // with more actuators, one per section
 constexpr int kMostStrokes = 6;        // of an arm with more actuators they are not estimated
-constexpr double kLongestLag = 1.0;    // [s]
-constexpr double kLagCreep = 0.03;     // of the lag, so that a first guess is left [s^1/2]
 
 bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -99,19 +97,14 @@ class ArmParameters {
       addNamed("stroke of " + arm.actuator(i).name, options.stroke_deviation);
       rest_.push_back(arm.actuator(i).contraction.restLength());
     }
-    if (options.lag_deviation == 0) return;
-    lag_ = count();
-    addNamed("lag", options.lag_deviation);
   }
 
   int count() const { return static_cast<int>(names_.size()); }
-  /// The first ones are on the stiffness; then come length scales, strokes of all actuators or
-  /// none, and the lag.
+  /// The first ones are on the stiffness; then come length scales, and strokes of all actuators or
+  /// none.
   int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
   int strokesBegin() const { return stiffnessCount() + static_cast<int>(spans_.size()); }
   int strokeCount() const { return static_cast<int>(rest_.size()); }
-  /// Its index; absent if it is known.
-  const std::optional<int>& lag() const { return lag_; }
   const std::vector<std::string>& names() const { return names_; }
   const Eigen::VectorXd& deviations() const { return deviations_; }
   /// (stiffnessCount())^2; length scales are not correlated with anything.
@@ -180,7 +173,6 @@ class ArmParameters {
   std::vector<Entry> stiffness_;
   std::vector<Span> spans_;
   std::vector<double> rest_;  // lengths of the actuators with a stroke [m]
-  std::optional<int> lag_;
   std::vector<std::string> names_;
   Eigen::VectorXd deviations_;
   Eigen::MatrixXd correlation_;
@@ -200,7 +192,6 @@ void ArmFilterOptions::validate() const {
                                      {"the deviation of K_eps", K_eps_deviation},
                                      {"the deviation of lengths", length_deviation}});
   basics::requireNotNegative(kCulprit, "the deviation of strokes", stroke_deviation);
-  basics::requireNotNegative(kCulprit, "the deviation of the lag [s]", lag_deviation);
   basics::require(
       (stiffness_correlation.diagonal().array() == 1).all() &&
           isPositiveDefinite(stiffness_correlation),
@@ -329,12 +320,11 @@ struct ArmFilter::Workspace {
     const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
     if (input.pressure.size() != n || input.variance.size() != n ||
         input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
-        input.covariance.cols() != size || input.by_lag.size() != input.bends_by_lag.size()) {
+        input.covariance.cols() != size) {
       return ObservationFault::kWrongSize;
     }
     if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
-        !input.twists.allFinite() || !input.covariance.allFinite() || !input.by_lag.allFinite() ||
-        !input.bends_by_lag.allFinite()) {
+        !input.twists.allFinite() || !input.covariance.allFinite()) {
       return ObservationFault::kNotFinite;
     }
     if (last_time && input.time <= *last_time) return ObservationFault::kNotNewer;
@@ -368,16 +358,6 @@ struct ArmFilter::Workspace {
     const Eigen::VectorXd change = share * (pressure - smooth);
     smooth += change;
     return kPlay * by_pressure * change.cwiseAbs().asDiagonal() * by_pressure.transpose();
-  }
-
-  // Derivative of the measured entries by the lag.
-  Eigen::VectorXd byLag(const Linearisation& at, const Input& input) const {
-    Eigen::VectorXd out(biasCount());
-    for (Eigen::Index i = 0; i < biasCount(); ++i) {
-      const bool bend = bends(rows[static_cast<std::size_t>(i)]);
-      out[i] = at.by_lengths.row(i).dot(bend ? input.bends_by_lag : input.by_lag);
-    }
-    return out;
   }
 
   Eigen::MatrixXd jacobian() const {
@@ -456,10 +436,6 @@ Observation ArmFilter::see(const Input& input) {
   Step step;
   step.dt = w.last_time ? input.time - *w.last_time : 0.0;
   step.theta = w.theta();
-  if (const auto& lag = w.parameters.lag()) {
-    if (input.by_lag.size() > 0) model->by_theta.col(*lag) = w.byLag(*model, input);
-    step.theta[*lag] = input.lag;
-  }
   step.measured = w.pick(input.twists);
   const Eigen::VectorXd motion =
       before ? model->twists - *before : Eigen::VectorXd::Zero(w.biasCount()).eval();
@@ -482,9 +458,6 @@ Observation ArmFilter::see(const Input& input) {
 
   const Eigen::Index d = w.biasCount();
   w.state.covariance.bottomRightCorner(d, d) += w.step->bias_growth;
-  if (const auto& lag = w.parameters.lag()) {
-    w.state.covariance(*lag, *lag) += kLagCreep * kLagCreep * w.step->dt;
-  }
   const Gaussian::Measurement measurement{w.step->measured - w.step->model.twists -
                                               w.state.mean.tail(d) -
                                               w.step->model.by_theta * (w.theta() - w.step->theta),
@@ -518,17 +491,12 @@ void ArmFilter::setState(const Gaussian& state) {
 }
 
 int ArmFilter::parameterCount() const { return work_->parameters.count(); }
-int ArmFilter::factorCount() const { return parameterCount() - (work_->parameters.lag() ? 1 : 0); }
 const std::vector<std::string>& ArmFilter::parameterNames() const {
   return work_->parameters.names();
 }
 Eigen::VectorXd ArmFilter::parameterPrior() const { return work_->parameters.deviations(); }
 const std::vector<int>& ArmFilter::rows() const { return work_->rows; }
 const Gaussian& ArmFilter::state() const { return work_->state; }
-double ArmFilter::lag() const {
-  const auto& index = work_->parameters.lag();
-  return index ? std::clamp(work_->state.mean[*index], 0.0, kLongestLag) : 0.0;
-}
 statics::Correction ArmFilter::correction() const { return work_->correction; }
 Eigen::VectorXd ArmFilter::changeVariance(const Eigen::VectorXd& pressure) const {
   if (!work_->last_time) return Eigen::VectorXd::Zero(pressure.size());

@@ -14,13 +14,11 @@ constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
 constexpr double kLowest = 0.5, kFrequencyStep = 1.1;  // [Hz]
 constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 
-constexpr double kLongestPause = 1.0;  // [s]
-constexpr double kHighPass = 0.7;      // time constant [s]
-constexpr double kMemory = 15.0;       // of the comparison [s]
+constexpr double kHighPass = 0.7;  // time constant [s]
+constexpr double kMemory = 15.0;   // of the comparison [s]
 // A mode counts if it leaves this part of the misfit that the best hypothesis without one, or with
-// the strongest damping, leaves,
-// after motion of this many expected errors (root mean square).
-constexpr double kClear = 0.5, kLeastMotion = 0.3;
+// the strongest damping, leaves.
+constexpr double kClear = 0.5;
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
 
@@ -110,7 +108,7 @@ void ModeEstimator::step(const Eigen::VectorXd& pressure, double dt) {
 }
 
 void ModeEstimator::moveTo(double time, const Pressures& pressures) {
-  if (!time_ || time < *time_ || time - *time_ > kLongestPause) {
+  if (!time_ || time < *time_ || time - *time_ > kSwingPause) {
     restart(pressures(time));
   } else {
     const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));

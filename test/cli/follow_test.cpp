@@ -64,7 +64,11 @@ TEST(Follow, TipsGiveAFigureEach) {
                                       "png",
                                       "base_moved",
                                       "contact_blind_s",
-                                      "uncalibrated_tags"};
+                                      "uncalibrated_tags",
+                                      "lag_s",
+                                      "lag_deviation_s",
+                                      "play_kpa",
+                                      "play_deviation_kpa"};
   EXPECT_EQ(keysOf(result), keys);
   EXPECT_TRUE(result["uncalibrated_tags"].empty()) << "nothing is calibrated";
   EXPECT_EQ(result["base_moved"], nullptr);

@@ -99,7 +99,7 @@ TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
 // Without growth of the bias the filter is recursive least squares.
 TEST_F(HelicalArmFilter, EqualsLeastSquaresOverAllPictures) {
   ArmFilterOptions options;
-  options.hysteresis = options.creep = options.stroke_deviation = options.lag_deviation = 0;
+  options.hysteresis = options.creep = options.stroke_deviation = 0;
   options.stiffness_deviation = {1e-4, 1e-4, 1e-4};  // so small that the model_ is linear
   options.length_deviation = 1e-6;
   options.settling_time = 1e-9;
@@ -297,7 +297,7 @@ TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
 TEST_F(HelicalArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   ArmFilterOptions options;
   options.length_deviation = 1e-9;
-  options.stroke_deviation = options.lag_deviation = 0;
+  options.stroke_deviation = 0;
   options.bias_translation = options.bias_rotation = 1e-9;
   const auto startOf = [&](double correlation) {
     options.stiffness_correlation(0, 1) = options.stiffness_correlation(1, 0) = correlation;
@@ -327,8 +327,8 @@ TEST_F(HelicalArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
 }
 
-// An arm that shortens by 8 % more and less than its model, and lags by 0.25 s.
-TEST_F(HelicalArmFilter, LearnsStrokesAndTheLag) {
+// An arm that shortens by 8 % more and less than its model.
+TEST_F(HelicalArmFilter, LearnsStrokes) {
   const model::Arm& arm = model_.arm();
   const int n = arm.actuatorCount();
   Correction truth(arm);
@@ -342,25 +342,18 @@ TEST_F(HelicalArmFilter, LearnsStrokesAndTheLag) {
   options.stiffness_deviation = {1e-4, 1e-4, 1e-4};
   options.length_deviation = 1e-4;
   ArmFilter filter(model_, options);
-  Eigen::VectorXd pressure = arm.inputAt(1e5), late = pressure, target = pressure;
-  constexpr double kStep = 0.05, kLag = 0.25;  // [s]
+  Eigen::VectorXd pressure = arm.inputAt(1e5), target = pressure;
+  constexpr double kStep = 0.05;  // [s]
   for (int k = 0; k < 1200; ++k) {
     if (k % 40 == 0) target = test::randomInput(arm, bench.random());
     pressure += 0.3 * (target - pressure);
-    late += kStep / kLag * (pressure - late);
-    ArmFilter::Input input = bench.at(kStep * k, late);
-    // The filter is told the pressures without the lag, and how a lag changes the lengths.
-    input.pressure = pressure;
-    input.by_lag = input.bends_by_lag = (arm.lengths(late) - arm.lengths(pressure)) / kLag;
-    filter.see(input);
+    filter.see(bench.at(kStep * k, pressure));
   }
-  EXPECT_NEAR(filter.lag(), kLag, 0.05);
   for (int i = 0; i < n; ++i) {
-    EXPECT_NEAR(std::exp(filter.state().mean[filter.factorCount() - n + i]), truth.length_scale[i],
-                0.02)
+    EXPECT_NEAR(std::exp(filter.state().mean[filter.parameterCount() - n + i]),
+                truth.length_scale[i], 0.02)
         << i;
   }
-  EXPECT_EQ(filter.parameterNames()[static_cast<std::size_t>(filter.factorCount())], "lag");
 }
 
 }  // namespace

@@ -29,7 +29,7 @@ ArmModel twoSections() { return ArmModel(test::ringArm(test::helicalRing(), 2));
 // Deviations so small that the tip is linear in them, and an arm that is always at rest.
 ArmFilterOptions smallDeviations() {
   ArmFilterOptions out;
-  out.hysteresis = out.stroke_deviation = out.lag_deviation = 0;
+  out.hysteresis = out.stroke_deviation = 0;
   out.settling_time = 1e-9;
   out.stiffness_deviation = {0.03, 0.03, 0.03};
   out.K_eps_deviation = 0.03;
@@ -301,7 +301,7 @@ TEST(ErrorBudget, OfAPlanarArmKnowsNoErrorAcrossThePlane) {
 // the calibration claims them the distance is a chi-square of three degrees.
 TEST(ErrorBudget, IsOutsideAsRarelyAsChiSquareSaysAndWhereLengthsAreOffByTenStandardErrors) {
   ArmFilterOptions options;  // a careful calibration: hardly any hysteresis
-  options.stroke_deviation = options.lag_deviation = 0;
+  options.stroke_deviation = 0;
   options.stiffness_deviation = {0.01, 0.01, 0.01};
   options.length_deviation = 0.001;
   options.bias_translation = 0.0003;

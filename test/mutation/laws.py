@@ -145,7 +145,7 @@ LAWS = {
             "one->growBias(step.play_growth);", "one->growBias(0.0 * step.play_growth);"),
         Law("contact: scores less while the arm moves", GTEST + "load_forks_test",
             "load.score /= std::max(1.0, motion * motion);", "load.score /= std::max(1.0, motion);"),
-        Law("mode: its frequency goes with 1 / length", GTEST + "mode_estimator_test",
+        Law("mode: its frequency goes with 1 / length", GTEST + "response_estimator_test",
             "return rest / lengths.sum();", "return 1.0 + 0 * rest * lengths.sum();"),
         Law("error budget: its state changes after five pictures", GTEST + "error_budget_test",
             "budget.state = changes_ < kBudgetPatience ? before : seen;",

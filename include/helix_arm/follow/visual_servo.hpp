@@ -15,6 +15,7 @@
 #include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
 #include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/response_estimator.hpp"
 
 namespace helix_arm::follow {
 
@@ -127,6 +128,8 @@ class VisualServo {
   /// Mode of vibration that the loop reckons with, told or found in the pictures; nothing if the
   /// arm shows none.
   const std::optional<estimation::Mode>& mode() const;
+  /// How the arm follows its pressures, by the pictures.
+  const estimation::ResponseEstimator& response() const;
   /// Of the watch, at the last accepted picture; nothing before the first.
   const std::optional<estimation::TipErrorBudget>& budget() const;
   /// Whether a picture was accepted within VisualServoConfig::coast_time before the last turn; else

@@ -28,8 +28,9 @@ class ArmResponse {
   /// Takes the responses of an arm with as many actuators, and keeps what they remember.
   /// @throws std::invalid_argument on another number of actuators.
   void adopt(const Arm& arm);
-  /// Gives every actuator this lag, >= 0 [s], and keeps what they remember.
-  void setLag(double lag);
+  /// Gives every actuator this lag [s] and half width of hysteresis [Pa], >= 0, and keeps what they
+  /// remember.
+  void set(double lag, double half_width);
   /// Forgets everything.
   void restart();
 

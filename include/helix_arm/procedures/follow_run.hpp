@@ -115,6 +115,9 @@ struct FollowResult {
   int pictures = 0;              ///< accepted
   /// Ids of fitted tags that no capture of the scene's calibration shows, ascending.
   std::vector<int> uncalibrated_tags;
+  /// By which the arm follows its pressures late, errors of stamps included, and half the width of
+  /// its hysteresis, as estimated; 0 if the scene tells them [s], [Pa].
+  estimation::Estimated lag, play;
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };

@@ -42,10 +42,9 @@ struct Observation {
 /// Estimates how the arm differs from its model: a Kalman filter over pairs of pressures and
 /// measured twists of the same instant.
 ///
-/// State: theta, the logarithms of factors on stiffness, lengths and strokes, and the lag of the
-/// arm behind its pressures; and b, what theta does not explain, so that g = G(p; theta) + b. Both
-/// are held while nothing is measured. Theta is not a calibration: parameters that act alike share
-/// their part of it.
+/// State: theta, the logarithms of factors on stiffness, lengths and strokes, and b, what theta
+/// does not explain, so that g = G(p; theta) + b. Both are held while nothing is measured. Theta is
+/// not a calibration: parameters that act alike share their part of it.
 class ArmFilter {
  public:
   /// One measurement with the pressures of its time.
@@ -55,10 +54,6 @@ class ArmFilter {
     Eigen::VectorXd variance;    ///< (n) of the pressures [Pa^2]
     model::Twists twists;        ///< (6 x sections) mean twists
     Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections) of the twists
-    double lag = 0.0;            ///< with which `pressure` lags behind the readings [s]
-    /// (n) derivative of the lengths by it [m/s]; empty: 0, the arm rests.
-    Eigen::VectorXd by_lag = {};
-    Eigen::VectorXd bends_by_lag = {};  ///< (n) likewise behind the mode in which the arm bends
   };
   /// The model about the state at a picture. Rows are the measured entries of the twists.
   struct Linearisation {
@@ -100,10 +95,8 @@ class ArmFilter {
   void setState(const Gaussian& state);
 
   int parameterCount() const;
-  /// Of the parameters, how many are logarithms of factors; they come first.
-  int factorCount() const;
   /// "K_gamma", "K_kappa", "K_tau", "K_eps", "length of muscle_1" or "lengths of section 1",
-  /// "stroke of muscle_1", "lag".
+  /// "stroke of muscle_1".
   const std::vector<std::string>& parameterNames() const;
   /// (parameters) standard deviations of theta at the start.
   Eigen::VectorXd parameterPrior() const;
@@ -112,9 +105,6 @@ class ArmFilter {
 
   /// [theta; b] and its covariance; b of the measured rows [m, rad].
   const Gaussian& state() const;
-  /// Estimated time by which the arm follows its pressures late: lags that the scene does not tell
-  /// and errors of the pictures' stamps, >= 0; 0 if it is known [s].
-  double lag() const;
   /// The state as a correction of the model.
   statics::Correction correction() const;
   /// Mean twists (6 x sections) that the corrected model gives at pressures (n) [Pa]; nothing if no

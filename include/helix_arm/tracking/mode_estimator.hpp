@@ -25,6 +25,10 @@ double paceOf(const model::Arm& arm, const Eigen::Ref<const Eigen::VectorXd>& le
 
 /// Longest step at which a mode up to 8 Hz is followed to 1 % [s].
 inline constexpr double kSwingStep = 0.01;
+/// A pause between pictures after which the arm is taken to rest [s].
+inline constexpr double kSwingPause = 1.0;
+/// Root mean square of the motion from which on it says something, in expected errors.
+inline constexpr double kLeastMotion = 0.3;
 
 /// Finds the mode of vibration of an arm from pictures of its motion.
 ///

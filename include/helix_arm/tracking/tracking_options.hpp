@@ -24,10 +24,7 @@ struct ArmFilterOptions {
   Eigen::Matrix4d stiffness_correlation = Eigen::Matrix4d::Identity();
   double length_deviation = 0.02;  ///< likewise of each length scale
   double stroke_deviation = 0.05;  ///< likewise of the stroke of each actuator; 0: it is known
-  /// Standard deviation of the time by which the arm follows its pressures late, >= 0; 0: it is
-  /// known [s].
-  double lag_deviation = 0.15;
-  bool planar = false;  ///< measurements hold v_z, w_x and w_y at 0
+  bool planar = false;             ///< measurements hold v_z, w_x and w_y at 0
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

@@ -100,7 +100,7 @@ class LoopDiagnostics {
     }
     ++accepted_;
     if (!with_tags) ++without_tags_;
-    const int count = filter.factorCount();
+    const int count = filter.parameterCount();
     const estimation::Gaussian& state = filter.state();
     const auto names = filter.parameterNames().begin();
     calibration_.note(time, {{names, names + count},
@@ -149,13 +149,16 @@ class LoopDiagnostics {
     DiagnosticStatus out = makeStatus(
         "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
         advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
-    for (int i = 0; i < filter.factorCount(); ++i) {
+    for (int i = 0; i < filter.parameterCount(); ++i) {
       addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
                percent(state.mean[i]) + " +- " +
                    percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
     }
-    if (filter.parameterCount() > filter.factorCount()) {
-      addValue(out, "lag [s]", fixed(filter.lag(), 3));
+    const estimation::Estimated lag = loop.response().lag(), play = loop.response().play();
+    if (lag.deviation > 0) {
+      addValue(out, "lag [s]", fixed(lag.value, 3) + " +- " + fixed(lag.deviation, 3));
+      addValue(out, "play [kPa]",
+               fixed(1e-3 * play.value, 1) + " +- " + fixed(1e-3 * play.deviation, 1));
     }
     if (const auto& mode = loop.mode()) {
       addValue(out, "mode [Hz]",

@@ -1,4 +1,4 @@
-#include "helix_arm/tracking/mode_estimator.hpp"
+#include "helix_arm/tracking/response_estimator.hpp"
 
 #include <Eigen/Core>
 #include <cmath>
@@ -20,30 +20,31 @@ constexpr double kNoise = 0.05;    // of a picture, in units of its expected err
 
 struct TrueArm {
   double lag = 0.0;  // [s]
-  std::optional<Mode> mode;
+  std::optional<Mode> mode = {};
+  double play = 0.0;  // half the width [Pa]
 };
 std::ostream& operator<<(std::ostream& out, const TrueArm& arm) {
-  out << "lag " << arm.lag << " s";
+  out << "lag " << arm.lag << " s, play " << arm.play << " Pa";
   if (arm.mode) out << ", " << arm.mode->frequency << " Hz, damping " << arm.mode->damping;
   return out;
 }
 
-// Steps of random pressures every two seconds, through the lag, then through the mode, whose
-// frequency goes with 1 / length, in steps of a millisecond. Gains of the entries differ from the
-// model's by up to 30 %.
-std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_known,
-                              double pause = 0.0) {
+// Steps of random pressures every two seconds, through the lag, the play and the mode, whose
+// frequency goes with 1 / length, in steps of a millisecond. The effect of each actuator differs
+// from the model's by up to 30 %.
+ResponseEstimator after(double seconds, const TrueArm& truth, bool known_response,
+                        double pause = 0.0) {
   const model::Arm arm = helicalModel().arm();
   const int n = arm.actuatorCount();
   test::Random random(4);
   Eigen::MatrixXd by_lengths(6, n);
   for (double& entry : by_lengths.reshaped()) entry = 100 * random.normal();
-  Eigen::VectorXd gain(6);
+  Eigen::VectorXd gain(n);
   for (double& entry : gain) entry = random.uniform(0.7, 1.3);
 
-  ModeEstimator estimator(arm, lag_is_known);
+  ResponseEstimator estimator(arm, known_response, std::nullopt);
   Eigen::VectorXd target = arm.inputAt(0.0), pressure = target, lengths = arm.lengths(target),
-                  rate = Eigen::VectorXd::Zero(n), known = target;
+                  rate = Eigen::VectorXd::Zero(n), known = target, played = target;
   Eigen::MatrixXd history(n, kPictureEvery + 1);
   for (int i = 0; i * kStep < seconds; ++i) {
     const double time = i * kStep + (i * kStep > seconds / 2 ? pause : 0.0);
@@ -55,7 +56,8 @@ std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_
     // The regulator takes 0.05 s.
     known += kStep / 0.05 * (target - known);
     pressure += (truth.lag > 0 ? kStep / truth.lag : 1.0) * (known - pressure);
-    const Eigen::VectorXd goal = arm.lengths(arm.clamped(pressure));
+    played = played.array().max(pressure.array() - truth.play).min(pressure.array() + truth.play);
+    const Eigen::VectorXd goal = arm.lengths(arm.clamped(played));
     if (truth.mode) {
       const double rest = arm.lengths(arm.inputAt(0.0)).mean();
       const double turn = 2 * basics::kPi * truth.mode->frequency * rest / goal.mean();
@@ -64,27 +66,27 @@ std::optional<Mode> modeAfter(double seconds, const TrueArm& truth, bool lag_is_
     } else {
       lengths = goal;
     }
-    history.col(i % (kPictureEvery + 1)) = lag_is_known ? pressure : known;
+    history.col(i % (kPictureEvery + 1)) = known_response ? played : known;
     if (i % kPictureEvery != 0) continue;
     Eigen::VectorXd then;
     estimator.moveTo(time, [&](double when) -> const Eigen::VectorXd& {
       const int back = static_cast<int>(std::lround((time - when) / kStep));
       return then = history.col((i - std::min({back, i, kPictureEvery})) % (kPictureEvery + 1));
     });
-    Eigen::VectorXd measured = gain.cwiseProduct(by_lengths * lengths);
+    Eigen::VectorXd measured = by_lengths * gain.cwiseProduct(lengths);
     for (double& entry : measured) entry += kNoise * random.normal();
     estimator.compare(measured, by_lengths);
   }
-  return estimator.mode();
+  return estimator;
 }
 
 class FoundMode : public testing::TestWithParam<TrueArm> {};
 
 TEST_P(FoundMode, IsThatOfTheArm) {
   const TrueArm& truth = GetParam();
-  for (const bool lag_is_known : {false, true}) {
-    const auto found = modeAfter(20, truth, lag_is_known);
-    ASSERT_TRUE(found) << "lag known: " << lag_is_known;
+  for (const bool known : {false, true}) {
+    const auto found = after(30, truth, known).mode();
+    ASSERT_TRUE(found) << "response known: " << known;
     EXPECT_NEAR(found->frequency, truth.mode->frequency, 0.05 * truth.mode->frequency);
     EXPECT_NEAR(std::log(found->damping / truth.mode->damping), 0, std::log(2));
     EXPECT_GT(found->frequency_deviation, 0);
@@ -99,22 +101,38 @@ INSTANTIATE_TEST_SUITE_P(Arms, FoundMode,
                                          TrueArm{0.1, Mode{3.0, 0.1}},
                                          TrueArm{0.05, Mode{4.5, 0.05}}));
 
-TEST(ModeEstimator, AnArmThatOnlyLagsHasNone) {
-  for (const double lag : {0.0, 0.07, 0.15, 0.3}) {
-    EXPECT_FALSE(modeAfter(20, {lag, std::nullopt}, false)) << lag;
+TEST(ResponseEstimator, KnowsLagAndPlayAfterAMinute) {
+  for (const double lag : {0.02, 0.1, 0.2}) {
+    for (const double play : {0.0, 5e3}) {
+      const TrueArm truth{lag, std::nullopt, play};
+      SCOPED_TRACE(testing::PrintToString(truth));
+      const ResponseEstimator estimator = after(60, truth, false);
+      EXPECT_NEAR(estimator.lag().value, lag, 0.01);
+      EXPECT_LT(estimator.lag().deviation, 0.015);
+      EXPECT_NEAR(estimator.play().value, play, 1500);
+    }
   }
-  EXPECT_FALSE(modeAfter(20, {0.2, std::nullopt}, true));
+  const ResponseEstimator known = after(20, {0.1, std::nullopt, 5e3}, true);
+  EXPECT_EQ(known.lag().deviation, 0);
+  EXPECT_EQ(known.play().value, 0);
 }
 
-TEST(ModeEstimator, APauseStartsAtRestAndKeepsTheMode) {
-  const auto found = modeAfter(20, {0.1, Mode{2.0, 0.1}}, false, 5.0);
+TEST(ResponseEstimator, AnArmThatOnlyLagsHasNoMode) {
+  for (const double lag : {0.0, 0.07, 0.15, 0.3}) {
+    EXPECT_FALSE(after(20, {lag}, false).mode()) << lag;
+  }
+  EXPECT_FALSE(after(20, {0.2}, true).mode());
+}
+
+TEST(ResponseEstimator, APauseStartsAtRestAndKeepsTheMode) {
+  const auto found = after(30, {0.1, Mode{2.0, 0.1}}, false, 5.0).mode();
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->frequency, 2.0, 0.1);
 }
 
-TEST(ModeEstimator, NothingIsSaidOfAnArmThatRests) {
+TEST(ResponseEstimator, NothingIsSaidOfAnArmThatRests) {
   const model::Arm arm = helicalModel().arm();
-  ModeEstimator estimator(arm, false);
+  ResponseEstimator estimator(arm, false, std::nullopt);
   const Eigen::VectorXd pressure = arm.inputAt(5e4);
   test::Random random(1);
   for (int i = 0; i < 300; ++i) {
@@ -124,6 +142,7 @@ TEST(ModeEstimator, NothingIsSaidOfAnArmThatRests) {
     estimator.compare(noise, Eigen::MatrixXd::Ones(6, arm.actuatorCount()));
   }
   EXPECT_FALSE(estimator.mode());
+  EXPECT_EQ(estimator.lag().value, 0);
 }
 
 }  // namespace
