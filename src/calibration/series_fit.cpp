@@ -308,18 +308,22 @@ class SeriesProblem {
     return out;
   }
 
+  Decoded unchanged() const {
+    const model::Arm& arm = prior_.model.arm();
+    const auto actuators = Eigen::VectorXd::Ones(arm.actuatorCount());
+    return {prior_.model,
+            {},
+            {},
+            actuators,
+            actuators,
+            Eigen::VectorXd::Ones(arm.sectionCount()),
+            Eigen::VectorXd::Zero(arm.sectionCount()),
+            X_FB_,
+            first_};
+  }
+
   Decoded decode(const Eigen::VectorXd& z) const {
-    const model::Arm& before = prior_.model.arm();
-    const Eigen::VectorXd ones = Eigen::VectorXd::Ones(before.actuatorCount());
-    Decoded out{prior_.model,
-                {},
-                {},
-                ones,
-                ones,
-                Eigen::VectorXd::Ones(before.sectionCount()),
-                Eigen::VectorXd::Zero(before.sectionCount()),
-                X_FB_,
-                first_};
+    Decoded out = unchanged();
     model::Stiffness factors{1, 1, 1};
     double K_eps = 1;
     std::vector<std::vector<double>> lengths;
