@@ -494,9 +494,9 @@ pressures late, errors of the pictures' stamps included, and half the width of i
 estimated with standard errors; 0 if the scene tells a response), budget (or null), out, png; with
 --prove-contact also contact_proof {seconds (in which contacts could have been found),
 highest_score, contact_limit (twice that, at least the default), on_contact (yield, or stop if
-the scene stops; report if there is a doubt), doubt (null, or why), found_force_n}. csv: the rows
-of --out. On stderr: the progress, and at the end the error budget of the last picture: standard
-deviations of the tip in mm.
+the scene stops; report if there is a doubt), doubt (null, or why), found_force_n}. csv: one row
+per step of 10 ms. On stderr: the progress, and at the end the error budget of the last picture:
+standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
 fails.)");

@@ -822,17 +822,19 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   if (!w.findPressures(stamp, now, out.fault)) return out;
   w.arrived_at = now;
   w.swingTo(stamp);
-  estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
-                                     w.atRest(twists), covariance + w.swingNoise(kSwingError)};
+  const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
+                                           w.atRest(twists),
+                                           covariance + w.swingNoise(kSwingError)};
   const bool touched = w.contact.load().contact;
   w.contact.see(input, tags, w.settled, w.swingPeak(), w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();
   }
-  // What moves sooner or later than the model must not hide from the watch.
-  input.covariance += w.lagNoise();
-  out = w.tracker.see(input);
+  // The watch has none of the lag's noise, in which a camera that slips would hide.
+  estimation::ArmFilter::Input late = input;
+  late.covariance += w.lagNoise();
+  out = w.tracker.see(late);
   if (!out.accepted()) return out;
   w.learnMode(twists);
   if (!w.contact.load().contact || w.doubts()) {
