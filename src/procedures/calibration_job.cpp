@@ -77,9 +77,12 @@ std::optional<estimation::LeastTipError> leastTipError(
     const estimation::CalibrationOptions& options) {
   // The paper's definition has no other parameters.
   const bool fitted = options.K_kappa && calibration.stiffness;
-  if (!fitted || options.length_scale != estimation::LengthScaling::kNone || options.stroke_scale) {
-    return std::nullopt;
-  }
+  const std::vector<estimation::FitParameterInfo>& table = estimation::fitParameters();
+  const bool scaled =
+      std::any_of(table.begin(), table.end(), [&options](const estimation::FitParameterInfo& one) {
+        return one.aboutShape() && !one.entry && estimation::isFitted(one, options);
+      });
+  if (!fitted || scaled) return std::nullopt;
   const bool curvatures =
       std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
   if (curvatures) return estimation::fitLeastTipError({data});
