@@ -753,6 +753,10 @@ double correlationFactor(const Recording& recording, const Eigen::MatrixXd& devi
   return factor;
 }
 
+bool carriesLoad(const SeriesPrior& prior) {
+  return prior.model.load() && !prior.model.load()->empty();
+}
+
 // A form of the model, fitted.
 struct Fitted {
   Form form;
@@ -1039,6 +1043,12 @@ class SeriesJob {
     }
     if (!now.bending.empty()) out.bending = now.bending;
     if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
+    if (!carriesLoad(prior_)) {
+      out.rules.push_back(
+          "K_eps: the arm of the series carries no load, so that the data cannot tell how far a "
+          "load "
+          "moves it; fit K_eps to a series with a load before predictions with one");
+    }
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;
     if (options_.ring_radius) out.ring_radius = now.radius;
@@ -1141,7 +1151,12 @@ class SeriesJob {
 };
 
 // Why nothing can be fitted; empty if it can.
-std::string faultOf(const SeriesPrior& prior, const Recording& recording) {
+std::string faultOf(const SeriesPrior& prior, const Recording& recording,
+                    const SeriesOptions& options) {
+  if (options.arm.K_eps && !carriesLoad(prior)) {
+    return "K_eps shows under a load alone, but the scene has none; expected one with a load, or a "
+           "fit without K_eps";
+  }
   const model::InputHistory& history = recording.series.history;
   if (history.time.empty()) return "the series has no times; expected a column time_s";
   if (recording.rows() < kLeastRows) {
@@ -1180,7 +1195,7 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
   Recording recording(prior, series, kMostRows);
   for (Curve& one : recording.curves)
     one.free &= options.curve.empty() || one.name == options.curve;
-  refused.failure = faultOf(prior, recording);
+  refused.failure = faultOf(prior, recording, options);
   if (!refused.failure.empty()) return refused;
   return SeriesJob(prior, recording, options).run();
 }

@@ -310,7 +310,7 @@ CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
   for (const auto& [name, fit] : outcome.contractions) {
     std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration && !outcome.response && !outcome.mode) return {};
+  if (!outcome.calibration && !outcome.response && !outcome.mode && !outcome.series) return {};
   if (outcome.calibration && outcome.calibration->by_pressure) {
     std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
               << outcome.calibration->error_unit << "\n";

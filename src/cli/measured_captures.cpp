@@ -422,12 +422,14 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
 }
 
 json residualJson(const estimation::SeriesResidual& one) {
+  // NaN where there are no such rows.
+  const auto number = [](double value) { return std::isnan(value) ? json() : json(value); };
   return {{"rows", one.rows},
           {"rms_m", one.rms},
           {"rms_without_offset_m", one.rms_about_offset},
           {"worst_m", one.worst},
-          {"rms_at_rest_m", one.rms_at_rest},
-          {"rms_in_motion_m", one.rms_in_motion},
+          {"rms_at_rest_m", number(one.rms_at_rest)},
+          {"rms_in_motion_m", number(one.rms_in_motion)},
           {"offset_m", toJson(one.offset)}};
 }
 

@@ -271,7 +271,8 @@ void putRings(const SceneCalibration& changes, Value& document) {
       const Value* before = ring->find("phase_deg");
       const double phase = before == nullptr ? 0.0 : *parseNumber(before->text);
       const double turned = phase + (*changes.ring_phase)[index] / kDegree;
-      setValue(*ring, "phase_deg", numberValue(std::remainder(turned, 360.0)));
+      setValue(*ring, "phase_deg",
+               numberValue(std::abs(turned) > 360 ? std::remainder(turned, 360.0) : turned));
     }
   }
 }
