@@ -337,8 +337,7 @@ class SeriesProblem {
           factors.kappa *= factor;
           break;
         case Kind::kGrowth:
-          // Relative to the least one.
-          factors.kappa *= std::min(factor, 1.0);
+          factors.kappa *= std::min(factor, 1.0);  // the least one
           out.bending = growing(factor);
           break;
         case Kind::kGamma:
