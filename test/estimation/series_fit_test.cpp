@@ -24,15 +24,15 @@ constexpr double kSpacing = 0.1;   // [s]
 constexpr double kNoise = 0.0005;  // [m]
 
 struct Truth {
-  double rise = 0, fall = 0;              // [s]
-  double slow_time = 1, slow_weight = 0;  // [s]
-  double second_weight = 0;               // of a creep of 60 s that no fit has
-  double correlated = 0;                  // noise over 2 s [m]
-  double growth = 0.0;  // of the stiffness against bending, from no pressure to the most in all
-  double offset = 0.0;  // standard deviation from trial to trial [m]
+  double rise = 0, fall = 0;                           // [s]
+  double slow_time = 1, slow_weight = 0;               // [s]
+  double second_weight = 0;                            // of a creep of 60 s that no fit has
+  double correlated = 0;                               // noise over 2 s [m]
+  double offset = 0.0;                                 // standard deviation from trial to trial [m]
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
+  double growth = 0;  // of the stiffness against bending, for the most pressure in all chambers
 };
 
 double angleOf(int i) { return 2 * kPi * i / 3; }
