@@ -35,7 +35,7 @@ constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
 // Error of the swing in a picture, relative to its peak, and of the lag, in standard errors. They
 // persist.
-constexpr double kSwingError = 2.0, kLagError = 3.0;
+constexpr double kSwingError = 2.0, kLagError = 4.0;
 // Root mean square of a swing, relative to its peak.
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]

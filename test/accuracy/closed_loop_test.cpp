@@ -318,7 +318,9 @@ struct DiscArm {
   const char* name;
   const char* options;
   double steady, settled, last_turn;  // largest [m], [s], of a circle in 8 s [m]
-  double lag;                         // with the dead time, at most 15 ms from the estimate [s]
+  // With the dead time, at most 15 ms from the estimate. Where no mode is found it contains a part
+  // of the mode's own delay, at 3 Hz of 21 ms [s].
+  double lag;
 };
 
 class ClosedLoopOnDiscs : public testing::TestWithParam<DiscArm> {};
@@ -356,7 +358,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         DiscArm{"ten_hz", "--frequency 10 --damping 0.3", 0.0004, 1.5, 0.0015, 0.13},
         DiscArm{"ten_hz_slow", "--frequency 10 --damping 0.3 --lag 0.3", 0.0004, 1.5, 0.0015, 0.33},
-        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.13},
+        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.14},
         DiscArm{"one_and_a_half_hz", "--frequency 1.5 --damping 0.05", 0.0006, 2.0, 0.0015, 0.13},
         DiscArm{"one_and_a_half_hz_slow", "--frequency 1.5 --damping 0.05 --lag 0.3", 0.0008, 2.0,
                 0.0015, 0.33}),
