@@ -24,6 +24,8 @@ constexpr std::array<double, 5> kResponseStep = {0.01, 500, 0.01, 0.01, 0.05};  
 constexpr double kFirstResidual = 0.1, kLeastResidual = 0.02, kResidualTime = 2.0;
 constexpr double kResidualPersistence = 10.0;
 constexpr double kOtherMode = 0.2;  // of the frequency's logarithm
+// A residual this many times the motion of the model is not kept by the high-pass filter.
+constexpr double kOtherMotion = 2.0;
 
 }  // namespace
 
@@ -186,7 +188,9 @@ void ResponseEstimator::learn(const Eigen::MatrixXd& by_lengths, double dt) {
   }
   const Eigen::VectorXd residual = measured_ - H.leftCols(gains_) * factors;
   // More than the whole motion of the model is not late: something else moves the arm.
-  if (residual.squaredNorm() > (H.leftCols(gains_) * factors).squaredNorm()) return;
+  const double moved2 = (H.leftCols(gains_) * factors).squaredNorm();
+  if (residual.squaredNorm() > kOtherMotion * kOtherMotion * moved2) skip();
+  if (residual.squaredNorm() > moved2) return;
   const double size2 = residual.squaredNorm() / static_cast<double>(residual.size());
   variance_ -= std::expm1(-dt / kResidualTime) * (size2 - variance_);
   variance_ = std::max(variance_, kLeastResidual * kLeastResidual);
