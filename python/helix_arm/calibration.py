@@ -405,7 +405,7 @@ class Calibration(Node):
     def _calibrate(self, request: Any, response: Any) -> None:
         out = self._calibrator.scene_path(request.out)
         noises = (request.curvature_noise_rad, request.corner_noise_px, request.position_noise_m, request.rotation_noise_rad,
-                  request.rest_offset_m or REST_OFFSET)
+                  max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
             fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises), out)

@@ -180,6 +180,14 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                           "; a scale per actuator needs the same number on every arm, a common "
                           "scale does not")};
     }
+    if ((options.length_scale != LengthScaling::kNone || options.stroke_scale) &&
+        arm.arm.hasTables()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name,
+                          ": K_kappa depends on pressure, which a length tells only at the scene's "
+                          "scales: give K_kappa_m2 one number, or leave out length_scale, "
+                          "length_scale_each and stroke_scale_each")};
+    }
     if (options.K_eps && !arm.load->tables.empty()) {
       return Verdict{Status::kNothingToFit,
                      text(arm.name,

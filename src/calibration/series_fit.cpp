@@ -378,8 +378,7 @@ class SeriesProblem {
     out.model = prior_.model.scaledStiffness(factors, K_eps);
     out.X_FB = X_FB_ * lie::SE3::exp(motion);
     setContractions(lengths, out);
-    const bool moves_rings = options_.ring_radius || options_.ring_phase;
-    if ((moves_rings || !out.bending.empty()) && out.sound) setModel(out);
+    if (out.sound && changesModel(out)) setModel(out);
     return out;
   }
 
@@ -593,6 +592,17 @@ class SeriesProblem {
     return recording_.effective(prior_.model.arm(), now.response);
   }
 
+  // Beyond stiffness, which the model scales, and lengths, which tips() takes.
+  bool changesModel(const Decoded& now) const {
+    return options_.ring_radius || options_.ring_phase || !now.bending.empty() ||
+           readsPressures(prior_.model);
+  }
+
+  // Stiffness that follows from pressures, not from lengths alone.
+  static bool readsPressures(const statics::ArmModel& model) {
+    return model.arm().hasTables() || (model.load() && !model.load()->tables.empty());
+  }
+
   // Tips seen from the base (used x 3) [m] of the rows that are asked for; 0 of the others.
   static Eigen::MatrixXd tips(const Decoded& now, const Eigen::MatrixXd& effective,
                               const std::vector<bool>& rows) {
@@ -605,9 +615,9 @@ class SeriesProblem {
         lengths[i] = now.scale[i] *
                      (curve.restLength() + now.stroke[i] * curve.changeInside(effective(row, i)));
       }
-      const statics::Tip tip = now.bending.empty()
-                                   ? now.model.tipOfLengths(lengths)
-                                   : now.model.tip(Eigen::VectorXd(effective.row(row).transpose()));
+      const statics::Tip tip = readsPressures(now.model)
+                                   ? now.model.tip(Eigen::VectorXd(effective.row(row).transpose()))
+                                   : now.model.tipOfLengths(lengths);
       if (tip.converged()) {
         out.row(row) = tip.tip.translation;
       } else {

@@ -555,8 +555,9 @@ struct VisualServo::Workspace {
       if (!response.learns()) response.apply(time, moment);
       return moment.pressure;
     });
-    const double left =
-        mode ? std::exp((before - stamp) * 2 * basics::kPi * mode->frequency * mode->damping) : 0.0;
+    const double left = mode ? std::exp(std::min(before - stamp, 0.0) * 2 * basics::kPi *
+                                        mode->frequency * mode->damping)
+                             : 0.0;
     swing_peak = (left * swing_peak).cwiseMax(dynamics.swing().cwiseAbs());
   }
 
@@ -749,6 +750,8 @@ void VisualServo::reset() {
   w.budget.reset();
   w.contact.reset();
   w.dynamics.reset();
+  w.response.learn(w.dynamics);
+  w.swing_peak.setZero();
   w.mode = w.config.mode;
   w.smoothing = w.config.smoothing;
   w.estimated.set(w.tracker.correction());

@@ -9,9 +9,11 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr double kMostLag = 1.0, kMostDead = 0.3;  // [s]
-constexpr double kLargestPlay = 2e4;               // [Pa]
-constexpr double kHighestMode = 10.0;              // [Hz]
+constexpr double kMostLag = 1.0, kMostDead = 0.3;         // [s]
+constexpr double kLargestPlay = 2e4;                      // [Pa]
+constexpr double kLowestMode = 0.2, kHighestMode = 10.0;  // [Hz]
+// Damping. With more, the steps of a fast mode that shortens would not decay.
+constexpr double kLeastDamping = 0.005, kMostDamping = 0.9;
 // Standard deviations at the start, and what they grow by in a minute: of factors, lag [s], play
 // [Pa], dead time [s], and logarithms of frequency and damping.
 constexpr double kFactorPrior = 0.2, kFactorCreep = 0.02;
@@ -71,9 +73,12 @@ Estimated ResponseEstimator::lag() const {
   return {state_[T] + state_[D], std::sqrt(std::max(0.0, variance))};
 }
 
-Estimated ResponseEstimator::play() const {
-  return {state_[gains_ + 1], std::sqrt(covariance_(gains_ + 1, gains_ + 1))};
+// Rounding may leave less than 0.
+double ResponseEstimator::deviation(Eigen::Index i) const {
+  return std::sqrt(std::max(0.0, covariance_(i, i)));
 }
+
+Estimated ResponseEstimator::play() const { return {state_[gains_ + 1], deviation(gains_ + 1)}; }
 
 Eigen::VectorXd ResponseEstimator::lagError() const {
   return lag().deviation / kResponseStep[0] * (chains_[1].lengths - chains_[0].lengths);
@@ -83,8 +88,7 @@ std::optional<Mode> ResponseEstimator::mode() const {
   if (!swings_) return std::nullopt;
   const Eigen::Index f = gains_ + 3, z = gains_ + 4;
   const double frequency = std::exp(state_[f]), damping = std::exp(state_[z]);
-  return Mode{frequency, damping, frequency * std::sqrt(covariance_(f, f)),
-              damping * std::sqrt(covariance_(z, z))};
+  return Mode{frequency, damping, frequency * deviation(f), damping * deviation(z)};
 }
 
 void ResponseEstimator::setChains() {
@@ -131,7 +135,8 @@ void ResponseEstimator::step(Chain& chain, const Eigen::VectorXd& pressure, doub
 
 void ResponseEstimator::moveTo(double time, const Pressures& pressures) {
   modes_.moveTo(time, pressures);
-  if (!time_ || time < *time_ || time - *time_ > kSwingPause) {
+  // The pressures of that time and of its dead time are remembered for as long.
+  if (!time_ || time < *time_ || time - *time_ > kSwingPause - kMostDead) {
     restart(pressures(time - deadTime()));
   } else {
     const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));
@@ -169,6 +174,7 @@ void ResponseEstimator::compare(const Eigen::VectorXd& measured,
   const Eigen::VectorXd motion = by_lengths * chains_[0].passed;
   if (motion.squaredNorm() < kLeastMotion * kLeastMotion * count) return;
   learn(by_lengths, dt);
+  if (!state_.allFinite()) return reset();
   const auto& found = modes_.mode();
   if (found &&
       !(swings_ && std::abs(std::log(found->frequency) - state_[gains_ + 3]) < kOtherMode)) {
@@ -209,7 +215,10 @@ void ResponseEstimator::learn(const Eigen::MatrixXd& by_lengths, double dt) {
   state_[gains_] = std::clamp(state_[gains_], 0.0, kMostLag);
   state_[gains_ + 1] = std::clamp(state_[gains_ + 1], 0.0, kLargestPlay);
   state_[gains_ + 2] = std::clamp(state_[gains_ + 2], 0.0, kMostDead);
-  state_[gains_ + 3] = std::min(state_[gains_ + 3], std::log(kHighestMode));
+  state_[gains_ + 3] =
+      std::clamp(state_[gains_ + 3], std::log(kLowestMode), std::log(kHighestMode));
+  state_[gains_ + 4] =
+      std::clamp(state_[gains_ + 4], std::log(kLeastDamping), std::log(kMostDamping));
 }
 
 }  // namespace helix_arm::estimation

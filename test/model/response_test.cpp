@@ -421,9 +421,16 @@ TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
 
   other.plays[1].reach = 4e4;
   state.adopt(other);
-  EXPECT_FALSE(state.known());
+  EXPECT_TRUE(state.known());  // it lay at its end
   EXPECT_NEAR(state.effective(), 3e5 + 0.1 * 2e4 + 0.4 * 4e4, kRounding);
   EXPECT_EQ(state.lagged(), 3e5);
+
+  // In between, no reading tells where another width would have left it.
+  ResponseState between = after(kTwoPlays, {0, 5e5, 3e5, 3.5e5});
+  other = kTwoPlays;
+  other.plays[1].reach = 8e4;
+  between.adopt(other);
+  EXPECT_FALSE(between.known());
 
   state.adopt(playsOf({{2e4, 0.3}, {6e4, 0.3}, {9e4, 0.1}}));
   EXPECT_NEAR(state.effective(), 3e5 + 0.3 * 2e4 + 0.3 * 4e4, kRounding);  // the third starts at x

@@ -93,8 +93,8 @@ class ResponseState {
   /// @throws as Response::validate().
   explicit ResponseState(const Response& response = {});
 
-  /// Takes another response, and keeps x, y_j and s. A play whose reach changes and a slow state
-  /// whose time constant changes are unknown again.
+  /// Takes another response, and keeps x, y_j and s. A play whose reach changes is known to within
+  /// that change, a slow state whose time constant changes is unknown again.
   /// @throws as Response::validate().
   void adopt(const Response& response);
   /// Forgets everything; the next input starts anew.

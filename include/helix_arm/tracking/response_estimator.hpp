@@ -31,7 +31,7 @@ class ResponseEstimator {
   /// with.
   ResponseEstimator(const model::Arm& arm, bool known, const std::optional<Mode>& told);
 
-  /// Advances the model to the time of a picture. A pause of more than a second, or a time that
+  /// Advances the model to the time of a picture. A pause of more than 0.7 s, or a time that
   /// goes back, starts at rest.
   void moveTo(double time, const Pressures& pressures);
   /// Compares it with the picture. @param measured  (d) entries of the twists that bend.
@@ -69,6 +69,7 @@ class ResponseEstimator {
   void setChains();
   void learn(const Eigen::MatrixXd& by_lengths, double dt);
   void setPrior();
+  double deviation(Eigen::Index i) const;
   void begin(const Mode& mode);
 
   const model::Arm arm_;
