@@ -25,14 +25,13 @@ from helix_arm.node import LONGEST_MESSAGE, FaultCount, Node, Parameters, end, l
 from helix_arm.recorder import Recorder
 from helix_arm.reload import SCENES, ReloadServer
 from helix_arm.rest_request import CommandTrace, request_rest
-from helix_arm.scene import Scene
+from helix_arm.scene import REST_OFFSET, Scene
 from helix_arm.srv import Calibrate, ClearSamples, FitContraction, RecordSample, Save
 
 FEEDBACK_PERIOD = 0.2  # [s]
 USUAL_CAPTURES = 3  # per pressure
 BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
-REST_OFFSET = 0.0005  # of the tip from trial to trial of a series, per axis [m]
 SCENE_NOISES = (0.0, 0.0, 0.0, 0.0, REST_OFFSET)
 
 # Jobs of JobSlot, as another one is refused.

@@ -12,6 +12,8 @@ import numpy as np
 from helix_arm import _core, arguments, results
 from helix_arm.arguments import require
 
+REST_OFFSET = 0.0005  # of the tip from trial to trial of a series, per axis [m]
+
 Numbers = Union[np.ndarray, Sequence[Any]]
 PathLike = Union[str, "os.PathLike[str]"]
 Data = Union[PathLike, Mapping[str, Numbers]]
@@ -218,7 +220,7 @@ class Scene(_core.Scene):
 
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
                   curvature_noise_rad: float = 0.0, corner_noise_px: float = 0.0, position_noise_m: float = 0.0,
-                  rotation_noise_rad: float = 0.0, rest_offset_m: float = 0.0005, errors: bool = True) -> results.Calibration:
+                  rotation_noise_rad: float = 0.0, rest_offset_m: float = REST_OFFSET, errors: bool = True) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
         data: one or several data sets: curvatures, tag poses, tag corners, free lengths or series of the tip; each a path, or a dict of

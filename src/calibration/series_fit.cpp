@@ -1055,8 +1055,7 @@ class SeriesJob {
     if (!carriesLoad(prior_)) {
       out.rules.push_back(
           "K_eps: the arm of the series carries no load, so that the data cannot tell how far a "
-          "load "
-          "moves it; fit K_eps to a series with a load before predictions with one");
+          "load moves it; fit K_eps to a series with a load before predictions with one");
     }
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;

@@ -149,8 +149,8 @@ json seriesJson(const estimation::SeriesFit& fit) {
 struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
   std::vector<std::string> data, also;
-  double rest_offset_mm = 0.5;
   procedures::CalibrationRequest request;
+  double rest_offset_mm = 1e3 * request.rest_offset;
 };
 
 std::vector<std::string> wordsOf(const std::string& list) {

@@ -28,11 +28,11 @@ struct CalibrationRequest {
   std::optional<estimation::CurveKind> curve;
   estimation::Branch branch = estimation::Branch::kBoth;
   // Expected standard deviations; 0: those of the scene, for curvatures the default.
-  double curvature_noise = 0;   ///< [rad]
-  double corner_noise = 0;      ///< [px]
-  double position_noise = 0;    ///< of tag poses [m]
-  double rotation_noise = 0;    ///< of tag poses [rad]
-  double rest_offset = 0.0005;  ///< as of SeriesOptions [m]
+  double curvature_noise = 0;                                    ///< [rad]
+  double corner_noise = 0;                                       ///< [px]
+  double position_noise = 0;                                     ///< of tag poses [m]
+  double rotation_noise = 0;                                     ///< of tag poses [rad]
+  double rest_offset = estimation::SeriesOptions{}.rest_offset;  ///< [m]
   /// As of CalibrationOptions. A curve that is fitted together with the arm has errors in any case:
   /// whether it is taken depends on them.
   bool errors = true;
