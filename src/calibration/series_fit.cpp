@@ -44,6 +44,7 @@ constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstWeight = 0.3, kFir
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
 constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
 constexpr double kRadiusPrior = 0.2;  // of its log
+constexpr double kBendLever = 0.5;    // motion of the tip by a bend of 1 rad, of the arm's length
 constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
 // Bases whose errors are so near the least are fitted with a response; alike [rad], of the arm's
 // length; what the scene's base is ahead, and what each length of the arm away counts: of the
@@ -117,8 +118,10 @@ struct Curve {
 // A series in the form that fits need, with what is derived from pressures alone.
 class Recording {
  public:
-  Recording(const SeriesPrior& prior, const TipSeries& tips, Eigen::Index most_rows)
-      : series(tips) {
+  // @param turn_weight  of orientations, if there are any [m/rad].
+  Recording(const SeriesPrior& prior, const TipSeries& tips, Eigen::Index most_rows,
+            double turn_weight)
+      : series(tips), lever(tips.rotation.empty() ? 0.0 : turn_weight) {
     const model::Arm& arm = prior.model.arm();
     int trial = -1;
     std::vector<Eigen::Index> seen;
@@ -147,8 +150,14 @@ class Recording {
     addCurves(arm);
   }
 
-  int outputs() const { return static_cast<int>(measured.cols()); }
   Eigen::Index rows() const { return measured.rows(); }
+  // The columns of deviations: of positions [m], and of orientations times the lever [m].
+  auto placesOf(const Eigen::MatrixXd& deviation) const {
+    return deviation.leftCols(measured.cols());
+  }
+  auto turnsOf(const Eigen::MatrixXd& deviation) const {
+    return deviation.rightCols(deviation.cols() - measured.cols());
+  }
 
   // Effective pressures (used x actuators) within the limits.
   Eigen::MatrixXd effective(const model::Arm& arm, const std::optional<Response>& response) const {
@@ -176,9 +185,10 @@ class Recording {
   }
 
   const TipSeries& series;
+  double lever;                    // [m/rad]; 0 without orientations
   std::vector<Eigen::Index> used;  // rows that are compared
   std::vector<int> trial_at;       // (used)
-  Eigen::MatrixXd measured;        // (used x outputs)
+  Eigen::MatrixXd measured;        // (used x 2 or 3) positions
   int trials = 0;
   double range = 0.0;       // of the pressures [Pa]
   std::vector<bool> moves;  // (actuators)
@@ -266,7 +276,7 @@ class SeriesProblem {
     if (!now.sound) return {z, Eigen::VectorXd::Constant(1, std::nan(""))};
     return {z, whole(z, deviation(tips(now, effective(now), takes_part_), now.X_FB))};
   }
-  // Model - measured (used x outputs) [m].
+  // Model - measured (used x 2 or 3, and 3 of an orientation) [m].
   Eigen::MatrixXd deviationAt(const Eigen::VectorXd& z) const {
     const Decoded now = decode(z);
     return deviation(tips(now, effective(now), std::vector<bool>(takes_part_.size(), true)),
@@ -276,7 +286,9 @@ class SeriesProblem {
   // Mean of the tips at the start, seen from the base [m].
   Eigen::Vector3d meanTip() const {
     const Decoded now = decode(Eigen::VectorXd::Zero(size()));
-    return tips(now, effective(now), takes_part_).colwise().mean();
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const lie::SE3& one : tips(now, effective(now), takes_part_)) sum += one.translation;
+    return sum / static_cast<double>(recording_.rows());
   }
 
   // Of basics::descend().
@@ -453,7 +465,7 @@ class SeriesProblem {
       const std::string number = "_" + std::to_string(k + 1);
       if (options_.ring_radius)
         add({Kind::kRadius, k, 0, "ring_radius" + number, "", kRadiusPrior});
-      if (options_.ring_phase && (k > 0 || !arm.base)) {
+      if (options_.ring_phase && (k > 0 || !arm.base || recording_.lever > 0)) {
         add({Kind::kPhase, k, 0, "ring_phase" + number, "rad", arm.base_prior.rotation});
       }
     }
@@ -603,13 +615,14 @@ class SeriesProblem {
     return model.arm().hasTables() || (model.load() && !model.load()->tables.empty());
   }
 
-  // Tips seen from the base (used x 3) [m] of the rows that are asked for; 0 of the others.
-  static Eigen::MatrixXd tips(const Decoded& now, const Eigen::MatrixXd& effective,
-                              const std::vector<bool>& rows) {
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(effective.rows(), 3);
+  // (used) tips seen from the base, of the rows that are asked for.
+  static std::vector<lie::SE3> tips(const Decoded& now, const Eigen::MatrixXd& effective,
+                                    const std::vector<bool>& rows) {
+    std::vector<lie::SE3> out(rows.size());
     Eigen::VectorXd lengths(effective.cols());
     for (Eigen::Index row = 0; row < effective.rows(); ++row) {
-      if (!rows[static_cast<std::size_t>(row)]) continue;
+      const auto k = static_cast<std::size_t>(row);
+      if (!rows[k]) continue;
       for (Eigen::Index i = 0; i < lengths.size(); ++i) {
         const model::Contraction& curve = now.contraction[static_cast<std::size_t>(i)];
         lengths[i] = now.scale[i] *
@@ -618,20 +631,26 @@ class SeriesProblem {
       const statics::Tip tip = readsPressures(now.model)
                                    ? now.model.tip(Eigen::VectorXd(effective.row(row).transpose()))
                                    : now.model.tipOfLengths(lengths);
-      if (tip.converged()) {
-        out.row(row) = tip.tip.translation;
-      } else {
-        out.row(row).setConstant(std::numeric_limits<double>::quiet_NaN());
-      }
+      out[k] = tip.tip;
+      if (!tip.converged()) out[k].translation.setConstant(std::nan(""));
     }
     return out;
   }
 
-  Eigen::MatrixXd deviation(const Eigen::MatrixXd& tips, const lie::SE3& X_FB) const {
-    const int outputs = recording_.outputs();
-    const Eigen::MatrixXd placed =
-        (tips * X_FB.rotation.transpose()).rowwise() + X_FB.translation.transpose();
-    return placed.leftCols(outputs) - recording_.measured;
+  Eigen::MatrixXd deviation(const std::vector<lie::SE3>& tips, const lie::SE3& X_FB) const {
+    const Eigen::Index axes = recording_.measured.cols(), turns = recording_.lever > 0 ? 3 : 0;
+    Eigen::MatrixXd out(recording_.rows(), axes + turns);
+    for (Eigen::Index row = 0; row < out.rows(); ++row) {
+      const lie::SE3 X_FT = X_FB * tips[static_cast<std::size_t>(row)];
+      out.row(row).head(axes) =
+          X_FT.translation.head(axes).transpose() - recording_.measured.row(row);
+      if (turns == 0) continue;
+      const Eigen::Matrix3d& seen =
+          recording_.series.rotation[static_cast<std::size_t>(recording_.used[row])];
+      const lie::SE3 turn{seen.transpose() * X_FT.rotation, Eigen::Vector3d::Zero()};
+      out.row(row).tail<3>() = recording_.lever * turn.log().tail<3>();
+    }
+    return out;
   }
 
   // Deviations about the trials' offsets, which are eliminated under their prior, and the prior.
@@ -673,13 +692,13 @@ class SeriesProblem {
     Eigen::MatrixXd J(one.residual.size(), size());
     const Decoded here = decode(one.z);
     const Eigen::MatrixXd pressures = effective(here);
-    const Eigen::MatrixXd tips_here = tips(here, pressures, takes_part_);
+    const std::vector<lie::SE3> tips_here = tips(here, pressures, takes_part_);
     for (Eigen::Index k = 0; k < size(); ++k) {
       Eigen::VectorXd z = one.z;
       z[k] += kDifference;
       const Decoded now = decode(z);
       const Kind kind = number(k).kind;
-      const Eigen::MatrixXd moved =
+      const std::vector<lie::SE3> moved =
           kind == Kind::kBase
               ? tips_here
               : tips(now, isOfResponse(kind) ? effective(now) : pressures, takes_part_);
@@ -728,9 +747,11 @@ Eigen::MatrixXd aboutOffsets(const Recording& recording, const Eigen::MatrixXd& 
   return aboutOffsets(recording, deviation, std::vector<bool>(recording.used.size(), true));
 }
 
-SeriesResidual residualOf(const Eigen::MatrixXd& deviation, const Eigen::MatrixXd& about,
-                          const std::vector<bool>& rows) {
+// @param whole, about  deviations, and those about the trials' offsets.
+SeriesResidual residualOf(const Recording& recording, const Eigen::MatrixXd& whole,
+                          const Eigen::MatrixXd& about, const std::vector<bool>& rows) {
   SeriesResidual out;
+  const Eigen::MatrixXd deviation = recording.placesOf(whole);
   Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(deviation.cols());
   for (Eigen::Index k = 0; k < deviation.rows(); ++k) {
     if (!rows[static_cast<std::size_t>(k)]) continue;
@@ -740,7 +761,9 @@ SeriesResidual residualOf(const Eigen::MatrixXd& deviation, const Eigen::MatrixX
   }
   out.offset = (sum / std::max(out.rows, 1)).transpose();
   out.rms = rmsOf(deviation, rows);
-  out.rms_about_offset = rmsOf(about, rows);
+  out.rms_about_offset = rmsOf(recording.placesOf(about), rows);
+  const bool turns = recording.lever > 0;
+  out.rms_turn = turns ? rmsOf(recording.turnsOf(whole), rows) / recording.lever : std::nan("");
   return out;
 }
 
@@ -908,7 +931,7 @@ class SeriesJob {
       const Estimate without = basics::descend(problem, problem.at(fit.at.z), kBrief).at;
       fit.without.row(block) = without.z;
       const Eigen::MatrixXd deviation = problem.deviationAt(without.z);
-      fit.held_out[block] = rmsOf(deviation, out);
+      fit.held_out[block] = rmsOf(recording_.placesOf(deviation), out);
       fit.about[block] = rmsOf(aboutOffsets(recording_, deviation, out), out);
     }
   }
@@ -979,7 +1002,7 @@ class SeriesJob {
     const Eigen::Vector3d tip =
         SeriesProblem(prior_, recording_, options_, {}, {}, first_).meanTip();
     Eigen::Vector3d seen = Eigen::Vector3d::Zero();
-    seen.head(recording_.outputs()) = recording_.measured.colwise().mean().transpose();
+    seen.head(recording_.measured.cols()) = recording_.measured.colwise().mean().transpose();
     std::vector<Rough> found;
     for (const Eigen::Matrix3d& turn : quarterTurns()) {
       found.push_back(roughFit({turn, seen - turn * tip}, {}));
@@ -1061,7 +1084,14 @@ class SeriesJob {
     if (arm.stroke_scale) out.stroke_scale = now.stroke;
     if (options_.ring_radius) out.ring_radius = now.radius;
     if (options_.ring_phase) out.ring_phase = now.phase;
-    if (options_.ring_phase && arm.base) {
+    if (recording_.lever > 0 && arm.rotation_noise == 0) {
+      out.rules.push_back(basics::messageOf(
+          "orientation: 1 deg counts as ", 1e3 * recording_.lever * M_PI / 180,
+          " mm of the tip, by ",
+          "which it moves as the arm bends; the scene's vision.tag_rotation_noise_deg beside "
+          "tag_position_noise_m states another weight"));
+    }
+    if (options_.ring_phase && arm.base && recording_.lever == 0) {
       out.rules.push_back(
           "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
           "it");
@@ -1082,8 +1112,11 @@ class SeriesJob {
     if (now.response) out.response = *now.response;
     const Eigen::MatrixXd deviation = problem.deviationAt(fit.at.z);
     const std::vector<bool> all(recording_.used.size(), true);
-    out.rms = rmsOf(deviation, all);
-    out.rms_about_offset = rmsOf(aboutOffsets(recording_, deviation), all);
+    const SeriesResidual residual =
+        residualOf(recording_, deviation, aboutOffsets(recording_, deviation), all);
+    out.rms = residual.rms;
+    out.rms_about_offset = residual.rms_about_offset;
+    out.rms_turn = residual.rms_turn;
     out.held_out_rms = std::sqrt(fit.held_out.square().mean());
   }
 
@@ -1113,7 +1146,7 @@ class SeriesJob {
           {one.name, one.unit, initial, value, error, isKnown(one, value, deviation, error)});
       if (!out.parameters.back().identifiable) noteUnknown(one, out);
     }
-    if (options_.arm.contraction) {
+    if (options_.arm.contraction && recording_.lever == 0) {
       out.rules.push_back(
           "contraction: an actuator lengthens or shortens under pressure as in the scene, since an "
           "arm of the other kind, turned by half a turn, moves alike");
@@ -1200,7 +1233,10 @@ std::string faultOf(const SeriesPrior& prior, const Recording& recording,
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options) {
   SeriesFit refused;
-  Recording recording(prior, series, kMostRows);
+  const CalibrationOptions& arm = options.arm;
+  const double lever = arm.rotation_noise > 0 ? arm.position_noise / arm.rotation_noise
+                                              : kBendLever * prior.model.arm().restLength();
+  Recording recording(prior, series, kMostRows, lever);
   for (Curve& one : recording.curves)
     one.free &= options.curve.empty() || one.name == options.curve;
   refused.failure = faultOf(prior, recording, options);
@@ -1209,14 +1245,15 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
 }
 
 SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) {
-  const Recording recording(arm, series, series.history.rows());
+  const Recording recording(arm, series, series.history.rows(), 1.0);
   SeriesOptions none;
   none.arm.K_kappa = none.arm.K_gamma = false;
   const SeriesProblem problem(arm, recording, none, {}, arm.X_BF.inverse(), std::nullopt);
   SeriesComparison out;
   out.rows = recording.used;
-  out.deviation = problem.deviationAt(Eigen::VectorXd());
-  const Eigen::MatrixXd about = aboutOffsets(recording, out.deviation);
+  const Eigen::MatrixXd deviation = problem.deviationAt(Eigen::VectorXd());
+  const Eigen::MatrixXd about = aboutOffsets(recording, deviation);
+  out.deviation = recording.placesOf(deviation);
   const std::vector<bool> moving = recording.inMotion(arm.model.arm());
   for (int trial = 0; trial < recording.trials; ++trial) {
     std::vector<bool> own, still, in_motion;
@@ -1225,11 +1262,11 @@ SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) 
       still.push_back(own.back() && !moving[k]);
       in_motion.push_back(own.back() && moving[k]);
     }
-    out.trials.push_back(residualOf(out.deviation, about, own));
+    out.trials.push_back(residualOf(recording, deviation, about, own));
     out.trials.back().rms_at_rest = rmsOf(out.deviation, still);
     out.trials.back().rms_in_motion = rmsOf(out.deviation, in_motion);
   }
-  out.all = residualOf(out.deviation, about, std::vector<bool>(recording.used.size(), true));
+  out.all = residualOf(recording, deviation, about, std::vector<bool>(recording.used.size(), true));
   std::vector<bool> still = moving;
   still.flip();
   out.all.rms_at_rest = rmsOf(out.deviation, still);

@@ -1,3 +1,4 @@
+#include <cmath>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -139,11 +140,13 @@ json seriesJson(const estimation::SeriesFit& fit) {
     choices.push_back(
         {{"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}});
   }
-  return {{"rms_m", fit.rms},
-          {"rms_without_offset_m", fit.rms_about_offset},
-          {"held_out_rms_m", fit.held_out_rms},
-          {"choices", std::move(choices)},
-          {"rules", fit.rules}};
+  json out{{"rms_m", fit.rms},
+           {"rms_without_offset_m", fit.rms_about_offset},
+           {"held_out_rms_m", fit.held_out_rms},
+           {"choices", std::move(choices)},
+           {"rules", fit.rules}};
+  if (!std::isnan(fit.rms_turn)) out["rms_rad"] = fit.rms_turn;
+  return out;
 }
 
 struct CalibrateOptions {

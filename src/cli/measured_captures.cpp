@@ -424,13 +424,15 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
 json residualJson(const estimation::SeriesResidual& one) {
   // NaN where there are no such rows.
   const auto number = [](double value) { return std::isnan(value) ? json() : json(value); };
-  return {{"rows", one.rows},
-          {"rms_m", one.rms},
-          {"rms_without_offset_m", one.rms_about_offset},
-          {"worst_m", one.worst},
-          {"rms_at_rest_m", number(one.rms_at_rest)},
-          {"rms_in_motion_m", number(one.rms_in_motion)},
-          {"offset_m", toJson(one.offset)}};
+  json out{{"rows", one.rows},
+           {"rms_m", one.rms},
+           {"rms_without_offset_m", one.rms_about_offset},
+           {"worst_m", one.worst},
+           {"rms_at_rest_m", number(one.rms_at_rest)},
+           {"rms_in_motion_m", number(one.rms_in_motion)},
+           {"offset_m", toJson(one.offset)}};
+  if (!std::isnan(one.rms_turn)) out["rms_rad"] = one.rms_turn;
+  return out;
 }
 
 // For plot_report: the coordinates of measured and modelled tips over the time.
@@ -488,8 +490,11 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
   const auto table = [&] {
     printComments(report, {"rms_m", "rms_without_offset_m", "worst_m"});
     printReason(report);
-    return CsvTable(trials, {"trial", "rows", "rms_m", "rms_without_offset_m", "worst_m",
-                             "rms_at_rest_m", "rms_in_motion_m", "offset_m"});
+    std::vector<const char*> columns{
+        "trial",   "rows",          "rms_m",           "rms_without_offset_m",
+        "worst_m", "rms_at_rest_m", "rms_in_motion_m", "offset_m"};
+    if (report.contains("rms_rad")) columns.push_back("rms_rad");
+    return CsvTable(trials, columns);
   };
   printResult(format, report, table, report);
   return solved ? kDone : kNotPossible;
@@ -562,7 +567,8 @@ median_tip_error_percent over the captures whose tags all fit, arm_length_m, tie
 reason.
 Series, json: rms_m and worst_m of the tip's distance, rms_without_offset_m (with the mean
 deviation of each trial taken off), rms_at_rest_m and rms_in_motion_m, offset_m, rows,
-trials [{trial and the same}], tier, reason, png. The arm rests at the start of each trial.
+rms_rad of the orientation if the series has one (qx, qy, qz, qw), trials [{trial and the
+same}], tier, reason, png. The arm rests at the start of each trial.
 csv: the summary as # comments, then one row per point, capture or trial.)");
   return {command,
           [options](const GlobalOptions& global) { return runEvaluate(*options, global); }};

@@ -9,6 +9,7 @@
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/response/response_fit.hpp"
 
 namespace helix_arm::procedures {
@@ -41,6 +42,22 @@ std::vector<std::string> trialNames(const io::DataSet& data, const model::InputH
   return names;
 }
 
+// Of the tip; any where it was not seen.
+std::vector<Eigen::Matrix3d> rotationsOf(const io::DataSet& data) {
+  const Eigen::VectorXd x = columnOf(data, "qx"), y = columnOf(data, "qy"),
+                        z = columnOf(data, "qz"), w = columnOf(data, "qw");
+  const int seen = data.find("seen");
+  std::vector<Eigen::Matrix3d> out(data.lines.size(), Eigen::Matrix3d::Identity());
+  io::FaultList faults(data.path);
+  for (Eigen::Index row = 0; row < x.size(); ++row) {
+    if (seen >= 0 && data.values(row, seen) == 0) continue;
+    const auto k = static_cast<std::size_t>(row);
+    out[k] = io::rotationOf({w[row], x[row], y[row], z[row]}, data.lines[k], faults);
+  }
+  faults.throwIfAny();
+  return out;
+}
+
 bool hasPressures(const io::DataSet& data) {
   return std::any_of(data.columns.begin(), data.columns.end(),
                      [](const std::string& name) { return name.compare(0, 9, "pressure_") == 0; });
@@ -67,6 +84,7 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
   out.reading.col(1) = columnOf(data, "y_m");
   out.planar = data.find("z_m") < 0;
   if (!out.planar) out.reading.col(2) = columnOf(data, "z_m");
+  if (data.find("qx") >= 0) out.rotation = rotationsOf(data);
   const int seen = data.find("seen");
   for (Eigen::Index row = 0; seen >= 0 && row < out.reading.rows(); ++row) {
     if (data.values(row, seen) == 0) {
@@ -77,7 +95,7 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
 }
 
 estimation::TipSeries ofArm(const ResponseSeries& tips) {
-  return {tips.history, tips.reading.leftCols(tips.planar ? 2 : 3)};
+  return {tips.history, tips.reading.leftCols(tips.planar ? 2 : 3), tips.rotation};
 }
 
 std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment) {
@@ -126,6 +144,12 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
         file + (more.planar ? " has no column z_m, but" : " has a column z_m, unlike") +
         " the files of its kind before; expected z_m in all of them or none");
   }
+  if (more.rotation.empty() != to.rotation.empty()) {
+    throw io::DocumentError(
+        file + (more.rotation.empty() ? " has no column qx, but" : " has a column qx, unlike") +
+        " the files of its kind before; expected orientations in all of them or none");
+  }
+  to.rotation.insert(to.rotation.end(), more.rotation.begin(), more.rotation.end());
   to.trials.insert(to.trials.end(), more.trials.begin(), more.trials.end());
   const Eigen::Index before = to.history.rows();
   Eigen::MatrixXd input(before + more.history.rows(), to.history.input.cols());

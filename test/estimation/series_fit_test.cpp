@@ -20,8 +20,8 @@ using basics::kPi;
 using test::Random;
 constexpr double kMost = 200e3;  // [Pa]
 constexpr int kTrials = 6, kRows = 400;
-constexpr double kSpacing = 0.1;   // [s]
-constexpr double kNoise = 0.0005;  // [m]
+constexpr double kSpacing = 0.1;                       // [s]
+constexpr double kNoise = 0.0005, kTurnNoise = 0.005;  // [m], [rad]
 
 struct Truth {
   double rise = 0, fall = 0;                           // [s]
@@ -32,7 +32,9 @@ struct Truth {
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
-  double growth = 0;  // of the stiffness against bending, for the most pressure in all chambers
+  double growth = 0;      // of the stiffness against bending, for the most pressure in all chambers
+  double phase = 0;       // of the ring about the axis of the base [rad]
+  bool oriented = false;  // the series has orientations
 };
 
 double angleOf(int i) { return 2 * kPi * i / 3; }
@@ -43,7 +45,11 @@ double trueLength(double p) {
   return 0.2 + 0.04 * u * (0.7 + 0.3 * u);
 }
 
-Eigen::Vector3d trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
+Eigen::Matrix3d about(const Eigen::Vector3d& axis, double angle) {
+  return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+}
+
+lie::SE3 trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
   const double bend_per_length = 12.0 / (1 + truth.growth * effective.mean() / kMost);  // [rad/m]
   double length = 0, y = 0, z = 0;
   for (int i = 0; i < 3; ++i) {
@@ -56,7 +62,8 @@ Eigen::Vector3d trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
   const double bend = std::max(std::hypot(y, z), 1e-9);
   // A chamber that lengthens bends the arm away from it.
   const double across = -length * (1 - std::cos(bend)) / bend;
-  return {length * std::sin(bend) / bend, across * y / bend, across * z / bend};
+  return {about({0, z / bend, -y / bend}, bend),
+          {length * std::sin(bend) / bend, across * y / bend, across * z / bend}};
 }
 
 TipSeries seriesOf(const Truth& truth, int seed) {
@@ -64,6 +71,7 @@ TipSeries seriesOf(const Truth& truth, int seed) {
   TipSeries out;
   out.history.input.resize(kTrials * kRows, 3);
   out.position.resize(kTrials * kRows, 3);
+  const Eigen::Matrix3d turn = about(Eigen::Vector3d::UnitX(), truth.phase);
   for (int trial = 0; trial < kTrials; ++trial) {
     Eigen::Vector3d p = Eigen::Vector3d::Zero(), lagged = p, slow = p, slower = p, error = p;
     const Eigen::Vector3d offset{random.normal(), random.normal(), random.normal()};
@@ -91,8 +99,12 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       out.history.input.row(row) = p;
       out.history.time.push_back(k * kSpacing);
       out.history.starts_anew.push_back(k == 0);
-      out.position.row(row) = truth.turn * trueTip(effective, truth) + truth.place +
+      const lie::SE3 tip = trueTip(effective, truth);
+      out.position.row(row) = truth.turn * turn * tip.translation + truth.place +
                               truth.offset * offset + truth.correlated * error + kNoise * noise;
+      if (!truth.oriented) continue;
+      out.rotation.push_back(truth.turn * turn * tip.rotation * turn.transpose() *
+                             about(noise.normalized(), kTurnNoise * noise.norm()));
     }
   }
   return out;
@@ -227,19 +239,30 @@ TEST(SeriesFit, SaysWhatTheDataCannotTell) {
   }));
 }
 
-// Turned about its axis, with a base that is known. Bend alone does not tell a radius.
+// With a base that is known, or with orientations, which alone tell a turn of the ring from one of
+// the base. Bend alone does not tell a radius.
 TEST(SeriesFit, FindsThePhaseOfARing) {
-  Truth truth;
-  truth.turn = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitX()).toRotationMatrix();
-  SeriesOptions options = everything();
-  options.arm.base = options.response = false;
-  options.ring_radius = options.ring_phase = true;
-  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 4), options);
-  const Parameter& phase = parameterOf(fit, "ring_phase_1");
-  EXPECT_NEAR(phase.value, 0.2, 4 * phase.standard_error);
-  EXPECT_LT(phase.standard_error, 0.01);
-  EXPECT_NEAR((*fit.ring_phase)[0], phase.value, 1e-12);
-  EXPECT_FALSE(parameterOf(fit, "ring_radius_1").identifiable);
+  for (const bool oriented : {false, true}) {
+    Truth truth;
+    truth.phase = 0.2;
+    truth.oriented = oriented;
+    if (oriented) truth.turn = about(Eigen::Vector3d::UnitX(), -0.5);
+    SeriesOptions options = everything();
+    options.arm.base = oriented;
+    options.response = false;
+    options.ring_radius = options.ring_phase = true;
+    const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 4), options);
+    ASSERT_EQ(fit.failure, "");
+    const Parameter& phase = parameterOf(fit, "ring_phase_1");
+    EXPECT_NEAR(phase.value, 0.2, 4 * phase.standard_error);
+    EXPECT_LT(phase.standard_error, 0.01);
+    EXPECT_NEAR((*fit.ring_phase)[0], phase.value, 1e-12);
+    EXPECT_FALSE(parameterOf(fit, "ring_radius_1").identifiable);
+    if (!oriented) continue;
+    const Parameter& base = parameterOf(fit, "base_rx");
+    EXPECT_NEAR(base.value, -0.5, 4 * base.standard_error);
+    EXPECT_LT(fit.rms_turn, 1.1 * std::sqrt(3) * kTurnNoise);
+  }
 }
 
 // Although the truth has a second creep, rests elsewhere in each trial and has correlated noise.
@@ -249,7 +272,7 @@ TEST(SeriesFit, IntervalsHoldTheTruth) {
     Random random(seed);
     Truth truth{0.8, 0.5, 10.0, 0.4, 0.08, 0.001, 0.002};
     const Eigen::Vector3d axis{random.normal(), random.normal(), random.normal()};
-    truth.turn = Eigen::AngleAxisd(0.1 * axis.norm(), axis.normalized()).toRotationMatrix();
+    truth.turn = about(axis.normalized(), 0.1 * axis.norm());
     const SeriesPrior prior = guess();
     const SeriesFit fit = fitSeries(prior, seriesOf(truth, seed), everything());
     ASSERT_EQ(fit.failure, "");
@@ -302,6 +325,7 @@ TEST(SeriesFit, RefusesWhatHoldsNoMotion) {
 TEST(CompareSeries, TellsOffsetsRestAndMotion) {
   Truth truth;
   truth.offset = 0.002;
+  truth.oriented = true;
   const TipSeries series = seriesOf(truth, 8);
   const SeriesComparison found = compareSeries(guess(), series);
   ASSERT_EQ(found.trials.size(), static_cast<std::size_t>(kTrials));
@@ -315,6 +339,7 @@ TEST(CompareSeries, TellsOffsetsRestAndMotion) {
     EXPECT_NEAR(one.rms_about_offset, std::sqrt(about), 1e-12);
     EXPECT_TRUE(std::isfinite(one.rms_at_rest));
     EXPECT_TRUE(std::isfinite(one.rms_in_motion));
+    EXPECT_GT(one.rms_turn, kTurnNoise);
   }
 }
 

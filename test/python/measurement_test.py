@@ -124,8 +124,10 @@ class CalibrationTest(unittest.TestCase):
         named, counted = [self.scene.calibrate({**data, "trial": trial}, fit="response").message
                           for trial in (["up"] * 80 + ["again"] * 80, np.repeat([1.0, 2.0], 80))]
         self.assertEqual(named, counted)
-        with self.assertRaisesRegex(helix_arm.DocumentError, "time_s goes back"):
-            self.scene.calibrate({**data, "trial": ["up"] * 160}, fit="response")
+        turns = {one: step for one in ("qx", "qy", "qz", "qw")}
+        for wrong, told in (({"trial": ["up"] * 160}, "time_s goes back"), (turns, "not of norm 1")):
+            with self.assertRaisesRegex(helix_arm.DocumentError, told):
+                self.scene.calibrate({**data, **wrong}, fit="response")
 
     def test_says_what_the_data_lack(self):
         found = self.scene.calibrate({"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})

@@ -14,12 +14,13 @@
 /// An arm fitted to recorded motions of its tip, in its own geometry.
 namespace helix_arm::estimation {
 
-/// Positions of the tip through motions.
+/// Positions of the tip, and its orientations if they were measured, through motions.
 struct TipSeries {
   model::InputHistory history;  ///< measured pressures (rows x actuators), with times [Pa], [s]
   /// (rows x 3) seen from a frame F at rest, or (rows x 2) in its x-y plane [m]; NaN where there is
   /// none.
   Eigen::MatrixXd position;
+  std::vector<Eigen::Matrix3d> rotation = {};  ///< (rows) of the tip's frame seen from F, or empty
 };
 
 /// What is known of the arm before.
@@ -63,6 +64,7 @@ struct SeriesResidual {
   double rms = 0.0, worst = 0.0;  ///< distance [m]
   double rms_about_offset = 0.0;  ///< with the mean deviation of each trial taken off [m]
   double rms_at_rest = 0.0, rms_in_motion = 0.0;  ///< NaN where there are no such rows [m]
+  double rms_turn = 0.0;                          ///< of the orientation; NaN without [rad]
   Eigen::VectorXd offset;                         ///< (2 or 3) mean of model - measured, in F [m]
 };
 
@@ -95,6 +97,7 @@ struct SeriesFit {
   double rms = 0.0;               ///< distance over all rows used [m]
   double rms_about_offset = 0.0;  ///< with the trials' offsets [m]
   double held_out_rms = 0.0;      ///< of blocks that were left out [m]
+  double rms_turn = 0.0;          ///< of the orientation over all rows used; NaN without [rad]
 };
 
 /// Fits the arm to the series, in its own geometry: pressures through lag, play and slow state to
@@ -105,6 +108,8 @@ struct SeriesFit {
 /// trials (with fewer than three trials, fifths of the series) shows that they predict better: by 2
 /// % and by two standard errors, and with the offsets not worse. Residuals count as about as many
 /// readings as there are numbers, since what the model cannot describe repeats with the motion.
+/// Orientations weigh as those of captures: rotation_noise against position_noise, and without a
+/// rotation_noise, 1 rad as half of the arm's length, by which such a bend moves the tip.
 /// Standard errors are the larger of those of the normal equations and those of leaving out blocks.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);

@@ -1,15 +1,21 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 
 namespace helix_arm::io {
+
+/// The rotation of a measured quaternion; of one that is far from norm 1 the identity, with a fault
+/// of this line.
+Eigen::Matrix3d rotationOf(const Eigen::Quaterniond& q, int line, FaultList& faults);
 
 /// A measured pose of one tag.
 struct TagPose {

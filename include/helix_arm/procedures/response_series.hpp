@@ -20,8 +20,9 @@ struct ResponseSeries {
   model::InputHistory history;  ///< measured pressures; without columns where none are known
   /// (rows x 1) free lengths, or (rows x 3) positions of the tip [m]; NaN where none was measured.
   Eigen::MatrixXd reading;
-  std::vector<std::string> trials = {};  ///< names of the trials, in their order
-  bool planar = false;                   ///< the positions have no z, which is 0 in `reading`
+  std::vector<std::string> trials = {};        ///< names of the trials, in their order
+  bool planar = false;                         ///< the positions have no z, which is 0 in `reading`
+  std::vector<Eigen::Matrix3d> rotation = {};  ///< (rows) of the tip, in the frame of the positions
 
   bool empty() const { return history.rows() == 0; }
 };
@@ -32,9 +33,10 @@ struct ResponseSeries {
 ResponseSeries lengthSeriesOf(const io::DataSet& data);
 
 /// Positions of one point of an arm, such as its tip, in any frame that does not move; columns
-/// time_s, x_m, y_m and, optionally, pressure_1_kpa .., z_m, seen (0: only the pressures of the row
-/// count) and trial.
-/// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator.
+/// time_s, x_m, y_m and, optionally, pressure_1_kpa .., z_m, qx, qy, qz and qw (orientation), seen
+/// (0: only the pressures of the row count) and trial.
+/// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator or a
+/// quaternion far from norm 1.
 ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
 
 /// The same for a fit of the arm: without z where there is none.

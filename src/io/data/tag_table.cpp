@@ -80,12 +80,7 @@ constexpr double kNormTolerance = 1e-2;  // rounding to two digits
 
 lie::SE3 readPoseCells(const TagRow& at) {
   const Eigen::Quaterniond q(at["qw"], at["qx"], at["qy"], at["qz"]);
-  const Eigen::Vector3d p(at["x_m"], at["y_m"], at["z_m"]);
-  if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
-    at.faults.add(at.line(), "has a quaternion qx, qy, qz, qw that is not of norm 1");
-    return {Eigen::Matrix3d::Identity(), p};
-  }
-  return {q.normalized().toRotationMatrix(), p};
+  return {rotationOf(q, at.line(), at.faults), {at["x_m"], at["y_m"], at["z_m"]}};
 }
 
 std::vector<std::string> cornerColumns() {
@@ -97,6 +92,12 @@ std::vector<std::string> cornerColumns() {
 }
 
 }  // namespace
+
+Eigen::Matrix3d rotationOf(const Eigen::Quaterniond& q, int line, FaultList& faults) {
+  if (std::abs(q.norm() - 1) <= kNormTolerance) return q.normalized().toRotationMatrix();
+  faults.add(line, "has a quaternion qx, qy, qz, qw that is not of norm 1");
+  return Eigen::Matrix3d::Identity();
+}
 
 std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
   requireTagColumns(data, {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"});
