@@ -180,6 +180,12 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                           "; a scale per actuator needs the same number on every arm, a common "
                           "scale does not")};
     }
+    if (options.contraction && arm.arm.hasTables()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name,
+                          ": K_kappa depends on pressure, which a length tells only on the scene's "
+                          "curve: give K_kappa_m2 one number for a curve from captures")};
+    }
     if ((options.length_scale != LengthScaling::kNone || options.stroke_scale) &&
         arm.arm.hasTables()) {
       return Verdict{Status::kNothingToFit,

@@ -12,6 +12,7 @@
 
 #include "basics/least_squares.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -610,9 +611,8 @@ class SeriesProblem {
            readsPressures(prior_.model);
   }
 
-  // Stiffness that follows from pressures, not from lengths alone.
   static bool readsPressures(const statics::ArmModel& model) {
-    return model.arm().hasTables() || (model.load() && !model.load()->tables.empty());
+    return statics::readsInputs(model.arm(), model.load() ? &*model.load() : nullptr);
   }
 
   // (used) tips seen from the base, of the rows that are asked for.

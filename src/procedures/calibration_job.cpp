@@ -485,6 +485,7 @@ class CalibrationJob {
       return "ring_radius and ring_phase are fitted to a series of the tip (time_s, pressure_1_kpa "
              ".., x_m, y_m, z_m) of an arm that is not planar; leave them out";
     }
+    if (of_ring) io::requireRings(path_, overrides_);
     // A series also gives the effective pressures of captures whose times are known.
     const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
     if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows && !ofSeries()) {

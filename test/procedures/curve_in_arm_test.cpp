@@ -151,5 +151,18 @@ TEST(CurveInArm, OfMusclesWithFrictionInTheArmIsRefused) {
   }
 }
 
+// A length tells the pressure at which K_kappa is taken only on the scene's curve.
+TEST(CurveInArm, IsRefusedBesideATableOfKKappa) {
+  Set set(kKinds[1], 0, 1);
+  model::Section section =
+      test::ringSection({3, 0.0254, 0, {10.0, 0.0, 1.38e-4}}, set.curve.curve.value());
+  section.bending = {{0, test::kMaxPressure}, {1, 2}};
+  set.arms.front().arm = model::Arm({section});
+  const CurveFit fit = fitCurveInArm(set.arms, {}, set.curve, set.lengths, Branch::kBoth,
+                                     estimation::calibrate(set.arms, {}));
+  EXPECT_FALSE(fit.verdict.taken);
+  EXPECT_NE(fit.verdict.reason.find("K_kappa depends on pressure"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace helix_arm::procedures

@@ -66,6 +66,10 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
                                 const SceneCalibration& calibration,
                                 const std::string& sha256 = {});
 
+/// @throws std::invalid_argument if a section of a sound scene file lists its actuators, so that
+/// its radius and phase cannot be changed; DocumentError if the file cannot be read.
+void requireRings(const std::string& path, const std::vector<Override>& overrides);
+
 /// New values of a scene's camera; absent members leave the scene as it is.
 struct CameraChange {
   std::optional<estimation::Camera> intrinsics;

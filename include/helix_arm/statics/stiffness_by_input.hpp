@@ -7,9 +7,16 @@
 
 namespace helix_arm::statics {
 
+/// Whether the stiffness depends on the inputs themselves, of which free lengths do not tell:
+/// K_kappa of the arm or K_eps of the load has StiffnessTables.
+/// @param load  null without one.
+template <class Group>
+bool readsInputs(const model::ArmOf<Group>& arm, const Load* load) {
+  return arm.hasTables() || (load != nullptr && !load->tables.empty());
+}
+
 /// The arm at given inputs (n), as the tiers that take a load need it: with the stiffness that its
-/// actuators have at these inputs, if the load or the arm has StiffnessTables. In each of their
-/// sections
+/// actuators have at these inputs, if it readsInputs(). In each of the sections with tables
 ///   A(q) = sum k_i Ad_i^-T K_i Ad_i^-1,  D(q) = [k_i Ad_i^-T K_i e1],  g* = A(q)^-1 D(q) l,
 /// where k_i is K_eps of actuator i relative to that of the section; K_i depends on q, too, if
 /// K_kappa does.

@@ -509,6 +509,12 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
   return checkedText(kTitle, document, path + ", once calibrated,");
 }
 
+void requireRings(const std::string& path, const std::vector<Override>& overrides) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  putRings({}, document);
+}
+
 CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
 }

@@ -259,7 +259,7 @@ class Rod {
     }
     first_.push_back(arm.actuatorCount());
     requireTables(arm, load);
-    has_tables_ = !load.tables.empty() || arm.hasTables();
+    has_tables_ = readsInputs(arm, &load);
     std::vector<PointLoad> points = load.points;
     std::stable_sort(points.begin(), points.end(), [](const PointLoad& a, const PointLoad& b) {
       return a.section + a.s < b.section + b.s;

@@ -92,7 +92,7 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
   requireTables(arm, load_);
-  has_tables_ = !load_.tables.empty() || arm.hasTables();
+  has_tables_ = readsInputs(arm, &load_);
   may_buckle_ = bucklingBound(arm, load) >= 1.0;
 }
 

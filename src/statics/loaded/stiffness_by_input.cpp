@@ -41,14 +41,14 @@ model::UnloadedOf<Group> withTables(const model::ArmOf<Group>& arm, const Load& 
 template <class Group>
 model::UnloadedOf<Group> unloadedUnder(const model::ArmOf<Group>& arm, const Load& load,
                                        const model::InputRef& q) {
-  if (load.tables.empty() && !arm.hasTables()) return arm.unloaded(q);
+  if (!readsInputs(arm, &load)) return arm.unloaded(q);
   return withTables(arm, load, arm.lengths(q), [&q](int i) { return q[i]; });
 }
 
 template <class Group>
 model::UnloadedOf<Group> unloadedUnderOfLengths(const model::ArmOf<Group>& arm, const Load& load,
                                                 const Eigen::VectorXd& lengths) {
-  if (load.tables.empty() && !arm.hasTables()) return arm.unloadedOfLengths(lengths);
+  if (!readsInputs(arm, &load)) return arm.unloadedOfLengths(lengths);
   return withTables(arm, load, lengths,
                     [&](int i) { return model::nearestInput(arm.actuator(i), lengths[i]).q; });
 }
