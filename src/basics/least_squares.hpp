@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
 
-/// Dense least squares within bounds (Levenberg and Marquardt), outside of hot loops.
+/// Dense least squares within bounds (Levenberg and Marquardt), outside of hot loops, and how much
+/// the readings of a series count.
 namespace helix_arm::basics {
 
 /// Of half the cost about an estimate: H = J'WJ and g = J'Wr of residuals r with weights W.
@@ -70,6 +72,28 @@ Descended<Estimate> descend(const Problem& problem, Estimate start, const Descen
     }
   }
   return out;
+}
+
+/// Factor by which deviations that are correlated in time raise the variance of what is fitted to
+/// them, >= 1: 1 + 2 sum rho_k of the correlations at k rows, as long as they are > 0, in steps of
+/// an eighth of k. A drift below noise shows in this sum, but hardly in the first correlation.
+/// @param deviation  (rows x outputs).
+/// @param trial  (rows) equal numbers for rows of one trial; others count as unrelated.
+inline double correlationFactor(const Eigen::MatrixXd& deviation, const std::vector<int>& trial) {
+  const double square = deviation.squaredNorm();
+  double factor = 1.0;
+  for (Eigen::Index lag = 1, step = 1; lag < deviation.rows() && square > 0; lag += step) {
+    double product = 0;
+    for (Eigen::Index k = lag; k < deviation.rows(); ++k) {
+      const bool related =
+          trial[static_cast<std::size_t>(k)] == trial[static_cast<std::size_t>(k - lag)];
+      if (related) product += deviation.row(k).dot(deviation.row(k - lag));
+    }
+    if (product <= 0) break;
+    step = std::max<Eigen::Index>(1, lag / 8);
+    factor += 2 * static_cast<double>(step) * product / square;
+  }
+  return factor;
 }
 
 }  // namespace helix_arm::basics

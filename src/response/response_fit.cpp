@@ -21,7 +21,6 @@ constexpr double kTakesPart = 0.1;  // of the largest range: an actuator that ta
 constexpr double kSameEffectivePressure = 0.02;  // of the range: counts as the same
 constexpr double kRestLag = 0.5;                 // [s]
 constexpr double kInMotion = 0.02;               // of the range, behind a lag of kRestLag
-constexpr double kMostCorrelation = 0.9999;
 
 // Number of monomials in n variables up to a degree; none below degree 0.
 int monomials(int n, int degree) {
@@ -126,18 +125,7 @@ class ResponseReadings {
 
   /// Factor by which residuals that are correlated in time raise a variance, >= 1.
   double correlationFactor(const Eigen::VectorXd& residual) const {
-    double product = 0.0, square = 0.0;
-    for (Eigen::Index output = 0; output < outputs(); ++output) {
-      const auto own = residual.segment(output * rows(), rows());
-      for (Eigen::Index k = 1; k < rows(); ++k) {
-        if (history_.starts_anew[usable_[k]]) continue;
-        product += own[k] * own[k - 1];
-        square += own[k] * own[k];
-      }
-    }
-    const double correlation =
-        square > 0 ? std::clamp(product / square, 0.0, kMostCorrelation) : 0.0;
-    return (1 + correlation) / (1 - correlation);
+    return basics::correlationFactor(residual.reshaped(rows(), outputs()), trial_);
   }
 
   /// Largest stroke back within one memory, relative to the range: the least of down and up.

@@ -1,0 +1,408 @@
+#include "series_problem.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "helix_arm/statics/stiffness_by_input.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using model::Response;
+
+constexpr double kFirstNoise = 0.05;        // of the arm's length, before there are residuals
+constexpr double kFirstCorrelation = 20.0;  // factor on variances, likewise
+// What a response begins with [s], [s], share of the range of pressures.
+constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstReach = 0.05, kFirstWeight = 0.3;
+constexpr double kDifference = 1e-5;
+constexpr double kLongestStep = 0.5;  // of a number z
+// Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
+constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
+constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
+constexpr double kRadiusPrior = 0.2;  // of its log
+constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
+
+bool readsPressures(const statics::ArmModel& model) {
+  return statics::readsInputs(model.arm(), model.load() ? &*model.load() : nullptr);
+}
+
+double entryAt(const SeriesNumber& number, double z) {
+  if (number.law == SeriesNumber::kItself) return z;
+  if (number.law == SeriesNumber::kFactor) return number.start * std::exp(z);
+  const double odds = number.start / (number.most - number.start) * std::exp(z);
+  return number.most * odds / (1 + odds);
+}
+
+// Strictly monotone, and > 0.
+bool isCurve(const std::vector<double>& lengths) {
+  const bool rises = lengths.back() > lengths.front();
+  for (std::size_t j = 0; j < lengths.size(); ++j) {
+    const bool follows =
+        j == 0 || (rises ? lengths[j] > lengths[j - 1] : lengths[j] < lengths[j - 1]);
+    if (!(lengths[j] > 0) || !follows) return false;
+  }
+  return true;
+}
+
+// K_kappa that is linear from one end of all limits to the other.
+// @param ratio  of its values there.
+model::StiffnessTable growing(const model::Arm& arm, double ratio) {
+  model::Range all = arm.actuator(0).limits;
+  for (int i = 1; i < arm.actuatorCount(); ++i) {
+    all.lower = std::min(all.lower, arm.actuator(i).limits.lower);
+    all.upper = std::max(all.upper, arm.actuator(i).limits.upper);
+  }
+  return {{all.lower, all.upper}, {std::max(1 / ratio, 1.0), std::max(ratio, 1.0)}};
+}
+
+// The model of the fitted rings and curves: its K_kappa follows from pressures, not from lengths
+// alone.
+void setModel(SeriesModel& out) {
+  const model::Arm& arm = out.model.arm();
+  std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const Eigen::Matrix3d turn =
+        Eigen::AngleAxisd(out.phase[k], Eigen::Vector3d::UnitX()).toRotationMatrix();
+    const auto move = [&](lie::SE3& X) {
+      X.rotation = turn * X.rotation;
+      X.translation = turn * X.translation;
+      X.translation.tail<2>() *= out.radius[k];
+    };
+    model::Section& section = sections[static_cast<std::size_t>(k)];
+    section.plate = arm.plate(k);
+    section.bending = out.bending.empty() ? arm.bending(k) : out.bending;
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      model::Actuator& actuator = section.actuators.emplace_back(arm.actuator(i));
+      move(actuator.X_O);
+      for (lie::SE3& X : actuator.taper) move(X);
+      actuator.contraction =
+          out.contraction[static_cast<std::size_t>(i)].scaledBy(out.scale[i], out.stroke[i]);
+    }
+  }
+  const statics::TierSetting setting = out.model.choice().setting;
+  const bool planar = setting.tier == statics::Tier::kPlanar && !out.bending.empty();
+  out.model =
+      statics::ArmModel(model::Arm(std::move(sections), arm.tool()), std::nullopt, out.model.load(),
+                        planar ? statics::TierSetting{statics::Tier::kLinear, 0} : setting);
+}
+
+// (used) tips seen from the base, of the rows that are asked for.
+std::vector<lie::SE3> tipsOf(const SeriesModel& now, const Eigen::MatrixXd& effective,
+                             const std::vector<bool>& rows) {
+  std::vector<lie::SE3> out(rows.size());
+  Eigen::VectorXd lengths(effective.cols());
+  for (Eigen::Index row = 0; row < effective.rows(); ++row) {
+    const auto k = static_cast<std::size_t>(row);
+    if (!rows[k]) continue;
+    for (Eigen::Index i = 0; i < lengths.size(); ++i) {
+      const model::Contraction& curve = now.contraction[static_cast<std::size_t>(i)];
+      lengths[i] = now.scale[i] *
+                   (curve.restLength() + now.stroke[i] * curve.changeInside(effective(row, i)));
+    }
+    const statics::Tip tip = readsPressures(now.model)
+                                 ? now.model.tip(Eigen::VectorXd(effective.row(row).transpose()))
+                                 : now.model.tipOfLengths(lengths);
+    out[k] = tip.tip;
+    if (!tip.converged()) out[k].translation.setConstant(std::nan(""));
+  }
+  return out;
+}
+
+}  // namespace
+
+SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& recording,
+                             const SeriesOptions& options, const SeriesForm& form,
+                             const lie::SE3& X_FB)
+    : prior_(prior),
+      recording_(recording),
+      options_(options),
+      form_(form),
+      X_FB_(X_FB),
+      takes_part_(recording.used.size(), true),
+      variance_(kFirstCorrelation * std::pow(kFirstNoise * prior.model.arm().restLength(), 2)) {
+  addArm();
+  addCurves();
+  addPlaces();
+  addResponse();
+}
+
+void SeriesProblem::addArm() {
+  const CalibrationOptions& arm = options_.arm;
+  const model::Stiffness& first = prior_.model.arm().actuator(0).stiffness;
+  const auto factor = [this](const std::string& name, const char* unit, double prior, auto entry,
+                             const char* untold = nullptr, double unit_value = 1.0) {
+    add({SeriesNumber::kArm, SeriesNumber::kFactor, name, unit, prior, entry, untold, unit_value});
+  };
+  const auto stiffness = [&](const char* name, const char* unit, double model::Stiffness::*of,
+                             const char* untold = nullptr) {
+    const auto entry = [of](SeriesModel& m) -> double& { return m.stiffness.*of; };
+    factor(name, unit, arm.stiffness_prior, entry, untold, first.*of);
+  };
+  const auto each = [&](const char* name, int count, double prior, Eigen::VectorXd SeriesModel::*of,
+                        const char* untold) {
+    for (int i = 0; i < count; ++i) {
+      const auto entry = [of, i](SeriesModel& m) -> double& { return (m.*of)[i]; };
+      factor(name + std::to_string(i + 1), "", prior, entry, untold);
+    }
+  };
+  if (arm.K_kappa) stiffness("K_kappa", "m^2", &model::Stiffness::kappa);
+  if (form_.growth) {
+    factor("K_kappa_growth", "", kGrowthPrior, [](SeriesModel& m) -> double& { return m.growth; });
+  }
+  if (arm.K_gamma) {
+    stiffness("K_gamma", "", &model::Stiffness::gamma,
+              "shear stiffness of actuators along the arm, which nothing shows");
+  }
+  if (arm.K_tau) stiffness("K_tau", "m^2", &model::Stiffness::tau);
+  if (arm.K_eps) {
+    const auto entry = [](SeriesModel& m) -> double& { return m.K_eps; };
+    factor("K_eps", "N", arm.stiffness_prior, entry, nullptr, prior_.model.load()->K_eps.front());
+  }
+  const char* const scales = "length scales of actuators that hardly move, and bend at rest";
+  if (arm.length_scale == LengthScaling::kCommon) {
+    const auto entry = [](SeriesModel& m) -> double& { return m.common_scale; };
+    factor("length_scale", "", arm.length_scale_prior, entry, scales);
+  }
+  const int actuators = prior_.model.arm().actuatorCount();
+  each("length_scale_", form_.scales ? actuators : 0, arm.length_scale_prior, &SeriesModel::scale,
+       scales);
+  each("stroke_scale_", form_.strokes ? actuators : 0, arm.stroke_scale_prior, &SeriesModel::stroke,
+       "the strokes of all actuators, slope of their curve and stiffness");
+  each("ring_radius_", options_.ring_radius ? prior_.model.arm().sectionCount() : 0, kRadiusPrior,
+       &SeriesModel::radius,
+       "radius of a ring, strokes and bending stiffness, which bend the arm alike");
+}
+
+void SeriesProblem::addCurves() {
+  for (std::size_t c = 0; options_.arm.contraction && c < recording_.curves.size(); ++c) {
+    const SeriesRecording::Curve& curve = recording_.curves[c];
+    for (std::size_t j = 0; curve.free && j < curve.knots.size(); ++j) {
+      const double prior = j == 0   ? options_.arm.length_scale_prior
+                           : j == 1 ? kSlopePrior
+                                    : kBendPrior;
+      add({SeriesNumber::kCurve, SeriesNumber::kFactor, curve.name + " " + std::to_string(j), "",
+           prior, [c, j](SeriesModel& m) -> double& { return m.pieces[c][j]; }, nullptr, 1.0, 1.0,
+           0, j > 1});
+    }
+  }
+}
+
+// Of rings and base.
+void SeriesProblem::addPlaces() {
+  const CalibrationOptions& arm = options_.arm;
+  for (int k = 0; options_.ring_phase && k < prior_.model.arm().sectionCount(); ++k) {
+    if (k == 0 && arm.base && recording_.lever == 0) continue;  // the base has it
+    add({SeriesNumber::kArm, SeriesNumber::kItself, "ring_phase_" + std::to_string(k + 1), "rad",
+         arm.base_prior.rotation, [k](SeriesModel& m) -> double& { return m.phase[k]; },
+         "phase of a ring, of which only actuators that move tell"});
+  }
+  static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
+  for (int i = 0; arm.base && i < 6; ++i) {
+    const bool turn = i >= 3;
+    add({SeriesNumber::kBase, SeriesNumber::kItself, std::string("base_") + kEntries[i],
+         turn ? "rad" : "m",
+         turn ? arm.base_prior.rotation : kBasePrior * prior_.model.arm().restLength(),
+         [i](SeriesModel& m) -> double& { return m.motion[i]; },
+         i == 3 ? "a turn of the base about the arm's axis and the directions of its actuators"
+                : "pose of the base, bend and length of the arm at rest"});
+  }
+}
+
+void SeriesProblem::addResponse() {
+  const auto number = [this](const char* name, const char* unit, double start, double most,
+                             auto entry) {
+    const auto law = most > 0 ? SeriesNumber::kShare : SeriesNumber::kFactor;
+    add({SeriesNumber::kResponse, law, name, unit, most > 0 ? kWeightPrior : kTimePrior,
+         [entry](SeriesModel& m) -> double& { return entry(*m.response); }, nullptr, 1.0, start,
+         most});
+  };
+  if (form_.lag) {
+    number(
+        "rise_time_constant", "s", kFirstLag, 0, [](auto& r) -> auto& { return r.rise_time; });
+    number(
+        "fall_time_constant", "s", kFirstLag, 0, [](auto& r) -> auto& { return r.fall_time; });
+  }
+  if (form_.slow) {
+    number(
+        "slow_time_constant", "s", kFirstSlowTime, 0, [](auto& r) -> auto& { return r.slow_time; });
+    number(
+        "slow_weight", "", kFirstWeight, Response::kMostWeight,
+        [](auto& r) -> auto& { return r.slow_weight; });
+  }
+  if (form_.play) {
+    number(
+        "play_1", "Pa", kFirstReach * recording_.range, 0,
+        [](auto& r) -> auto& { return r.plays[0].reach; });
+    number(
+        "play_weight_1", "", kFirstWeight, 1.0, [](auto& r) -> auto& { return r.plays[0].weight; });
+  }
+}
+
+Eigen::VectorXd SeriesProblem::startFrom(const std::map<std::string, double>& known) const {
+  Eigen::VectorXd z = Eigen::VectorXd::Zero(size());
+  for (std::size_t k = 0; k < numbers_.size(); ++k) {
+    const auto found = known.find(numbers_[k].name);
+    if (found != known.end()) z[static_cast<Eigen::Index>(k)] = found->second;
+  }
+  return z;
+}
+
+std::map<std::string, double> SeriesProblem::named(const Eigen::VectorXd& z) const {
+  std::map<std::string, double> out;
+  for (std::size_t k = 0; k < numbers_.size(); ++k) {
+    out[numbers_[k].name] = z[static_cast<Eigen::Index>(k)];
+  }
+  return out;
+}
+
+SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
+  const model::Arm& arm = prior_.model.arm();
+  SeriesModel out{prior_.model};
+  out.scale = out.stroke = Eigen::VectorXd::Ones(arm.actuatorCount());
+  out.radius = Eigen::VectorXd::Ones(arm.sectionCount());
+  out.phase = Eigen::VectorXd::Zero(arm.sectionCount());
+  for (const SeriesRecording::Curve& one : recording_.curves) {
+    out.pieces.emplace_back(one.knots.size(), 1.0);
+  }
+  if (options_.response) out.response.emplace().play_count = form_.play ? 1 : 0;
+  for (std::size_t k = 0; k < numbers_.size(); ++k) {
+    numbers_[k].entry(out) = entryAt(numbers_[k], z[static_cast<Eigen::Index>(k)]);
+  }
+  out.scale *= out.common_scale;
+  if (form_.play)
+    out.response->plays[0].weight *= Response::kMostWeight - out.response->slow_weight;
+  if (form_.growth) {
+    out.stiffness.kappa *= std::min(out.growth, 1.0);  // the least one
+    out.bending = growing(arm, out.growth);
+  }
+  out.model = prior_.model.scaledStiffness(out.stiffness, out.K_eps);
+  out.X_FB = X_FB_ * lie::SE3::exp(out.motion);
+  setContractions(out);
+  const bool changed =
+      options_.ring_radius || options_.ring_phase || form_.growth || readsPressures(prior_.model);
+  if (out.sound && changed) setModel(out);
+  return out;
+}
+
+double SeriesProblem::valueOf(Eigen::Index k, SeriesModel now) const {
+  const SeriesNumber& one = numbers_[static_cast<std::size_t>(k)];
+  if (one.part == SeriesNumber::kBase) {
+    return (prior_.X_BF * now.X_FB).log()[&one.entry(now) - now.motion.data()];
+  }
+  return one.unit_value * one.entry(now);
+}
+
+void SeriesProblem::setContractions(SeriesModel& out) const {
+  const model::Arm& arm = prior_.model.arm();
+  out.lengths.resize(recording_.curves.size());
+  std::vector<std::optional<model::Contraction>> fitted(out.lengths.size());
+  for (std::size_t c = 0; c < fitted.size(); ++c) {
+    const SeriesRecording::Curve& curve = recording_.curves[c];
+    if (!options_.arm.contraction || !curve.free) continue;
+    std::vector<double>& lengths = out.lengths[c];
+    for (std::size_t j = 0; j < curve.knots.size(); ++j) {
+      const double before = j == 0 ? 0.0 : curve.lengths[j - 1];
+      lengths.push_back((j == 0 ? 0.0 : lengths.back()) +
+                        out.pieces[c][j] * (curve.lengths[j] - before));
+    }
+    out.sound &= isCurve(lengths);
+    if (!out.sound) return;
+    fitted[c] = model::Contraction::table(curve.knots, lengths);
+  }
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const auto c = static_cast<std::size_t>(recording_.curve_of[static_cast<std::size_t>(i)]);
+    out.contraction.push_back(fitted[c].value_or(arm.actuator(i).contraction));
+    const double rest = out.contraction.back().restLength();
+    out.sound &= rest + out.stroke[i] * (out.contraction.back().lengthRange().lower - rest) > 0;
+  }
+}
+
+SeriesEstimate SeriesProblem::at(const Eigen::VectorXd& z) const {
+  const SeriesModel now = decode(z);
+  if (!now.sound) return {z, Eigen::VectorXd::Constant(1, std::nan(""))};
+  const std::vector<lie::SE3> tips = tipsOf(now, effective(now), takes_part_);
+  return {z, whole(z, recording_.deviation(tips, now.X_FB))};
+}
+
+Eigen::MatrixXd SeriesProblem::deviationAt(const Eigen::VectorXd& z) const {
+  const SeriesModel now = decode(z);
+  const std::vector<bool> all(takes_part_.size(), true);
+  return recording_.deviation(tipsOf(now, effective(now), all), now.X_FB);
+}
+
+Eigen::Vector3d SeriesProblem::meanTip() const {
+  const SeriesModel now = decode(Eigen::VectorXd::Zero(size()));
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const lie::SE3& one : tipsOf(now, effective(now), takes_part_)) sum += one.translation;
+  return sum / static_cast<double>(recording_.rows());
+}
+
+SeriesEstimate SeriesProblem::moved(const SeriesEstimate& from, const Eigen::VectorXd& step) const {
+  return at(from.z + step.cwiseMax(-kLongestStep).cwiseMin(kLongestStep));
+}
+
+basics::DenseEquations SeriesProblem::linearise(const SeriesEstimate& one) const {
+  const Eigen::MatrixXd J = jacobian(one);
+  return {J.transpose() * J, J.transpose() * one.residual};
+}
+
+Eigen::MatrixXd SeriesProblem::covariance(const SeriesEstimate& one) const {
+  return linearise(one).hessian.ldlt().solve(Eigen::MatrixXd::Identity(size(), size()));
+}
+
+// Deviations about the trials' offsets, which are eliminated under their prior, and the prior.
+Eigen::VectorXd SeriesProblem::whole(const Eigen::VectorXd& z, Eigen::MatrixXd deviation) const {
+  const double offset = options_.rest_offset * options_.rest_offset;
+  const std::vector<int>& trial = recording_.trial_at;
+  for (std::size_t begin = 0, end; begin < trial.size(); begin = end) {
+    double count = 0;
+    Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(deviation.cols());
+    for (end = begin; end < trial.size() && trial[end] == trial[begin]; ++end) {
+      auto row = deviation.row(static_cast<Eigen::Index>(end));
+      if (!takes_part_[end]) {
+        row.setZero();
+        continue;
+      }
+      sum += row;
+      ++count;
+    }
+    if (count == 0 || offset == 0) continue;
+    const Eigen::RowVectorXd taken =
+        sum / count * (1 - std::sqrt(variance_ / (count * offset + variance_)));
+    for (std::size_t k = begin; k < end; ++k) {
+      if (takes_part_[k]) deviation.row(static_cast<Eigen::Index>(k)) -= taken;
+    }
+  }
+  Eigen::VectorXd out(deviation.size() + size());
+  out.head(deviation.size()) = deviation.reshaped() / std::sqrt(variance_);
+  for (Eigen::Index k = 0; k < size(); ++k) {
+    const SeriesNumber& one = numbers_[static_cast<std::size_t>(k)];
+    out[deviation.size() + k] = (z[k] - (one.chained ? z[k - 1] : 0)) / one.prior;
+  }
+  return out;
+}
+
+Eigen::MatrixXd SeriesProblem::jacobian(const SeriesEstimate& one) const {
+  Eigen::MatrixXd J(one.residual.size(), size());
+  const SeriesModel here = decode(one.z);
+  const Eigen::MatrixXd pressures = effective(here);
+  const std::vector<lie::SE3> tips_here = tipsOf(here, pressures, takes_part_);
+  for (Eigen::Index k = 0; k < size(); ++k) {
+    Eigen::VectorXd z = one.z;
+    z[k] += kDifference;
+    const SeriesModel now = decode(z);
+    const SeriesNumber& number = numbers_[static_cast<std::size_t>(k)];
+    const std::vector<lie::SE3> moved =
+        number.part == SeriesNumber::kBase
+            ? tips_here
+            : tipsOf(now, number.part == SeriesNumber::kResponse ? effective(now) : pressures,
+                     takes_part_);
+    J.col(k) = (whole(z, recording_.deviation(moved, now.X_FB)) - one.residual) / kDifference;
+  }
+  return J;
+}
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,118 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "basics/least_squares.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
+#include "series_recording.hpp"
+
+/// The least squares of an arm and a series of its tip.
+namespace helix_arm::estimation {
+
+/// Which optional parts the model has.
+struct SeriesForm {
+  bool lag = false, slow = false, play = false, scales = false, strokes = false, growth = false;
+};
+
+/// What the numbers of a fit stand for.
+struct SeriesModel {
+  statics::ArmModel model;
+  // The numbers: factors, but turns, motion and response.
+  model::Stiffness stiffness{1, 1, 1};
+  double K_eps = 1.0, growth = 1.0;  ///< of K_kappa, from one end of the limits to the other
+  double common_scale = 1.0;
+  Eigen::VectorXd scale = {}, stroke = {};  ///< (actuators) of lengths
+  Eigen::VectorXd radius = {}, phase = {};  ///< (sections); phase: turns [rad]
+  /// (curves, knots) length at rest, then the slopes
+  std::vector<std::vector<double>> pieces = {};
+  lie::Vector6 motion = lie::Vector6::Zero();    ///< right-hand, of the base
+  std::optional<model::Response> response = {};  ///< absent: each actuator's own
+  // What follows from these.
+  lie::SE3 X_FB = {};
+  std::vector<std::vector<double>> lengths = {};     ///< (curves) at their knots, if fitted [m]
+  std::vector<model::Contraction> contraction = {};  ///< (actuators)
+  model::StiffnessTable bending = {};  ///< unless empty, the model has it, curves and scales
+  bool sound = true;                   ///< false: a length is not > 0, or a curve turns
+};
+
+/// A number of the fit: z, 0 at first.
+struct SeriesNumber {
+  enum Part { kArm, kCurve, kBase, kResponse } part;
+  /// Its entry is start * exp(z), z itself, or the share of `most` with start's odds times exp(z).
+  enum Law { kFactor, kItself, kShare } law;
+  std::string name, unit;
+  double prior;  ///< standard deviation of z
+  std::function<double&(SeriesModel&)> entry;
+  const char* untold = nullptr;  ///< what the data may not tell apart
+  double unit_value = 1.0;       ///< the value is so many times the entry
+  double start = 1.0, most = 0.0;
+  bool chained = false;  ///< the prior is of the difference from the number before it
+};
+
+/// z with the residuals there, in expected standard deviations.
+struct SeriesEstimate {
+  Eigen::VectorXd z, residual;
+};
+
+/// The least squares of one form of the model. Keeps references to its arguments.
+class SeriesProblem {
+ public:
+  SeriesProblem(const SeriesPrior& prior, const SeriesRecording& recording,
+                const SeriesOptions& options, const SeriesForm& form, const lie::SE3& X_FB);
+
+  const std::vector<SeriesNumber>& numbers() const { return numbers_; }
+  Eigen::Index size() const { return static_cast<Eigen::Index>(numbers_.size()); }
+  /// The start, or another fit's z of the same names; and those of a fit.
+  Eigen::VectorXd startFrom(const std::map<std::string, double>& known) const;
+  std::map<std::string, double> named(const Eigen::VectorXd& z) const;
+
+  /// Which of the used rows count.
+  void take(std::vector<bool> rows) { takes_part_ = std::move(rows); }
+  /// Of a coordinate, with its correlation in time [m^2].
+  void setVariance(double variance) { variance_ = variance; }
+
+  SeriesModel decode(const Eigen::VectorXd& z) const;
+  /// Of number k as it is reported; those of curves have none.
+  double valueOf(Eigen::Index k, SeriesModel now) const;
+  SeriesEstimate at(const Eigen::VectorXd& z) const;
+  /// See SeriesRecording; of all used rows.
+  Eigen::MatrixXd deviationAt(const Eigen::VectorXd& z) const;
+  /// Mean of the tips at z = 0, seen from the base [m].
+  Eigen::Vector3d meanTip() const;
+
+  // Of basics::descend().
+  double cost(const SeriesEstimate& one) const { return one.residual.squaredNorm(); }
+  SeriesEstimate moved(const SeriesEstimate& from, const Eigen::VectorXd& step) const;
+  basics::DenseEquations linearise(const SeriesEstimate& one) const;
+  Eigen::MatrixXd covariance(const SeriesEstimate& one) const;
+
+ private:
+  void add(SeriesNumber one) { numbers_.push_back(std::move(one)); }
+  void addArm();
+  void addCurves();
+  void addPlaces();
+  void addResponse();
+  void setContractions(SeriesModel& out) const;
+  Eigen::MatrixXd effective(const SeriesModel& now) const {
+    return recording_.effective(prior_.model.arm(), now.response);
+  }
+  Eigen::VectorXd whole(const Eigen::VectorXd& z, Eigen::MatrixXd deviation) const;
+  Eigen::MatrixXd jacobian(const SeriesEstimate& one) const;
+
+  const SeriesPrior& prior_;
+  const SeriesRecording& recording_;
+  const SeriesOptions& options_;
+  SeriesForm form_;
+  lie::SE3 X_FB_;
+  std::vector<SeriesNumber> numbers_;
+  std::vector<bool> takes_part_;
+  double variance_;
+};
+
+}  // namespace helix_arm::estimation
