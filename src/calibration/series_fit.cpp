@@ -43,6 +43,12 @@ bool carriesLoad(const SeriesPrior& prior) {
   return prior.model.load() && !prior.model.load()->empty();
 }
 
+// By how much Student's 95 % interval is wider than that of a known deviation (Abramowitz and
+// Stegun, 26.7.5).
+double student(double freedom) {
+  return 1 + 1.21 / freedom + 1.44 / std::pow(freedom, 2) + 1.30 / std::pow(freedom, 3);
+}
+
 // A form of the model, fitted.
 struct Fitted {
   SeriesForm form;
@@ -80,15 +86,12 @@ class SeriesJob {
  private:
   // Trials, or groups of them; of fewer than three, parts of the series.
   void setBlocks() {
-    const auto rows = recording_.used.size();
-    blocks_ = std::min(recording_.trials, kFolds);
+    const bool by_trial = recording_.trials >= kLeastTrials;
+    blocks_ = by_trial ? std::min(recording_.trials, kFolds) : kBlocks;
+    const std::size_t rows = recording_.used.size(), blocks = static_cast<std::size_t>(blocks_);
     for (std::size_t k = 0; k < rows; ++k) {
-      block_of_.push_back(recording_.trial_at[k] % std::max(blocks_, 1));
-    }
-    if (recording_.trials >= kLeastTrials) return;
-    blocks_ = kBlocks;
-    for (std::size_t k = 0; k < rows; ++k) {
-      block_of_[k] = static_cast<int>(k * static_cast<std::size_t>(blocks_) / rows);
+      block_of_.push_back(by_trial ? recording_.trial_at[k] % blocks_
+                                   : static_cast<int>(k * blocks / rows));
     }
   }
 
@@ -355,6 +358,7 @@ class SeriesJob {
     const double blocks = static_cast<double>(fit.without.rows());
     const Eigen::MatrixXd about = fit.without.rowwise() - fit.without.colwise().mean();
     const Eigen::VectorXd left_out =
+        student(blocks - 1) *
         (about.colwise().squaredNorm() * (blocks - 1) / blocks).cwiseSqrt().transpose();
     for (Eigen::Index k = 0; k < problem.size(); ++k) {
       const SeriesNumber& one = problem.numbers()[static_cast<std::size_t>(k)];
@@ -456,22 +460,20 @@ SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) 
   const Eigen::MatrixXd about = recording.aboutOffsets(deviation);
   out.deviation = recording.placesOf(deviation);
   const std::vector<bool> moving = recording.inMotion(arm.model.arm());
-  for (int trial = 0; trial < recording.trials; ++trial) {
+  const auto of = [&](std::optional<int> trial) {
     std::vector<bool> own, still, in_motion;
-    for (std::size_t k = 0; k < recording.used.size(); ++k) {
-      own.push_back(recording.trial_at[k] == trial);
+    for (std::size_t k = 0; k < moving.size(); ++k) {
+      own.push_back(!trial || recording.trial_at[k] == *trial);
       still.push_back(own.back() && !moving[k]);
       in_motion.push_back(own.back() && moving[k]);
     }
-    out.trials.push_back(recording.residualOf(deviation, about, own));
-    out.trials.back().rms_at_rest = rmsOf(out.deviation, still);
-    out.trials.back().rms_in_motion = rmsOf(out.deviation, in_motion);
-  }
-  out.all = recording.residualOf(deviation, about, std::vector<bool>(recording.used.size(), true));
-  std::vector<bool> still = moving;
-  still.flip();
-  out.all.rms_at_rest = rmsOf(out.deviation, still);
-  out.all.rms_in_motion = rmsOf(out.deviation, moving);
+    SeriesResidual one = recording.residualOf(deviation, about, own);
+    one.rms_at_rest = rmsOf(out.deviation, still);
+    one.rms_in_motion = rmsOf(out.deviation, in_motion);
+    return one;
+  };
+  for (int trial = 0; trial < recording.trials; ++trial) out.trials.push_back(of(trial));
+  out.all = of(std::nullopt);
   return out;
 }
 

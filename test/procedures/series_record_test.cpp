@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -16,6 +17,8 @@ constexpr double kLate = 0.06;  // of a tip
 
 Eigen::Vector2d pressureAt(double time) { return {1e4 * time, 2e5 - 1e4 * time}; }
 Eigen::Vector3d tipAt(double time) { return {0.4, 0.01 * time, -0.02 * time}; }
+
+const Eigen::VectorXd kPressure = Eigen::VectorXd::Constant(1, 1e5);
 
 bool seen(const ResponseSeries& series, Eigen::Index row) {
   return series.reading.row(row).allFinite();
@@ -44,6 +47,11 @@ class Arm {
   int step_ = 0;
   std::deque<double> stamps_;
 };
+
+auto trialsOf(const SeriesRecord& record) {
+  const std::vector<bool> starts = record.series().history.starts_anew;
+  return std::count(starts.begin(), starts.end(), true);
+}
 
 void expectAscending(const model::InputHistory& history) {
   for (std::size_t k = 1; k < history.time.size(); ++k) {
@@ -107,68 +115,51 @@ TEST(SeriesRecord, AveragesTheNoiseOfTheReadings) {
 
 TEST(SeriesRecord, ATimeThatGoesBackStartsANewTrial) {
   SeriesRecord record(1);
-  const Eigen::VectorXd pressure = Eigen::VectorXd::Constant(1, 1e5);
   for (const double start : {100.0, 50.0}) {
     for (int k = 0; k < 300; ++k) {
-      record.measured(start + kReading * k, pressure);
+      record.measured(start + kReading * k, kPressure);
       if (k % 5 == 0) record.seen(start + kReading * k, tipAt(0));
     }
   }
   const ResponseSeries series = record.series();
   expectAscending(series.history);
-  int trials = 0, tips = 0;
+  int tips = 0;
   for (std::size_t k = 0; k < series.history.time.size(); ++k) {
-    trials += series.history.starts_anew[k];
     tips += series.history.time[k] < 99 && seen(series, static_cast<Eigen::Index>(k));
   }
-  EXPECT_EQ(trials, 2);
+  EXPECT_EQ(trialsOf(record), 2);
   EXPECT_NEAR(tips, 60, 1) << "of the second trial";
 }
 
 TEST(SeriesRecord, PressuresThatAreMissingForLongStartANewTrial) {
   SeriesRecord record(1);
-  const Eigen::VectorXd pressure = Eigen::VectorXd::Constant(1, 1e5);
   double time = 0;
   const auto go = [&](double gap) {
     time += gap;
-    for (int k = 0; k < 100; ++k) record.measured(time += kReading, pressure);
-  };
-  const auto trials = [&] {
-    int count = 0;
-    for (const bool starts : record.series().history.starts_anew) count += starts;
-    return count;
+    for (int k = 0; k < 100; ++k) record.measured(time += kReading, kPressure);
   };
   go(0);
   go(0.9 * SeriesRecord::kGap);
-  EXPECT_EQ(trials(), 1);
+  EXPECT_EQ(trialsOf(record), 1);
   go(1.1 * SeriesRecord::kGap);
-  EXPECT_EQ(trials(), 2);
+  EXPECT_EQ(trialsOf(record), 2);
 }
 
 TEST(SeriesRecord, LeavesOutTipsThatAreLateTwiceOrNotFinite) {
   SeriesRecord record(1);
-  const Eigen::VectorXd pressure = Eigen::VectorXd::Constant(1, 1e5);
-  const auto go = [&](double from, double to) {
-    for (double time = from; time < to; time += kReading) record.measured(time, pressure);
-  };
-  go(0, 5);
-  record.seen(4.5, tipAt(0));
-  record.seen(4.5, tipAt(0));
-  record.seen(4.4, tipAt(0));
-  record.seen(1.0, tipAt(0));
+  for (double time = 0; time < 5; time += kReading) record.measured(time, kPressure);
+  for (const double time : {4.5, 4.5, 4.4, 1.0}) record.seen(time, tipAt(0));
   record.seen(4.6, {0.4, std::nan(""), 0});
-  go(5, 6);
-  const ResponseSeries series = record.series();
+  for (double time = 5; time < 6; time += kReading) record.measured(time, kPressure);
   EXPECT_EQ(record.tips(), 1u);
-  expectAscending(series.history);
+  expectAscending(record.series().history);
 }
 
 TEST(SeriesRecord, HasAsManyRowsAsADataSetMayHave) {
   SeriesRecord record(1);
-  const Eigen::VectorXd pressure = Eigen::VectorXd::Constant(1, 1e5);
   const int more = 1000;
   for (std::size_t k = 0; k < SeriesRecord::kMostRows + more; ++k) {
-    record.measured(SeriesRecord::kSpacing * static_cast<double>(k), pressure);
+    record.measured(SeriesRecord::kSpacing * static_cast<double>(k), kPressure);
   }
   EXPECT_EQ(record.rows(), SeriesRecord::kMostRows);
   EXPECT_EQ(record.series().history.rows(), static_cast<Eigen::Index>(SeriesRecord::kMostRows));

@@ -110,7 +110,9 @@ struct SeriesFit {
 /// readings as there are numbers, since what the model cannot describe repeats with the motion.
 /// Orientations weigh as those of captures: rotation_noise against position_noise, and without a
 /// rotation_noise, 1 rad as half of the arm's length, by which such a bend moves the tip.
-/// Standard errors are the larger of those of the normal equations and those of leaving out blocks.
+/// Standard errors are the larger of those of the normal equations and those of leaving out blocks,
+/// with Student's factor for their number. They are about what a fit to the same motions without
+/// noise would find: of an arm that creeps in two ways, the one creep that describes both best.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
 
