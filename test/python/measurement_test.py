@@ -124,7 +124,7 @@ class CalibrationTest(unittest.TestCase):
         named, counted = [self.scene.calibrate({**data, "trial": trial}, fit="response").message
                           for trial in (["up"] * 80 + ["again"] * 80, np.repeat([1.0, 2.0], 80))]
         self.assertEqual(named, counted)
-        turns = {one: step for one in ("qx", "qy", "qz", "qw")}
+        turns = {"trial": np.repeat([1.0, 2.0], 80), **{one: step for one in ("qx", "qy", "qz", "qw")}}
         for wrong, told in (({"trial": ["up"] * 160}, "time_s goes back"), (turns, "not of norm 1")):
             with self.assertRaisesRegex(helix_arm.DocumentError, told):
                 self.scene.calibrate({**data, **wrong}, fit="response")
