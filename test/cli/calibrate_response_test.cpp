@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <fstream>
-#include <limits>
 #include <sstream>
 
 #include <gtest/gtest.h>
@@ -21,20 +20,6 @@ using nlohmann::json;
 constexpr double kPi = 3.14159265358979;
 constexpr double kMost = 413.6856;  // [kPa], the limit of the scene's muscles
 constexpr double kNoise = 2e-4;     // of free lengths [m]
-constexpr double kRest = std::numeric_limits<double>::infinity();
-
-model::Response play() {
-  model::Response out;
-  out.play_count = 1;
-  out.plays[0] = {40e3, 0.6};
-  return out;
-}
-
-// Free length of the muscle at a effective pressure [Pa].
-double lengthAt(double effective) {
-  const double u = effective / (1e3 * kMost);
-  return 0.443 - 0.09 * u * (0.6 + 1.2 * u - 0.8 * u * u);
-}
 
 // Pressures that rise and fall, with turns inside the loop [kPa].
 std::vector<double> cycles() {
@@ -48,15 +33,21 @@ std::vector<double> cycles() {
   return out;
 }
 
-std::string freeLengths(const model::Response& truth) {
+// Of a muscle with a play of 40 kPa.
+std::string freeLengths() {
   Random random(3);
+  model::Response truth;
+  truth.play_count = 1;
+  truth.plays[0] = {40e3, 0.6};
   model::ResponseState state(truth);
   std::ostringstream rows;
   rows.precision(12);
   rows << "pressure_kpa,length_m\n";
   for (const double kpa : cycles()) {
-    state.step(1e3 * kpa, kRest);
-    rows << kpa << "," << lengthAt(state.effective()) + kNoise * random.normal() << "\n";
+    state.step(1e3 * kpa, HUGE_VAL);
+    const double u = state.effective() / (1e3 * kMost);
+    const double length = 0.443 - 0.09 * u * (0.6 + 1.2 * u - 0.8 * u * u);
+    rows << kpa << "," << length + kNoise * random.normal() << "\n";
   }
   return rows.str();
 }
@@ -104,7 +95,7 @@ void expectWithin(const json& estimate, double truth, double most) {
 
 TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   const TemporaryFolder folder;
-  const TemporaryFile data(freeLengths(play()));
+  const TemporaryFile data(freeLengths());
   const std::string out = folder / "calibrated.yaml";
   const Outcome outcome = calibrate(scenePath("planar_76"), {data.path()},
                                     {"--fit", "contraction,response", "--out", out});
@@ -182,7 +173,7 @@ TEST(CalibrateResponse, AReleaseGivesTheModeAndAnArmThatDoesNotRingGivesNone) {
 }
 
 TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
-  const TemporaryFile lengths(freeLengths(play())), tips(tipSeries(1));
+  const TemporaryFile lengths(freeLengths()), tips(tipSeries(1));
   const TemporaryFile timed("time_s,pressure_kpa,length_m\n0,0,0.44\n1,10,0.43\n");
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n100,0.2\n200,0.4\n");
   const std::string scene = scenePath("planar_76");

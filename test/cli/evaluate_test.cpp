@@ -37,6 +37,14 @@ TEST(Evaluate, ComparesEveryRowWithTheModel) {
   EXPECT_EQ(std::stod(rows[1][3]), result["points"][0]["model_rad"].get<double>());
 }
 
+TEST(Evaluate, OrientationsOfASeriesAreComparedWhereItHasThem) {
+  const TemporaryFile scene(kRodScene), turned(
+                                            "time_s,pressure_1_kpa,x_m,y_m,z_m,qx,qy,qz,qw\n"
+                                            "0,0,0.3,0,0,1,0,0,0\n");
+  const nlohmann::json result = resultOf({"evaluate", scene.path(), turned.path()});
+  EXPECT_NEAR(result["rms_rad"].get<double>(), std::acos(-1.0), 1e-9);
+}
+
 TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
   const TemporaryFile scene(kRodScene);
   // As the model has them, but stretched by 20 mm: the tags are off by 5, 10 and 20 mm.

@@ -154,8 +154,7 @@ TEST(CurveInArm, OfMusclesWithFrictionInTheArmIsRefused) {
 // A length tells the pressure at which K_kappa is taken only on the scene's curve.
 TEST(CurveInArm, IsRefusedBesideATableOfKKappa) {
   Set set(kKinds[1], 0, 1);
-  model::Section section =
-      test::ringSection({3, 0.0254, 0, {10.0, 0.0, 1.38e-4}}, set.curve.curve.value());
+  auto section = test::ringSection({3, 0.0254, 0, {10, 0, 1e-4}}, set.curve.curve.value());
   section.bending = {{0, test::kMaxPressure}, {1, 2}};
   set.arms.front().arm = model::Arm({section});
   CalibrationOptions options;
