@@ -413,9 +413,9 @@ Subcommand addCalibrate(CLI::App& app) {
             ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
             "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
             "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
-            "z_m; for a mode without pressures, too); or rosbags with tag_detections, "
-            "pressure_measured and pressure_command: each "
-            "time the arm is at rest is one capture",
+            "z_m, optionally qx .. qw; for a mode without pressures, too); or rosbags with "
+            "tag_detections, pressure_measured and pressure_command: each time the arm is at rest "
+            "is one capture",
             kRequired);
   addOption(*command, "--fit", options->fit,
             "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +

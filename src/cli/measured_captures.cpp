@@ -549,8 +549,8 @@ Subcommand addEvaluate(CLI::App& app) {
       *command, "DATA", options->data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
       "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, or a "
-      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, trial; without time_s the arm "
-      "rests at each row)",
+      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, optionally qx .. qw, trial; "
+      "without time_s the arm rests at each row)",
       kRequired);
   addOption(*command, "--png", options->png,
             "picture of a series: model and measurement over the time");
