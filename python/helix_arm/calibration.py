@@ -128,10 +128,10 @@ class Calibrator:
         return found
 
     def _fit_scene(self, data: Any, fit: Sequence[str], noises: Sequence[float] = SCENE_NOISES, contraction: str = "",
-                   curve: str = "", branch: str = "both") -> Dict[str, Any]:
+                   curve: str = "", branch: str = "both", force: bool = False) -> Dict[str, Any]:
         with self._reload.lock:
             scene = self._reload.scene
-        return scene._calibrate(data, fit, contraction, noises, True, curve, branch)
+        return scene._calibrate(data, fit, contraction, noises, True, curve, branch, force)
 
 
 class RunAction:
@@ -407,7 +407,8 @@ class Calibration(Node):
                   max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
-            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises), out)
+            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, "", "", "both",
+                                                       request.force), out)
 
     def _fit_contraction(self, request: Any, response: Any) -> None:
         kind, branch = word_of("kind", request.kind, KINDS), word_of("branch", request.branch, BRANCHES)

@@ -202,6 +202,16 @@ class Contraction(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Suspect(Result):
+    """A usual mistake that would explain why a fit stays beyond the noise of its data."""
+
+    cause: str  #: a word of docs/calibration.md, such as channels_exchanged
+    where: str
+    explains: float  #: share of what is beyond the noise
+    remedy: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Calibration(Result):
     """What a calibration found."""
 
@@ -217,6 +227,7 @@ class Calibration(Result):
     contractions: List[Contraction]
     tip_error_before_m: Optional[float]
     tip_error_after_m: Optional[float]
+    suspects: List[Suspect]  #: best first
     warnings: List[str]
     scene_text: str  #: of the calibrated scene; empty without success
 

@@ -220,7 +220,8 @@ class Scene(_core.Scene):
 
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
                   curvature_noise_rad: float = 0.0, corner_noise_px: float = 0.0, position_noise_m: float = 0.0,
-                  rotation_noise_rad: float = 0.0, rest_offset_m: float = REST_OFFSET, errors: bool = True) -> results.Calibration:
+                  rotation_noise_rad: float = 0.0, rest_offset_m: float = REST_OFFSET, errors: bool = True,
+                  force: bool = False) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
         data: one or several data sets: curvatures, tag poses, tag corners, free lengths or series of the tip; each a path, or a dict of
@@ -228,7 +229,8 @@ class Scene(_core.Scene):
         contraction: name of the curve to fit, if the scene has several. Noises: expected standard deviations; 0: the scene's.
         rest_offset_m: expected standard deviation of the tip's offset from trial to trial, per axis, of a series; 0: none.
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
-        empty in the result, and no parameter is held at the scene's value.
+        empty in the result, and no parameter is held at the scene's value. force: accept a fit that predicts worse than before, or
+        stays beyond five times the noise.
         """
         sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else arguments.items(
             data, "data", "the path of a data set, a dict of its columns, or a list of those")
@@ -239,13 +241,15 @@ class Scene(_core.Scene):
         noises.append(arguments.number(rest_offset_m, "rest_offset_m", 0, expected="a finite number >= 0, 0 for none"))
         arguments.text(contraction, "contraction")
         arguments.flag(errors, "errors")
+        arguments.flag(force, "force")
         require(bool(sets), "data is empty; expected paths of data sets, or dicts of columns")
         tables = [arguments.data_set(one, f"data[{i}]") for i, one in enumerate(sets)]
-        found = self._calibrate(tables, words, contraction, noises, errors)
+        found = self._calibrate(tables, words, contraction, noises, errors, force=force)
         if found["next_pressures_pa"] is not None:
             found["next_pressures_pa"] = np.array(found["next_pressures_pa"] or np.zeros((0, 0)))
         found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
         found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
+        found["suspects"] = [results.Suspect(**one) for one in found["suspects"]]
         found["contractions"] = [results.Contraction.of(one) for one in found["contractions"]]
         return results.Calibration.of(found)
 

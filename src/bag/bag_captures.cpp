@@ -218,7 +218,8 @@ procedures::CalibrationData loadMeasurements(const io::Scene& scene,
                               " changed while it was read; expected one that is "
                               "closed");
     }
-    procedures::LoadedCaptures loaded = procedures::makeCaptures(scene, seen, path);
+    procedures::LoadedCaptures loaded =
+        procedures::makeCaptures(scene, seen, path, procedures::OutsideLimits::kKept);
     out.sources.push_back({path, sha256, static_cast<int>(loaded.captures.size())});
     procedures::addCaptures(std::move(loaded.captures), path, out);
   }

@@ -260,6 +260,17 @@ json combinationsJson(const std::vector<estimation::Combination>& combinations) 
   return out;
 }
 
+json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
+  json out = json::array();
+  for (const estimation::Suspect& one : suspects) {
+    out.push_back({{"cause", one.cause},
+                   {"where", one.where},
+                   {"explains", one.explains},
+                   {"remedy", one.remedy}});
+  }
+  return out;
+}
+
 json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
               const CalibrateOptions& options) {
   json result{{"scene", scene.name},
@@ -272,6 +283,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
               {"response", responseJson(outcome.response)},
               {"arms", armsJson(outcome)},
               {"held_out_error", nullptr},
+              {"suspects", suspectsJson(outcome.suspects)},
               {"warnings", outcome.warnings},
               {"out", outcome.success ? textOrNull(options.out) : json()}};
   for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
@@ -344,8 +356,8 @@ void nameUnit(json& tree, const std::string& suffix) {
 
 // What the data determine, without the single readings.
 json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) {
-  json shown = without(
-      report, {"arms", "samples", "curve", "coefficients_m", "held_out_error", "error_unit"});
+  json shown = without(report, {"arms", "suspects", "samples", "curve", "coefficients_m",
+                                "held_out_error", "error_unit"});
   const procedures::Determined found = procedures::determinedOf(outcome);
   json& parameters = shown["parameters"] = json::array();
   for (const estimation::Parameter& one : found.parameters) {
@@ -444,13 +456,20 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
             "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
             "scene's, vision.*");
+  addOption(*command, "--apply-suspect", options->request.apply_suspect,
+            "calibrate with the captures as this suspect of the result corrects them, counted from "
+            "1; default 0, as given");
+  command->add_flag("--force", options->request.force,
+                    "write the scene even if it predicts worse than before, or stays beyond five "
+                    "times the noise");
   command->footer(
       R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
 parameters {name: {value, standard_error, identifiable, initial, unit}},
 combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
 response, mode (if asked for: frequency_hz, damping, releases [{trial, time_s,
 frequency_hz, damping, rms_m, rows, reason}]), correlation, rms, held_out_error (each pressure predicted by a fit without it) with
-error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
+error_unit, suspects [{cause, where, explains, remedy}] (what usually explains a fit that stays
+beyond its noise, best first), held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
 next_pressures_pa (most informative pressures to measure next), warnings, out, reason
 (exit code 1).
 scripts/plot_report draws it. csv: one row per parameter.)");

@@ -445,13 +445,14 @@ class CalibrationJob {
   CalibrationOutcome run() {
     using Job = CalibrationJob;
     for (const auto phase : {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitMode,
-                             &Job::fitCurve, &Job::fitArm}) {
+                             &Job::fitCurve, &Job::fitArm, &Job::write}) {
       if (const Refusal refusal = (this->*phase)()) {
         outcome_.message = *refusal;
         return std::move(outcome_);
       }
     }
-    write();
+    outcome_.success = true;
+    outcome_.message = resultText(scene_->name, outcome_);
     return std::move(outcome_);
   }
 
@@ -475,7 +476,7 @@ class CalibrationJob {
   Refusal readScene() {
     scene_ = io::loadScene(path_, overrides_);
     sha256_ = scene_->sha256;
-    captures_ = data_.captures;
+    own_captures_ = captures_ = data_.captures;
     if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
       return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
              "contraction as well";
@@ -590,6 +591,7 @@ class CalibrationJob {
       warn({"these arms keep the contraction curves of their own scenes: " +
             basics::joined(others)});
     }
+    if (auto refusal = suspect(options)) return refusal;
     outcome_.calibration = estimation::calibrate(outcome_.arms, options);
     if (in_arm && outcome_.calibration->status == CalibrationStatus::kCalibrated) {
       decideOnCurve(options);
@@ -601,6 +603,53 @@ class CalibrationJob {
     }
     outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
     changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
+    return std::nullopt;
+  }
+
+  // Names the usual mistakes that explain the captures better, and corrects one if asked to.
+  Refusal suspect(const CalibrationOptions& options) {
+    if (request_.errors) outcome_.suspects = estimation::suspectsOf(outcome_.arms, options);
+    const int asked = request_.apply_suspect;
+    if (asked == 0) {
+      warn(textsOf(outcome_.suspects));
+      return std::nullopt;
+    }
+    const int count = static_cast<int>(outcome_.suspects.size());
+    if (asked < 1 || asked > count) {
+      return basics::messageOf("suspect ", asked, " is not among the ", count,
+                               " that the captures give; leave it out to see them");
+    }
+    const estimation::Suspect& chosen = outcome_.suspects[static_cast<std::size_t>(asked - 1)];
+    if (chosen.corrected.empty()) {
+      return basics::messageOf("suspect ", asked, ", ", chosen.cause,
+                               ", is not of the captures: ", chosen.remedy);
+    }
+    outcome_.arms = chosen.corrected;
+    own_captures_ = captures_ = outcome_.arms.front().captures;
+    warn({basics::messageOf("calibrated as if without ", chosen.cause, " (", chosen.where, ")")});
+    return std::nullopt;
+  }
+
+  // Why the calibrated scene would not be better than before.
+  Refusal refuseWorse() const {
+    if (request_.force || !outcome_.calibration) return std::nullopt;
+    constexpr double kMostNoise = 5.0;
+    const auto refusal = [this](const std::string& reason) {
+      const std::vector<std::string> suspects = textsOf(outcome_.suspects);
+      return reason + (suspects.empty() ? "" : "; " + suspects.front()) +
+             "; force writes the scene all the same";
+    };
+    const double noise = outcome_.calibration->noise_scale;
+    if (noise > kMostNoise) {
+      return refusal(basics::messageOf("the readings are ", std::round(10 * noise) / 10,
+                                       " times as far from the fitted arm as their noise; expected "
+                                       "at most ",
+                                       kMostNoise));
+    }
+    if (outcome_.tip_error_before && outcome_.tip_error_after &&
+        *outcome_.tip_error_after > *outcome_.tip_error_before) {
+      return refusal("the fitted arm predicts worse than before, " + tipErrorText(outcome_));
+    }
     return std::nullopt;
   }
 
@@ -686,7 +735,7 @@ class CalibrationJob {
   }
 
   void compareTips() {
-    outcome_.tip_error_before = medianTipError(*scene_, data_.captures);
+    outcome_.tip_error_before = medianTipError(*scene_, own_captures_);
     const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
     const std::vector<estimation::Capture> captures =
         seenFrom(calibrated, *scene_, std::move(captures_));
@@ -694,15 +743,16 @@ class CalibrationJob {
     warn(warningsOfScatter(calibrated, captures));
   }
 
-  void write() {
+  Refusal write() {
     changes_.contractions = curves_.contractions;
     changes_.responses = curves_.responses;
     changes_.mode = curves_.mode;
     changes_.provenance = provenance();
     outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
     if (fitsArm() && !ofSeries()) compareTips();
-    outcome_.success = true;
-    outcome_.message = resultText(scene_->name, outcome_);
+    Refusal refusal = refuseWorse();
+    if (refusal) outcome_.scene_text.clear();
+    return refusal;
   }
 
   bool fits(FitParameter parameter) const { return fitted_.count(parameter) > 0; }
@@ -729,9 +779,9 @@ class CalibrationJob {
   std::vector<io::Provenance::Data> sources_;
   std::optional<io::Scene> scene_;  // with its new curves, once the arm is fitted
   std::string sha256_;
-  std::optional<std::string> name_;  // of the curve that is fitted
-  bool remembers_ = false;           // the muscle of this curve
-  std::vector<estimation::Capture> captures_;
+  std::optional<std::string> name_;                           // of the curve that is fitted
+  bool remembers_ = false;                                    // the muscle of this curve
+  std::vector<estimation::Capture> captures_, own_captures_;  // effective pressures, as measured
   io::SceneCalibration curves_, changes_;
   CalibrationOutcome outcome_;
 };

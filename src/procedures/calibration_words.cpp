@@ -90,6 +90,17 @@ std::string tipErrorText(const CalibrationOutcome& outcome) {
                         1e3 * *outcome.tip_error_after);
 }
 
+std::vector<std::string> textsOf(const std::vector<estimation::Suspect>& suspects) {
+  std::vector<std::string> out;
+  for (const estimation::Suspect& one : suspects) {
+    out.push_back(
+        basics::format("suspect %d: %s (%s) explains %.0f %% of what is beyond the noise: %s",
+                       static_cast<int>(out.size()) + 1, one.cause.c_str(), one.where.c_str(),
+                       100 * one.explains, one.remedy.c_str()));
+  }
+  return out;
+}
+
 std::string resultText(const std::string& scene, const CalibrationOutcome& outcome) {
   std::string out = tipErrorText(outcome);
   out += (out.empty() ? "" : "; ") + std::string("calibrated ") + scene;

@@ -212,7 +212,8 @@ Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm&
   return pressures;
 }
 
-LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data) {
+LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
+                            OutsideLimits outside) {
   const DataKind kind = kindOf(data);
   if (kind == DataKind::kLengths) {
     refuse(data.path, "holds free lengths of a muscle; expected measurements of an arm");
@@ -220,14 +221,18 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data) {
   if (kind == DataKind::kTipSeries) {
     refuse(data.path, "holds a series of the tip; expected captures of an arm at rest");
   }
-  const Eigen::MatrixXd pressures = pressuresWithinLimits(data, scene.arm);
-  if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
+  requirePressures(data.path, scene.arm);
+  if (outside == OutsideLimits::kFault) pressuresWithinLimits(data, scene.arm);
+  if (kind == DataKind::kCurvatures) {
+    return curvaturesOf(scene, data, io::pressuresOf(data, scene.arm.actuatorCount()));
+  }
   if (kind == DataKind::kTagPoses) return posesOf(scene, data);
-  return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path);
+  return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path,
+                      outside);
 }
 
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
-                            const std::string& name) {
+                            const std::string& name, OutsideLimits outside) {
   requirePressures(name, scene.arm);
   if (!scene.camera) {
     refuse(name, "holds corners in pictures, but scene " + scene.name +
@@ -245,7 +250,7 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
     }
     for (int i = 0; i < capture.pressure.size(); ++i) {
       const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
-      if (fault) faults.add(line, *fault);
+      if (fault && outside == OutsideLimits::kFault) faults.add(line, *fault);
     }
     readings.add(
         capture.number, capture.pressure, capture.time, capture.tags,
@@ -333,7 +338,7 @@ void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData&
     case DataKind::kCurvatures:
     case DataKind::kTagPoses:
     case DataKind::kTagCorners: {
-      LoadedCaptures read = loadCaptures(scene, set);
+      LoadedCaptures read = loadCaptures(scene, set, OutsideLimits::kKept);
       count = static_cast<int>(read.captures.size());
       if (!read.unknown_tags.empty()) {
         data.warnings.push_back(

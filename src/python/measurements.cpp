@@ -249,7 +249,10 @@ py::dict calibrate(const Scene& self,
                    const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
                    const std::vector<std::string>& words, const std::string& contraction,
                    const std::array<double, 5>& noises, bool errors, const std::string& curve,
-                   const std::string& branch) {
+                   const std::string& branch, bool force) {
+  procedures::CalibrationRequest request =
+      requestOf(words, contraction, noises, errors, curve, branch);
+  request.force = force;
   procedures::CalibrationData read;
   if (const auto* sets = std::get_if<std::vector<Data>>(&data)) {
     for (const Data& one : *sets) procedures::addDataSet(self.scene(), dataSetOf(one), read);
@@ -260,9 +263,13 @@ py::dict calibrate(const Scene& self,
   procedures::CalibrationOutcome outcome;
   {
     const OthersRun others_run;
-    outcome = procedures::runCalibration(
-        self.path(), self.overrides(), requestOf(words, contraction, noises, errors, curve, branch),
-        recorded ? *recorded : read);
+    outcome = procedures::runCalibration(self.path(), self.overrides(), request,
+                                         recorded ? *recorded : read);
+  }
+  py::list suspects;
+  for (const estimation::Suspect& one : outcome.suspects) {
+    suspects.append(py::dict("cause"_a = one.cause, "where"_a = one.where,
+                             "explains"_a = one.explains, "remedy"_a = one.remedy));
   }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
                "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),
@@ -270,8 +277,9 @@ py::dict calibrate(const Scene& self,
                "held_out_error"_a = py::none(), "next_pressures_pa"_a = py::none(),
                "contractions"_a = curvesOf(outcome),
                "tip_error_before_m"_a = outcome.tip_error_before,
-               "tip_error_after_m"_a = outcome.tip_error_after, "warnings"_a = outcome.warnings,
-               "scene_text"_a = outcome.scene_text, "response_rms_m"_a = py::none());
+               "tip_error_after_m"_a = outcome.tip_error_after, "suspects"_a = suspects,
+               "warnings"_a = outcome.warnings, "scene_text"_a = outcome.scene_text,
+               "response_rms_m"_a = py::none());
   if (outcome.response) out["response_rms_m"] = outcome.response->fit.rms;
   if (outcome.series) {
     std::vector<std::string> warnings = outcome.warnings;
@@ -398,7 +406,8 @@ void bindMeasurements(py::class_<Scene>& scene) {
   scene.def("_fit", fit, py::arg("captures"))
       .def("_localize", localize, py::arg("pictures"), py::arg("pressures_pa"))
       .def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
-           py::arg("noises"), py::arg("errors"), py::arg("curve") = "", py::arg("branch") = "both")
+           py::arg("noises"), py::arg("errors"), py::arg("curve") = "", py::arg("branch") = "both",
+           py::arg("force") = false)
       .def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"), py::arg("open"),
            py::arg("rendered"), py::arg("force"), py::arg("blind"), py::arg("latency_s"),
            py::arg("seed"), py::arg("rig"), py::arg("plant"))

@@ -63,7 +63,9 @@ CalibrationData measuredOf(const Scene& self, const std::vector<Sample>& samples
   const io::Scene& scene = self.scene();
   const std::vector<io::TagCornerCapture> seen = ros_bridge::numbered(samples, scene.arm);
   CalibrationData out;
-  out.captures = procedures::makeCaptures(scene, seen, "recorded samples").captures;
+  out.captures =
+      procedures::makeCaptures(scene, seen, "recorded samples", procedures::OutsideLimits::kKept)
+          .captures;
   out.sources.push_back({"recorded samples",
                          io::sha256Of(io::tagCornerCsv(seen, scene.arm.actuatorCount(), "")),
                          static_cast<int>(seen.size())});

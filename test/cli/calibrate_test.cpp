@@ -262,7 +262,7 @@ TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
   const std::vector<std::string> data{measured("free_contraction_fig3.csv"),
                                       measured("spatial_50_curvature.csv")};
   const json curve = calibrated(scenePath("spatial_50"), data,
-                                {"--fit", "contraction,stiffness"})["contractions"][0];
+                                {"--fit", "contraction,stiffness", "--force"})["contractions"][0];
   const json in_arm = curve["in_arm"];
   EXPECT_EQ(in_arm["taken"], false);
   EXPECT_TRUE(has(in_arm["reason"], "the arm, not the muscle"));

@@ -9,6 +9,7 @@
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/captures.hpp"
@@ -36,6 +37,10 @@ struct CalibrationRequest {
   /// As of CalibrationOptions. A curve that is fitted together with the arm has errors in any case:
   /// whether it is taken depends on them.
   bool errors = true;
+  /// Calibrates with the captures as this suspect corrects them, counted from 1; 0: as given.
+  int apply_suspect = 0;
+  /// Accepts a fit that predicts worse than before, or stays far beyond the noise of its readings.
+  bool force = false;
   std::string date;  ///< ISO 8601, for the provenance
 };
 
@@ -99,6 +104,8 @@ struct CalibrationOutcome {
   std::optional<estimation::LeastTipError> least_tip_error;
   /// Of the scene's own captures, before and after, where they show tags; else empty [m].
   std::optional<double> tip_error_before, tip_error_after;
+  /// Of captures that the fit leaves beyond their noise, best first; empty for series.
+  std::vector<estimation::Suspect> suspects;
   std::vector<std::string> warnings;
   std::string scene_text;  ///< of the calibrated scene; empty without success
 };
@@ -153,6 +160,9 @@ std::vector<std::string> placementTexts(bool base, std::size_t tags);
 
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.
 std::string tipErrorText(const CalibrationOutcome& outcome);
+
+/// One text per suspect: number, cause, place, share and remedy.
+std::vector<std::string> textsOf(const std::vector<estimation::Suspect>& suspects);
 
 /// Result of a calibration that succeeded, in one line: its tip error, then what was determined, or
 /// without errors what was fitted.

@@ -42,18 +42,23 @@ struct LoadedCaptures {
   std::vector<int> unknownIds() const;
 };
 
+/// What becomes of pressures outside the actuators' limits: a fault, or left to a calibration,
+/// which names what usually explains them.
+enum class OutsideLimits { kFault, kKept };
+
 /// Loads the curvatures, tag poses or tag corners of a data set of a scene's arm. Poses are seen
 /// from its base; corners are undistorted with its camera. Rows of curvatures are numbered from 1.
 /// @throws DocumentError with all faults: those of the file, pressures that are not of the arm's
 /// actuators or not within their limits, a curvature < 0 or of an arm of several sections, tags
 /// none of which the scene has, corners without a camera or where its distortion cannot be undone,
 /// free lengths, a series of the tip.
-LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data);
+LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
+                            OutsideLimits outside = OutsideLimits::kFault);
 
 /// The same for corners from memory.
 /// @param name  their name in messages.
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
-                            const std::string& name);
+                            const std::string& name, OutsideLimits outside = OutsideLimits::kFault);
 
 /// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,

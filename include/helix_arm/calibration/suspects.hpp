@@ -1,0 +1,36 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "helix_arm/calibration/calibration.hpp"
+
+namespace helix_arm::estimation {
+
+/// A usual mistake that would explain why a fit stays worse than the noise of its readings.
+struct Suspect {
+  /// channels_exchanged, channel_dead, pressure_unit, pressure_gain, pressure_offset,
+  /// muscle_length, tags_turned, tag_rows_exchanged, tag_rows_reversed, tags_mirrored, tag_size,
+  /// picture_size, picture_turned, base_moved, camera_moved, load or other_arm.
+  std::string cause;
+  std::string where;   ///< "muscle_1 and muscle_2", "all channels", "tags 4, 5 and 6"
+  double explains;     ///< share of the readings' mean square beyond their noise, in [0, 1]
+  std::string remedy;  ///< what to look at, and what to write into the scene
+  /// The captures as they would be without the mistake, for a calibration with them. Empty if that
+  /// takes another scene or another fit, as the remedy says.
+  std::vector<ArmCaptures> corrected;
+};
+
+/// Tries the usual mistakes of a rig, each with a fit of the requested parameters, and names those
+/// that explain most of what the fit leaves beyond the noise, best first. The mistakes are those of
+/// the first arm; the scene's limits bound what a pressure can have been.
+///
+/// @param arms, options  as given to calibrate(); captures whose pressures are outside the limits
+///     are allowed, as in another unit.
+/// @return at most 5; none if the fit is as good as its noise, if shapes are free, or if none
+/// explains
+///     0.3 of what is beyond the noise.
+std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
+                                const CalibrationOptions& options);
+
+}  // namespace helix_arm::estimation
