@@ -2,12 +2,12 @@
 #include <cmath>
 #include <exception>
 
-#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "serial_port.hpp"
+#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -1,7 +1,7 @@
 #include "helix_arm/regulator/config.hpp"
 
-#include "drivers.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
 namespace {

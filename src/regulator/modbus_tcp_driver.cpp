@@ -24,13 +24,13 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
+#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
 namespace {

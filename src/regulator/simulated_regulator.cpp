@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "drivers.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "command.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"

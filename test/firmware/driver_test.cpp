@@ -8,7 +8,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "simulated_board.hpp"
 #include "simulation/emulation.hpp"
 #include "support/has.hpp"

@@ -11,7 +11,7 @@
 #include <mutex>
 #include <vector>
 
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/reply_server.hpp"
 

@@ -4,8 +4,8 @@
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
 #include "regulator/serial_port.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"

@@ -2,7 +2,7 @@
 
 #include <unistd.h>
 
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/bounded_child.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"

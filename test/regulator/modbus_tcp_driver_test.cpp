@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"

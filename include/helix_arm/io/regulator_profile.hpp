@@ -4,8 +4,8 @@
 #include <variant>
 #include <vector>
 
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 
 namespace helix_arm::io {
 

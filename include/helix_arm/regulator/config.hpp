@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
 namespace helix_arm::regulator {

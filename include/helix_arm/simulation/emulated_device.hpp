@@ -10,8 +10,8 @@
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
 namespace helix_arm::simulation {

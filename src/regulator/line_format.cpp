@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 
 #include <algorithm>
 #include <cmath>

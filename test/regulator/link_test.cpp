@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
