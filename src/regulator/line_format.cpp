@@ -8,7 +8,7 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "serial_port.hpp"
 
 namespace helix_arm::regulator {

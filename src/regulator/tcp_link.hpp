@@ -1,60 +1,16 @@
 #pragma once
 
-#include <memory>
+#include <algorithm>
+#include <cstring>
+#include <future>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
-#include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include <sys/socket.h>
 
 namespace helix_arm::regulator {
-
-/// Driver of a simulated regulator. It follows the steady clock and its link never fails.
-/// @throws std::invalid_argument as SimulatedRegulator.
-std::unique_ptr<Driver> simulatedDriver(const SimulatedRegulatorConfig& config, int channels);
-
-/// Driver of a regulator on a serial line that uses lines of text, as its profile says.
-///
-/// One command is outstanding at a time; input received before it was sent is not taken as its
-/// answer. If one channel does not answer, the others are still written, vented and read; the first
-/// error is thrown afterwards, and readings that succeeded are set. No answer is a LinkError, a
-/// wrong answer a BadReply. Set points are rounded down to the device's decimals.
-///
-/// connect() also vents and reads once: a device that cannot be read is not ready. A channel that
-/// is to close vents if the device cannot close. On a device with one line for all channels, those
-/// that vent are set to zero pressure while others regulate. read() does not ask a channel whose
-/// answer to the last write() was a reading. Unsolicited readings are not waited for: it returns
-/// those received since the last call, NaN if there are none.
-///
-/// write(), vent() and read() block for at most the profile's timeout per exchanged line; connect()
-/// for three timeouts more.
-///
-/// @throws std::invalid_argument if the profile breaks its rules, or if its lines have {address}
-/// and the addresses are not one per channel, all different.
-std::unique_ptr<Driver> asciiSerialDriver(const SerialConfig& config, int channels);
-
-/// Driver of a regulator on Modbus TCP, as its profile says.
-///
-/// Set points are rounded down to whole counts, within 0 and the highest count, so the requested
-/// pressure is never exceeded. Slots without a used place are not written. In the other slots all
-/// outlets are written, with 0 for outlets without a channel. vent() writes every register even if
-/// the device does not answer. A register that reads kNoReading gives NaN; a reading below vacuum
-/// is a BadReply.
-///
-/// In a device with apps, connect() acknowledges the faults of its slots and starts their apps at
-/// set point 0. A slot closes if all its channels are to close; if only some are, those vent. A
-/// slot that does not regulate within its activation time after the command is a LinkError:
-/// reconnecting acknowledges its faults. Without a link running apps end, with the valves closed.
-///
-/// connect() takes at most the profile's timeout to resolve and again to reach the device (per
-/// address, if the name has several), and twice its activation time. After any LinkError,
-/// everything except vent() is refused until connect(). A reply that is late, cut short or garbled
-/// to its end counts as a lost link; a complete but invalid reply is a BadReply. Orders that are
-/// not one per channel, or not finite, throw std::invalid_argument.
-///
-/// @throws std::invalid_argument if the profile breaks its rules, or slots are missing, negative,
-/// repeated, or beyond the last register.
-std::unique_ptr<Driver> modbusTcpDriver(const ModbusConfig& config);
 
 /// Prevents other programs on this machine from using a device while one drives it.
 ///
@@ -78,6 +34,62 @@ class DeviceLock {
  private:
   int socket_ = -1;
   std::string device_;
+};
+
+struct SocketAddress {
+  SocketAddress(const void* address, std::size_t length)
+      : size(static_cast<socklen_t>(std::min(length, sizeof storage))) {
+    std::memcpy(&storage, address, size);
+  }
+  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+
+  sockaddr_storage storage{};
+  socklen_t size;
+};
+
+/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
+/// time.
+class TcpLink {
+ public:
+  /// @param kind  of regulator, by which programs find that they drive the same device.
+  /// @param protocol  of the device's server, for messages.
+  /// @param host  name or address.
+  TcpLink(std::string kind, std::string protocol, std::string host, int port);
+
+  /// Returns a connected socket, without delay of small messages, which the caller closes. The
+  /// device is locked until release().
+  ///
+  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
+  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
+  /// device.
+  int open(double timeout);
+
+  /// Unlocks the device for other programs.
+  void release() noexcept { lock_.release(); }
+  /// Makes open() connect even if another program drives the device.
+  void ignoreOthers() noexcept { ignores_others_ = true; }
+
+  /// "host:port".
+  const std::string& place() const { return place_; }
+
+ private:
+  struct Resolved {
+    std::vector<SocketAddress> addresses;
+    std::string error;
+  };
+
+  std::vector<SocketAddress> resolve(double timeout);
+  /// @throws LinkError if another program drives the device at this address.
+  void claim(const SocketAddress& address);
+
+  std::string kind_, protocol_;
+  std::string host_;
+  std::string port_;
+  std::string place_;
+  DeviceLock lock_;
+  bool ignores_others_ = false;
+  /// Pending answer of a slow name server; a new request is made only after it.
+  std::shared_future<Resolved> pending_;
 };
 
 }  // namespace helix_arm::regulator

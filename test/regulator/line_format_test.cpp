@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

@@ -2,7 +2,7 @@
 
 #include <ostream>
 
-#include "helix_arm/regulator/line_format.hpp"
+#include "helix_arm/regulator/config.hpp"
 
 namespace helix_arm::regulator {
 
