@@ -58,7 +58,8 @@ class Link : public testing::TestWithParam<LinkedDevice> {
   }
   void fill(double pressure) {
     driver_->write(regulate(pressure));
-    ASSERT_TRUE(eventually([=] { return std::abs(device_.pressure()[2] - pressure) < 1; }));
+    const Eigen::Vector3d full = Eigen::Vector3d::Constant(pressure);
+    ASSERT_TRUE(eventually([&] { return device_.pressure().head(3).isApprox(full, 1e-6); }));
   }
   // What a call comes to, which does not take long.
   End ends(const std::function<void()>& call) const {

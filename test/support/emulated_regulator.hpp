@@ -82,14 +82,11 @@ class EmulatedRegulator {
       : measures_supply_(extra == Extra::kSupplySensor) {
     // The profile is the scene's: what the driver speaks, the device does.
     const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, 1)).path());
-    simulation::EmulatedDeviceConfig device;
-    device.regulator = *scene.regulator;
-    device = placed(device, folder_);
+    simulation::EmulatedDeviceConfig device = placed({*scene.regulator, kChannels, {}}, folder_);
     auto* const serial = std::get_if<regulator::SerialConfig>(&device.regulator);
     if (serial != nullptr && extra != Extra::kWatchdog) {
       serial->profile.watchdog = std::numeric_limits<double>::infinity();
     }
-    device.channels = kChannels;
     device.valves.time_constant = kLag / 2;
     device.valves.noise = kNoise;
     device_ = std::make_unique<simulation::EmulatedDevice>(device);
