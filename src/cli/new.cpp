@@ -97,7 +97,7 @@ void settleRegulator(NewArm& arm) {
 // What scripts/new_scene has to know of the regulator's device; null of none.
 json profileOf(const NewArm& arm) {
   if (!arm.isHardware()) return nullptr;
-  const io::RegulatorProfile profile = io::loadRegulatorProfile(arm.regulator);
+  const regulator::Profile profile = io::loadRegulatorProfile(arm.regulator);
   const auto* serial = std::get_if<regulator::SerialProfile>(&profile);
   return std::visit(
       [serial](const auto& device) {

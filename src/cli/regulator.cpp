@@ -8,7 +8,6 @@
 #include <iostream>
 #include <limits>
 #include <memory>
-#include <numeric>
 #include <sstream>
 #include <thread>
 #include <utility>
@@ -465,48 +464,27 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   return result.reason.empty() ? kDone : kNotPossible;
 }
 
-struct Emulated {
-  std::unique_ptr<simulation::EmulatedDevice> device;
-  std::vector<int> channels;  // (actuators) positions in the device
-};
-
-regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
-  regulator::SimulatedRegulatorConfig config;
-  config.supply_pressure =
-      std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
-  config.noise = kNoise;
-  return config;
-}
-
-Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) {
-  if (config.host != "127.0.0.1" && config.host != "localhost") {
-    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
-                      config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
+std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {
+  const regulator::DeviceFacts facts = regulator::factsOf(*scene.regulator);
+  if (!regulator::isHardware(*scene.regulator)) {
+    const std::vector<std::string> kinds(std::begin(regulator::kKinds) + 1,
+                                         std::end(regulator::kKinds));
+    throw CallerError(
+        "scene " + scene.name +
+        " has a simulated regulator, hence no device to emulate; expected regulator." +
+        basics::joined(kinds, " or regulator."));
   }
-  simulation::ModbusDeviceConfig device;
-  device.profile = config.profile;
-  device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
-  device.regulator = emulatedConfigOf(scene);
-  device.port = config.port;
-  return {std::make_unique<simulation::EmulatedDevice>(device), config.slots};
-}
-
-Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) {
-  simulation::SerialDeviceConfig device;
-  device.profile = config.profile;
-  device.addresses = config.addresses;
-  device.channels = scene.arm.actuatorCount();
-  device.regulator = emulatedConfigOf(scene);
-  device.link = config.device;
-  std::vector<int> channels(static_cast<std::size_t>(device.channels));
-  std::iota(channels.begin(), channels.end(), 0);
-  return {std::make_unique<simulation::EmulatedDevice>(device), channels};
-}
-
-[[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
-  throw CallerError("scene " + scene.name +
-                    " has a simulated regulator, hence no device to emulate; expected "
-                    "regulator.ascii_serial or regulator.modbus_tcp");
+  if (!facts.host.empty() && facts.host != "127.0.0.1" && facts.host != "localhost") {
+    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
+                      facts.host + "; add --set regulator." + facts.kind + ".host=127.0.0.1");
+  }
+  simulation::EmulatedDeviceConfig config;
+  config.regulator = *scene.regulator;
+  config.channels = facts.used(scene.arm.actuatorCount());
+  config.valves.supply_pressure =
+      std::max(config.valves.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
+  config.valves.noise = kNoise;
+  return std::make_unique<simulation::EmulatedDevice>(config);
 }
 
 const char* wordOf(Valve valve) {
@@ -521,13 +499,14 @@ const char* wordOf(Valve valve) {
   return "is closed";
 }
 
-void tell(const Emulated& emulated, const io::Scene& scene) {
-  const Eigen::VectorXd pressure = emulated.device->pressure();
-  const Eigen::VectorXd set_point = emulated.device->setPoint();
-  const std::vector<Valve> valves = emulated.device->valves();
+void tell(const simulation::EmulatedDevice& device, const io::Scene& scene) {
+  const regulator::DeviceFacts facts = regulator::factsOf(*scene.regulator);
+  const Eigen::VectorXd pressure = device.pressure();
+  const Eigen::VectorXd set_point = device.setPoint();
+  const std::vector<Valve> valves = device.valves();
   std::vector<std::string> parts;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const int k = emulated.channels[static_cast<std::size_t>(i)];
+    const int k = facts.place(i);
     parts.push_back(scene.arm.actuator(i).name +
                     basics::format(" %s: set %.1f, has %.1f kPa",
                                    wordOf(valves[static_cast<std::size_t>(k)]), set_point[k] / 1e3,
@@ -536,9 +515,9 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
   std::cout << basics::joined(parts) << std::endl;
 }
 
-void obey(const std::string& word, const Emulated& emulated) {
+void obey(const std::string& word, simulation::EmulatedDevice& device) {
   if (const auto fault = simulation::parseDeviceFault(word)) {
-    emulated.device->setFault(*fault);
+    device.setFault(*fault);
     std::cout << "fault: " << word << std::endl;
     return;
   }
@@ -575,8 +554,7 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
     throw CallerError("emulate prints only text; leave out --format");
   const io::Scene scene = loadRegulatedScene(options, global);
   const InterruptWatch watch;
-  const Emulated emulated =
-      std::visit([&scene](const auto& config) { return emulate(config, scene); }, *scene.regulator);
+  const auto device = emulate(scene);
   std::cout << "emulates " << regulator::describe(*scene.regulator)
             << "; faults by name on stdin, Ctrl-C ends" << std::endl;
   const double end = steadyNow() + options.seconds.value_or(kNever);
@@ -584,11 +562,11 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
   double next = steadyNow();
   while (!interrupted() && steadyNow() < end) {
     if (steadyNow() >= next) {
-      tell(emulated, scene);
+      tell(*device, scene);
       next += kBetweenReports;
     }
     for (const std::string& line : lines.await(std::min(next, end) - steadyNow())) {
-      obey(line, emulated);
+      obey(line, *device);
     }
   }
   return kDone;

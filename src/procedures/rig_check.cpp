@@ -124,35 +124,33 @@ void checkCurves(const io::Scene& scene, std::vector<Finding>& findings) {
 }
 
 // What a profile tells of its device, against the channels and limits of the arm.
-template <class Profile>
-void checkDevice(const io::Scene& scene, const Profile& profile, int channels,
+void checkDevice(const io::Scene& scene, const regulator::DeviceFacts& device,
                  std::vector<Finding>& findings) {
   const model::Actuator& most = highest(scene.arm);
+  const int channels = device.used(scene.arm.actuatorCount());
   const std::string name = regulator::describe(*scene.regulator);
-  if (profile.highestPressure() < most.limits.upper) {
+  if (device.highest_pressure < most.limits.upper) {
     findings.push_back({Severity::kFault, "device_range", name,
-                        "it accepts at most " + kpa(profile.highestPressure()) +
+                        "it accepts at most " + kpa(device.highest_pressure) +
                             ", and the limit of " + most.name + " is " + kpa(most.limits.upper),
                         "lower max_pressure_kpa to what the device can give; if yours gives more, "
                         "name a copy of its profile that says so"});
   }
-  if (profile.channels && channels > *profile.channels) {
+  if (device.most_channels && channels > *device.most_channels) {
     findings.push_back({Severity::kFault, "device_channels", name,
-                        "it has at most " + std::to_string(*profile.channels) +
+                        "it has at most " + std::to_string(*device.most_channels) +
                             " channels, and the arm needs " + std::to_string(channels),
                         "use a device with more channels, or fewer muscles; if yours has more, "
                         "name a copy of its profile that says so"});
   }
 }
 
-void checkWatchdog(const io::Scene& scene, std::vector<Finding>& findings) {
-  const auto* serial = std::get_if<regulator::SerialConfig>(&*scene.regulator);
+void checkWatchdog(const io::Scene& scene, double watchdog, std::vector<Finding>& findings) {
   const std::string name = regulator::describe(*scene.regulator);
-  if (serial != nullptr && std::isfinite(serial->profile.watchdog)) {
-    findings.push_back(
-        {Severity::kNote, "watchdog", name,
-         "it vents by itself " + figure(serial->profile.watchdog) + " s after the last line",
-         "pull the line once with little pressure, and see that it does"});
+  if (std::isfinite(watchdog)) {
+    findings.push_back({Severity::kNote, "watchdog", name,
+                        "it vents by itself " + figure(watchdog) + " s after the last line",
+                        "pull the line once with little pressure, and see that it does"});
     return;
   }
   findings.push_back(
@@ -176,14 +174,8 @@ void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings) {
     }
     return;
   }
-  if (const auto* serial = std::get_if<regulator::SerialConfig>(&*scene.regulator)) {
-    checkDevice(scene, serial->profile, scene.arm.actuatorCount(), findings);
-  }
-  if (const auto* modbus = std::get_if<regulator::ModbusConfig>(&*scene.regulator)) {
-    const std::vector<int>& slots = modbus->slots;
-    const int last = slots.empty() ? 0 : *std::max_element(slots.begin(), slots.end());
-    checkDevice(scene, modbus->profile, last + 1, findings);
-  }
+  const regulator::DeviceFacts device = regulator::factsOf(*scene.regulator);
+  checkDevice(scene, device, findings);
   const auto& least_supply = scene.safety.rules.min_supply;
   if (least_supply && *least_supply < most.limits.upper) {
     findings.push_back({Severity::kWarning, "min_supply", "safety.min_supply_kpa",
@@ -192,7 +184,7 @@ void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings) {
                             ": a supply between both leaves set points unreached",
                         "raise it to the highest limit, or lower the limits"});
   }
-  checkWatchdog(scene, findings);
+  checkWatchdog(scene, device.watchdog, findings);
 }
 
 constexpr double kDegree = basics::kPi / 180;

@@ -2,10 +2,11 @@
 #include <cmath>
 #include <exception>
 
-#include "drivers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "serial_port.hpp"
 
@@ -429,8 +430,19 @@ class AsciiSerialDriver : public Driver {
 
 }  // namespace
 
-std::unique_ptr<Driver> asciiSerialDriver(const SerialConfig& config, int channels) {
-  return std::make_unique<AsciiSerialDriver>(config, channels);
+DeviceFacts SerialConfig::facts() const {
+  DeviceFacts facts{kKind, profile.name, device};
+  facts.channel_word = "addresses";
+  facts.channels = addresses;
+  facts.closes_valves = !profile.close.empty();
+  facts.most_channels = profile.channels;
+  facts.highest_pressure = profile.highestPressure();
+  facts.watchdog = profile.watchdog;
+  return facts;
+}
+
+std::unique_ptr<Driver> SerialConfig::makeDriver(int channels) const {
+  return std::make_unique<AsciiSerialDriver>(*this, channels);
 }
 
 }  // namespace helix_arm::regulator

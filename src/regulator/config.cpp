@@ -1,90 +1,38 @@
 #include "helix_arm/regulator/config.hpp"
 
-#include "drivers.hpp"
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::regulator {
-namespace {
 
-template <class... Cases>
-struct Overloaded : Cases... {
-  using Cases::operator()...;
-};
+static_assert(std::size(kKinds) == std::variant_size_v<Config>, "each kind has its key");
 
-// What the case of the regulator's kind returns.
-template <class... Cases>
-auto choose(const Config& config, Cases... cases) {
-  return std::visit(Overloaded<Cases...>{cases...}, config);
+DeviceFacts factsOf(const Config& config) {
+  return std::visit([](const auto& kind) { return kind.facts(); }, config);
 }
-
-template <class Item>
-std::string listOf(std::string what, const std::vector<Item>& items) {
-  const char* between = " ";
-  for (const Item& item : items) {
-    what += basics::messageOf(between, item);
-    between = ", ";
-  }
-  return what;
-}
-
-}  // namespace
 
 std::string describe(const Config& config) {
-  return choose(
-      config, [](const SimulatedRegulatorConfig&) { return std::string("simulated"); },
-      [](const SerialConfig& serial) {
-        return "ascii_serial " + serial.profile.name + " at " + serial.device;
-      },
-      [](const ModbusConfig& modbus) {
-        return "modbus_tcp " + modbus.profile.name + " at " + modbus.host + ":" +
-               std::to_string(modbus.port);
-      });
+  const DeviceFacts facts = factsOf(config);
+  return isHardware(config) ? facts.kind + " " + facts.profile + " at " + facts.address
+                            : facts.kind;
 }
 
 std::string describeChannels(const Config& config) {
-  return choose(
-      config, [](const SimulatedRegulatorConfig&) { return std::string(); },
-      [](const SerialConfig& serial) { return listOf("addresses", serial.addresses); },
-      [](const ModbusConfig& modbus) { return listOf("slots", modbus.slots); });
+  const DeviceFacts facts = factsOf(config);
+  return facts.channel_word + (facts.channels.empty() ? "" : " ") + basics::joined(facts.channels);
 }
 
 std::string addressOf(const Config& config, int channel) {
+  const DeviceFacts facts = factsOf(config);
   const auto i = static_cast<std::size_t>(channel);
-  const std::string number = std::to_string(channel);
-  return choose(
-      config, [&](const SimulatedRegulatorConfig&) { return number; },
-      [&](const SerialConfig& serial) {
-        return i < serial.addresses.size() ? serial.addresses[i] : number;
-      },
-      [=](const ModbusConfig& modbus) { return std::to_string(modbus.slots[i]); });
+  return i < facts.channels.size() ? facts.channels[i] : std::to_string(channel);
 }
 
 bool isHardware(const Config& config) {
   return !std::holds_alternative<SimulatedRegulatorConfig>(config);
 }
 
-bool closesValves(const Config& config) {
-  return choose(
-      config, [](const SimulatedRegulatorConfig&) { return true; },
-      [](const SerialConfig& serial) { return !serial.profile.close.empty(); },
-      [](const ModbusConfig& modbus) { return modbus.profile.app.has_value(); });
-}
-
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
-  return choose(
-      config,
-      [=](const SimulatedRegulatorConfig& simulated) {
-        return simulatedDriver(simulated, channels);
-      },
-      [=](const SerialConfig& serial) { return asciiSerialDriver(serial, channels); },
-      [=](const ModbusConfig& modbus) {
-        auto driver = modbusTcpDriver(modbus);
-        const std::size_t slots = modbus.slots.size();
-        basics::require(slots == static_cast<std::size_t>(channels), "a regulator of ", slots,
-                        " channels for ", channels,
-                        " actuators; expected one channel per actuator");
-        return driver;
-      });
+  return std::visit([=](const auto& kind) { return kind.makeDriver(channels); }, config);
 }
 
 }  // namespace helix_arm::regulator

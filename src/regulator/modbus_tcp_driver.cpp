@@ -2,116 +2,25 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <exception>
-#include <fstream>
-#include <future>
 #include <limits>
 #include <set>
 #include <thread>
 #include <utility>
 #include <vector>
 
-#include <fcntl.h>
-#include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <poll.h>
-#include <sys/select.h>
-#include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
 
-#include "drivers.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
+#include "tcp_link.hpp"
 
 namespace helix_arm::regulator {
 namespace {
-
-constexpr char kPrefix[] = "helix_arm regulator ";
-constexpr std::size_t kLongestName = 80;
-
-struct SocketAddress {
-  SocketAddress(const void* address, std::size_t length)
-      : size(static_cast<socklen_t>(std::min(length, sizeof storage))) {
-    std::memcpy(&storage, address, size);
-  }
-  const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
-
-  sockaddr_storage storage{};
-  socklen_t size;
-};
-
-SocketAddress lockOf(const std::string& device) {
-  const std::string text = kPrefix + device.substr(0, kLongestName);
-  sockaddr_un address{};
-  static_assert(sizeof kPrefix + kLongestName < sizeof address.sun_path);
-  address.sun_family = AF_UNIX;
-  std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: an abstract socket
-  return {&address, offsetof(sockaddr_un, sun_path) + 1 + text.size()};
-}
-
-int makeSocket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0); }
-
-// Describes the process that listens on the socket.
-std::string holderOf(const SocketAddress& name) {
-  const int caller = makeSocket();
-  ucred holder{};
-  socklen_t size = sizeof holder;
-  // A full backlog refuses the call, and the holder may just have ended.
-  const bool told = caller >= 0 && connect(caller, name.get(), name.size) == 0 &&
-                    getsockopt(caller, SOL_SOCKET, SO_PEERCRED, &holder, &size) == 0 &&
-                    holder.pid > 0;
-  if (caller >= 0) ::close(caller);
-  if (!told) return "another program";
-  std::string program;
-  std::ifstream command("/proc/" + std::to_string(holder.pid) + "/cmdline");
-  std::getline(command, program, '\0');
-  program.erase(0, program.rfind('/') + 1);  // npos + 1 is 0
-  return "process " + std::to_string(holder.pid) +
-         (program.empty() ? "" : " (" + basics::quoted(program) + ")");
-}
-
-constexpr std::size_t kMostAddresses = 3;
-
-// Returns 0 on success, otherwise errno.
-int connectWithin(int socket, const SocketAddress& address, double timeout) {
-  if (connect(socket, address.get(), address.size) == 0) return 0;
-  if (errno != EINPROGRESS) return errno;
-  const double end = steadyNow() + timeout;
-  for (;;) {
-    const double left = std::max(end - steadyNow(), 0.0);
-    pollfd waited{socket, POLLOUT, 0};
-    const int ready = poll(&waited, 1, static_cast<int>(std::ceil(1e3 * left)));
-    if (ready == 0) return ETIMEDOUT;
-    if (ready < 0 && errno == EINTR) continue;
-    if (ready < 0) return errno;
-    int error = 0;
-    socklen_t error_size = sizeof error;
-    getsockopt(socket, SOL_SOCKET, SO_ERROR, &error, &error_size);
-    return error;
-  }
-}
-
-const char* remedyOf(int error) {
-  switch (error) {
-    case ECONNREFUSED:
-      return "check that its Modbus server runs, and on this port";
-    case ETIMEDOUT:
-    case EHOSTUNREACH:
-    case ENETUNREACH:
-      return "check that it is switched on, and on this network";
-    default:
-      return "check host, port and cable";
-  }
-}
 
 constexpr int kHighestRegister = 0xffff;
 constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
@@ -184,146 +93,6 @@ std::string hex(int word) { return basics::format("0x%04x", word); }
 
 }  // namespace
 
-std::optional<std::string> DeviceLock::take(const std::string& device) {
-  if (socket_ >= 0 && device == device_) return std::nullopt;
-  release();
-  const SocketAddress name = lockOf(device);
-  const int mine = makeSocket();
-  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
-  if (bind(mine, name.get(), name.size) != 0) {
-    const bool taken = errno == EADDRINUSE;
-    ::close(mine);
-    return taken ? std::optional(holderOf(name)) : std::nullopt;
-  }
-  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
-  socket_ = mine;
-  device_ = device;
-  return std::nullopt;
-}
-
-void DeviceLock::release() noexcept {
-  if (socket_ >= 0) ::close(socket_);
-  socket_ = -1;
-}
-
-/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
-/// time.
-class TcpLink {
- public:
-  /// @param host  name or address.
-  TcpLink(std::string host, int port)
-      : host_(std::move(host)),
-        port_(std::to_string(port)),
-        place_((host_.find(':') == std::string::npos ? host_ : "[" + host_ + "]") + ":" + port_) {}
-
-  /// Returns a connected socket, without delay of small messages, which the caller closes. The
-  /// device is locked until release().
-  ///
-  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
-  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
-  /// device.
-  int open(double timeout) {
-    const std::vector<SocketAddress> addresses = resolve(timeout);
-    const std::size_t most = std::min(addresses.size(), kMostAddresses);
-    int error = EADDRNOTAVAIL;
-    for (std::size_t i = 0; i < most; ++i) {
-      const SocketAddress& address = addresses[i];
-      claim(address);
-      const int socket =
-          ::socket(address.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-      if (socket < 0) {
-        error = errno;
-        continue;
-      }
-      // libmodbus waits with select(), which cannot handle larger descriptors.
-      error = socket < FD_SETSIZE ? connectWithin(socket, address, timeout) : EMFILE;
-      if (error == 0) {
-        const int on = 1;
-        setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-        return socket;
-      }
-      ::close(socket);
-    }
-    release();
-    throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
-  }
-
-  /// Unlocks the device for other programs.
-  void release() noexcept { lock_.release(); }
-  /// Makes open() connect even if another program drives the device.
-  void ignoreOthers() noexcept { ignores_others_ = true; }
-
-  /// "host:port".
-  const std::string& place() const { return place_; }
-
- private:
-  struct Resolved {
-    std::vector<SocketAddress> addresses;
-    std::string error;
-  };
-
-  std::vector<SocketAddress> resolve(double timeout) {
-    const auto look = [](const std::string& host, const std::string& port, int flags) {
-      Resolved resolved;
-      addrinfo hints{};
-      hints.ai_socktype = SOCK_STREAM;
-      hints.ai_flags = flags | AI_NUMERICSERV;
-      addrinfo* found = nullptr;
-      const int error = getaddrinfo(host.c_str(), port.c_str(), &hints, &found);
-      if (error != 0) {
-        resolved.error = error == EAI_SYSTEM ? std::strerror(errno) : gai_strerror(error);
-        return resolved;
-      }
-      const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, freeaddrinfo);
-      for (const addrinfo* entry = found; entry != nullptr; entry = entry->ai_next) {
-        resolved.addresses.emplace_back(entry->ai_addr, entry->ai_addrlen);
-      }
-      return resolved;
-    };
-    Resolved resolved = look(host_, port_, AI_NUMERICHOST);
-    if (resolved.error.empty()) return resolved.addresses;
-
-    // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits
-    // for.
-    if (!pending_.valid()) {
-      auto promise = std::make_shared<std::promise<Resolved>>();
-      pending_ = promise->get_future().share();
-      std::thread([look, promise, host = host_, port = port_] {
-        promise->set_value(look(host, port, 0));
-      }).detach();
-    }
-    if (pending_.wait_for(std::chrono::duration<double>(timeout)) != std::future_status::ready) {
-      throw LinkError(place_ +
-                      ": no name server has answered yet; give an address such as "
-                      "192.168.1.10 as host");
-    }
-    resolved = pending_.get();
-    pending_ = {};
-    if (!resolved.error.empty()) {
-      throw LinkError(place_ + ": " + host_ + " is not known: " + resolved.error +
-                      "; give an address such as 192.168.1.10 as host");
-    }
-    return resolved.addresses;
-  }
-
-  /// @throws LinkError if another program drives the device at this address.
-  void claim(const SocketAddress& address) {
-    char host[NI_MAXHOST] = "";
-    getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
-    const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
-    if (!holder || ignores_others_) return;
-    throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
-  }
-
-  std::string host_;
-  std::string port_;
-  std::string place_;
-  DeviceLock lock_;
-  bool ignores_others_ = false;
-  /// Pending answer of a slow name server; a new request is made only after it.
-  std::shared_future<Resolved> pending_;
-};
-
 /// Registers by number, and the consecutive runs of those in use, as Modbus transfers them.
 struct ModbusRegisters {
   struct Run {
@@ -350,7 +119,7 @@ class ModbusTcpDriver : public Driver {
   explicit ModbusTcpDriver(const ModbusConfig& config)
       : profile_(valid(config).profile),
         places_(config.slots),
-        tcp_(config.host, config.port),
+        tcp_(ModbusConfig::kKind, "Modbus", config.host, config.port),
         outputs_(outputsOf(config), MODBUS_MAX_WRITE_REGISTERS),
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});
@@ -608,8 +377,72 @@ class ModbusTcpDriver : public Driver {
   bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
-std::unique_ptr<Driver> modbusTcpDriver(const ModbusConfig& config) {
-  return std::make_unique<ModbusTcpDriver>(config);
+void ModbusProfile::validate() const {
+  const std::string culprit = "profile " + name;
+  const auto require = [&](bool holds, const char* what, const auto& value, const auto& rule) {
+    basics::requireValue(holds, culprit.c_str(), what, value, rule);
+  };
+  const auto within = [&](const char* what, double value, double lowest, double highest) {
+    basics::require(value >= lowest && value <= highest, culprit, ": ", what, " is ", value,
+                    "; expected ", lowest, " to ", highest);
+  };
+  within("unit_id", unit_id, 0, 255);
+  within("count_pa", pascals, 1e-3, 1e6);
+  within("atmosphere_kpa", atmosphere / 1e3, 0, 200);
+  within("highest_count", highest_count, 1, 32767);
+  within("outlets", outlets, 1, 64);
+  if (channels) within("channels", *channels, 1, 1024);
+  within("outputs.first", output_base, 0, kHighestRegister);
+  within("outputs.stride", output_stride, 1, 1024);
+  within("outputs.pressure", output_pressure, 0, output_stride - 1);
+  within("inputs.first", input_base, 0, kHighestRegister);
+  within("inputs.stride", input_stride, 1, 1024);
+  within("inputs.pressure", input_pressure, 0, input_stride - 1);
+  require(output_pressure + outlets <= output_stride, "outlets", outlets,
+          "as many as set points fit into outputs.stride");
+  require(input_pressure + outlets <= input_stride, "outlets", outlets,
+          "as many as readings fit into inputs.stride");
+  if (supply) within("supply", *supply, 0, kHighestRegister);
+  within("timeout_s", timeout, 1e-3, 10);
+  if (!app) return;
+  within("app.command", app->command, 0, output_stride - 1);
+  within("app.status", app->status, 0, input_stride - 1);
+  const auto apart = [this](int word, int first) {
+    return word < first || word >= first + outlets;
+  };
+  require(apart(app->command, output_pressure), "app.command", app->command,
+          "a register other than the set point's");
+  require(apart(app->status, input_pressure), "app.status", app->status,
+          "a register other than the reading's");
+  within("app.regulate", app->regulate, 0, kHighestRegister);
+  within("app.off", app->off, 0, kHighestRegister);
+  within("app.acknowledge", app->acknowledge, 0, kHighestRegister);
+  within("app.status_mask", app->status_mask, 1, kHighestRegister);
+  const auto masked = [this](int word) { return word >= 0 && (word & app->status_mask) == word; };
+  require(masked(app->ready), "app.ready", app->ready, "only bits of app.status_mask");
+  require(masked(app->running), "app.running", app->running, "only bits of app.status_mask");
+  require(app->running != app->ready, "app.running", app->running, "another word than ready");
+  require(app->off != app->regulate, "app.off", app->off, "another word than regulate");
+  within("app.activation_time_s", app->activation_time, 0.01, 60);
+}
+
+DeviceFacts ModbusConfig::facts() const {
+  DeviceFacts facts{kKind, profile.name, host + ":" + std::to_string(port), host};
+  facts.channel_word = "slots";
+  for (const int slot : slots) facts.channels.push_back(std::to_string(slot));
+  facts.places = slots;
+  facts.closes_valves = profile.app.has_value();
+  facts.most_channels = profile.channels;
+  facts.highest_pressure = profile.highestPressure();
+  return facts;
+}
+
+std::unique_ptr<Driver> ModbusConfig::makeDriver(int channels) const {
+  auto driver = std::make_unique<ModbusTcpDriver>(*this);
+  basics::require(slots.size() == static_cast<std::size_t>(channels), "a regulator of ",
+                  slots.size(), " channels for ", channels,
+                  " actuators; expected one channel per actuator");
+  return driver;
 }
 
 }  // namespace helix_arm::regulator

@@ -16,8 +16,8 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "drivers.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 
 namespace helix_arm::regulator {
@@ -160,8 +160,14 @@ class SimulatedDriver : public Driver {
 
 }  // namespace
 
-std::unique_ptr<Driver> simulatedDriver(const SimulatedRegulatorConfig& config, int channels) {
-  return std::make_unique<SimulatedDriver>(channels, config);
+DeviceFacts SimulatedRegulatorConfig::facts() const {
+  DeviceFacts facts{kKind};
+  facts.closes_valves = true;
+  return facts;
+}
+
+std::unique_ptr<Driver> SimulatedRegulatorConfig::makeDriver(int channels) const {
+  return std::make_unique<SimulatedDriver>(channels, *this);
 }
 
 }  // namespace helix_arm::regulator

@@ -10,6 +10,7 @@
 
 #include "emulation.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 
 namespace helix_arm::simulation {
@@ -31,6 +32,11 @@ regulator::AirFault airFaultOf(DeviceFault fault) {
   static_assert(static_cast<int>(DeviceFault::kLowSupply) - kBefore ==
                 static_cast<int>(regulator::AirFault::kLowSupply));
   return static_cast<regulator::AirFault>(std::max(0, static_cast<int>(fault) - kBefore));
+}
+
+[[noreturn]] std::unique_ptr<Emulation> emulate(const regulator::SimulatedRegulatorConfig&,
+                                                const EmulatedDeviceConfig&) {
+  throw std::invalid_argument("emulated device: its regulator is simulated; expected hardware");
 }
 
 }  // namespace
@@ -175,12 +181,9 @@ double Emulation::sendLate() {
   return wait;
 }
 
-EmulatedDevice::EmulatedDevice(const SerialDeviceConfig& config)
-    : EmulatedDevice(emulate(config)) {}
-EmulatedDevice::EmulatedDevice(const ModbusDeviceConfig& config)
-    : EmulatedDevice(emulate(config)) {}
-EmulatedDevice::EmulatedDevice(std::unique_ptr<Emulation> emulation)
-    : emulation_(std::move(emulation)),
+EmulatedDevice::EmulatedDevice(const EmulatedDeviceConfig& config)
+    : emulation_(
+          std::visit([&](const auto& kind) { return emulate(kind, config); }, config.regulator)),
       wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
       thread_([this] { run(); }) {}
 

@@ -231,8 +231,11 @@ class Emulation {
   std::mt19937 generator_;
 };
 
-/// Throw as EmulatedDevice.
-std::unique_ptr<Emulation> emulate(const SerialDeviceConfig& config);
-std::unique_ptr<Emulation> emulate(const ModbusDeviceConfig& config);
+/// The device of a kind of regulator. Throw as EmulatedDevice.
+/// @param config  its `regulator` is this one.
+std::unique_ptr<Emulation> emulate(const regulator::SerialConfig& regulator,
+                                   const EmulatedDeviceConfig& config);
+std::unique_ptr<Emulation> emulate(const regulator::ModbusConfig& regulator,
+                                   const EmulatedDeviceConfig& config);
 
 }  // namespace helix_arm::simulation

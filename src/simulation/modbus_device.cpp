@@ -26,17 +26,16 @@ constexpr std::size_t kLength = 4, kFunction = 7, kFirst = 8, kCount = 10, kWord
 constexpr double kWrongUnit = 0.1;  // kPa in the place of millibar
 constexpr int kHighestRegister = 0xffff;
 
-int slotsOf(const ModbusDeviceConfig& config) {
-  config.profile.validate();
-  basics::requireValue(config.places >= 1, "emulated Modbus device", "the number of places",
-                       config.places, "at least 1");
+int slotsOf(const regulator::ModbusProfile& profile, const EmulatedDeviceConfig& config) {
+  profile.validate();
+  basics::requireValue(config.channels >= 1, "emulated Modbus device", "the number of places",
+                       config.channels, "at least 1");
   basics::requireValue(config.activation_time >= 0, "emulated Modbus device",
                        "the activation time [s]", config.activation_time, "a value >= 0");
-  const regulator::ModbusProfile& profile = config.profile;
-  const int slots = profile.slot(config.places - 1) + 1;
+  const int slots = profile.slot(config.channels - 1) + 1;
   basics::requireValue(profile.output_base + slots * profile.output_stride <= kHighestRegister &&
                            profile.input_base + slots * profile.input_stride <= kHighestRegister,
-                       "emulated Modbus device", "the number of places", config.places,
+                       "emulated Modbus device", "the number of places", config.channels,
                        "as many as have registers below 65536");
   return slots;
 }
@@ -47,16 +46,16 @@ int word(const std::string& bytes, std::size_t at) {
 
 class ModbusEmulation : public Emulation {
  public:
-  explicit ModbusEmulation(const ModbusDeviceConfig& config)
-      : Emulation(slotsOf(config) * config.profile.outlets, config.regulator,
-                  {config.profile.timeout, ""}),
-        profile_(config.profile),
-        valves_(config.regulator),
+  ModbusEmulation(const regulator::ModbusConfig& regulator, const EmulatedDeviceConfig& config)
+      : Emulation(slotsOf(regulator.profile, config) * regulator.profile.outlets, config.valves,
+                  {regulator.profile.timeout, ""}),
+        profile_(regulator.profile),
+        valves_(config.valves),
         activation_time_(config.activation_time),
-        slots_(static_cast<std::size_t>(slotsOf(config))),
+        slots_(static_cast<std::size_t>(slotsOf(regulator.profile, config))),
         holding_(kHighestRegister + 1),
         inputs_(kHighestRegister + 1),
-        port_(config.port) {
+        port_(regulator.port) {
     ModbusEmulation::restart();
     ModbusEmulation::open();
   }
@@ -285,8 +284,9 @@ class ModbusEmulation : public Emulation {
 
 }  // namespace
 
-std::unique_ptr<Emulation> emulate(const ModbusDeviceConfig& config) {
-  return std::make_unique<ModbusEmulation>(config);
+std::unique_ptr<Emulation> emulate(const regulator::ModbusConfig& regulator,
+                                   const EmulatedDeviceConfig& config) {
+  return std::make_unique<ModbusEmulation>(regulator, config);
 }
 
 }  // namespace helix_arm::simulation

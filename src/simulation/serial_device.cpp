@@ -2,7 +2,7 @@
 
 #include "emulation.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -14,21 +14,22 @@ using regulator::LineFormat;
 constexpr const char* kSerialDevice = "serial device";
 constexpr double kPsi = 6894.757293168;
 
-const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
-  config.profile.validate();
-  config.regulator.validate();
+int channelsOf(const regulator::SerialConfig& regulator, const EmulatedDeviceConfig& config) {
+  const regulator::SerialProfile& profile = regulator.profile;
+  profile.validate();
+  config.valves.validate();
   basics::requireValue(config.channels >= 1, kSerialDevice, "the number of channels",
                        config.channels, "at least 1");
-  const bool addressed = regulator::SerialLines(config.profile).write->has("{address}");
+  const bool addressed = regulator::SerialLines(profile).write->has("{address}");
   basics::requireValue(
-      config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
-      kSerialDevice, "the number of addresses", config.addresses.size(),
+      regulator.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
+      kSerialDevice, "the number of addresses", regulator.addresses.size(),
       "one per channel if the profile has {address}, else none");
-  basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kSerialDevice,
+  basics::require(addressed || config.channels == 1 || !profile.one_by_one, kSerialDevice,
                   ": the profile has no {address} to distinguish channels");
   basics::requireValue(config.period > 0, kSerialDevice, "the period [s]", config.period,
                        "a value > 0");
-  return config;
+  return config.channels;
 }
 
 bool ventsByMode(const regulator::SerialLines& lines, bool one_by_one) {
@@ -38,16 +39,18 @@ bool ventsByMode(const regulator::SerialLines& lines, bool one_by_one) {
 
 class SerialEmulation : public Emulation {
  public:
-  explicit SerialEmulation(const SerialDeviceConfig& config)
-      : Emulation(
-            valid(config).channels, config.regulator,
-            {config.profile.timeout, config.profile.terminator,
-             config.profile.read.empty() ? config.period : std::numeric_limits<double>::infinity(),
-             config.seed}),
-        config_(config),
-        lines_(config.profile),
-        vents_by_mode_(ventsByMode(lines_, config.profile.one_by_one)),
-        link_(config.link) {
+  SerialEmulation(const regulator::SerialConfig& regulator, const EmulatedDeviceConfig& config)
+      : Emulation(channelsOf(regulator, config), config.valves,
+                  {regulator.profile.timeout, regulator.profile.terminator,
+                   regulator.profile.read.empty() ? config.period
+                                                  : std::numeric_limits<double>::infinity(),
+                   config.seed}),
+        profile_(regulator.profile),
+        addresses_(regulator.addresses),
+        count_(config.channels),
+        lines_(profile_),
+        vents_by_mode_(ventsByMode(lines_, profile_.one_by_one)),
+        link_(regulator.device) {
     SerialEmulation::restart();
     SerialEmulation::open();
   }
@@ -75,7 +78,7 @@ class SerialEmulation : public Emulation {
   }
 
   void step(double dt) override {
-    const double left = config_.profile.watchdog - silence_;
+    const double left = profile_.watchdog - silence_;
     silence_ += dt;
     if (left > 0 && dt >= left) {
       regulator_.step(left);
@@ -86,7 +89,7 @@ class SerialEmulation : public Emulation {
   }
 
   Outcome take(const std::string& line) override {
-    if (!config_.profile.checksum) return takeText(line);
+    if (!profile_.checksum) return takeText(line);
     const std::optional<std::string> text = regulator::withoutChecksum(line);
     Outcome outcome = text ? takeText(*text) : refusal();
     if (outcome.answer) outcome.answer = regulator::withChecksum(*outcome.answer);
@@ -96,7 +99,7 @@ class SerialEmulation : public Emulation {
   std::optional<std::string> unasked() override {
     if (lines_.read || !speaks_) return std::nullopt;
     const std::string line = readingsOf(*lines_.reply, 0);
-    return config_.profile.checksum ? regulator::withChecksum(line) : line;
+    return profile_.checksum ? regulator::withChecksum(line) : line;
   }
 
   void restart() override {
@@ -106,11 +109,10 @@ class SerialEmulation : public Emulation {
   }
 
   std::string readingsOf(const LineFormat& format, int channel) {
-    const regulator::SerialProfile& profile = config_.profile;
     const bool wrong_unit = fault_ == DeviceFault::kWrongUnit;
-    const double other = profile.pascals == kPsi ? 1e3 : kPsi;
+    const double other = profile_.pascals == kPsi ? 1e3 : kPsi;
     const auto number = [&](double pressure) {
-      return wrong_unit ? (pressure + profile.atmosphere) / other : profile.fromPascals(pressure);
+      return wrong_unit ? (pressure + profile_.atmosphere) / other : profile_.fromPascals(pressure);
     };
     const Eigen::VectorXd pressures = readings();
     LineFields fields;
@@ -122,8 +124,8 @@ class SerialEmulation : public Emulation {
     std::string line = format.line(addressOf(channel), fields);
     if (wrong_unit && format.has("{unit}")) {
       // The last occurrence is the unit: numbers contain no letters, and addresses come first.
-      const std::size_t at = line.rfind(profile.unit_word);
-      line.replace(at, profile.unit_word.size(), profile.unit_word == "psi" ? "kPa" : "psi");
+      const std::size_t at = line.rfind(profile_.unit_word);
+      line.replace(at, profile_.unit_word.size(), profile_.unit_word == "psi" ? "kPa" : "psi");
     }
     return line;
   }
@@ -135,7 +137,7 @@ class SerialEmulation : public Emulation {
       speaks_ = speaks_ || i + 1 == lines_.start.size();
       return {true};
     }
-    const int talkers = config_.profile.one_by_one ? config_.channels : 1;
+    const int talkers = profile_.one_by_one ? count_ : 1;
     for (int channel = 0; channel < talkers; ++channel) {
       Outcome outcome = takeOf(line, channel);
       if (outcome.taken) return outcome;
@@ -145,13 +147,11 @@ class SerialEmulation : public Emulation {
 
   // Empty if the profile's lines have no {address}.
   std::string addressOf(int channel) const {
-    return config_.addresses.empty() ? std::string() : config_.addresses[channel];
+    return addresses_.empty() ? std::string() : addresses_[channel];
   }
   // The channels that a line to one of them concerns.
-  int firstOf(int channel) const { return config_.profile.one_by_one ? channel : 0; }
-  int endOf(int channel) const {
-    return config_.profile.one_by_one ? channel + 1 : config_.channels;
-  }
+  int firstOf(int channel) const { return profile_.one_by_one ? channel : 0; }
+  int endOf(int channel) const { return profile_.one_by_one ? channel + 1 : count_; }
 
   void turn(int channel, Valve valve, bool hold) {
     for (int i = firstOf(channel); i < endOf(channel); ++i) {
@@ -162,7 +162,7 @@ class SerialEmulation : public Emulation {
 
   Outcome takeOf(const std::string& line, int channel) {
     const std::string address = addressOf(channel);
-    const auto count = static_cast<std::size_t>(config_.channels);
+    const auto count = static_cast<std::size_t>(count_);
     const auto is = [&](const LineFormat& f) { return f.match(line, address, count).has_value(); };
     const auto isAny = [&](const std::vector<LineFormat>& formats) {
       return std::any_of(formats.begin(), formats.end(), is);
@@ -187,8 +187,7 @@ class SerialEmulation : public Emulation {
       turn(channel, Valve::kClose, true);
     } else if (const auto fields = lines_.write->match(line, address, count)) {
       for (int i = first; i < end; ++i) {
-        set_point_[i] =
-            std::clamp(config_.profile.toPascals(fields->pressures[i - first]), 0.0, 1e7);
+        set_point_[i] = std::clamp(profile_.toPascals(fields->pressures[i - first]), 0.0, 1e7);
         if (!held_[i]) valves_[i] = Valve::kRegulate;
       }
       reply = &lines_.write_reply;
@@ -209,7 +208,7 @@ class SerialEmulation : public Emulation {
 
   // A closed channel keeps its pressure.
   void apply() {
-    Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
+    Eigen::VectorXd goal = Eigen::VectorXd::Zero(count_);
     for (int i = 0; i < goal.size(); ++i) {
       const Valve valve = valves_[i];
       if (valve == Valve::kRegulate) goal[i] = set_point_[i];
@@ -220,14 +219,16 @@ class SerialEmulation : public Emulation {
 
   // In force until the next set point.
   void ventAll() {
-    const auto channels = static_cast<std::size_t>(config_.channels);
-    set_point_ = Eigen::VectorXd::Zero(config_.channels);
+    const auto channels = static_cast<std::size_t>(count_);
+    set_point_ = Eigen::VectorXd::Zero(count_);
     valves_.assign(channels, Valve::kVent);
     held_.assign(channels, false);
     apply();
   }
 
-  const SerialDeviceConfig config_;
+  const regulator::SerialProfile profile_;
+  const std::vector<std::string> addresses_;  // (channels), or none
+  const int count_;                           // channels
   const regulator::SerialLines lines_;
   const bool vents_by_mode_;  // by a line that is not a set point
   DeviceLink link_;
@@ -241,8 +242,9 @@ class SerialEmulation : public Emulation {
 
 }  // namespace
 
-std::unique_ptr<Emulation> emulate(const SerialDeviceConfig& config) {
-  return std::make_unique<SerialEmulation>(config);
+std::unique_ptr<Emulation> emulate(const regulator::SerialConfig& regulator,
+                                   const EmulatedDeviceConfig& config) {
+  return std::make_unique<SerialEmulation>(regulator, config);
 }
 
 }  // namespace helix_arm::simulation

@@ -20,7 +20,7 @@ namespace {
 using regulator::steadyNow;
 using test::EmulatedRegulator;
 using test::eventually;
-using Line = EmulatedRegulator::Line;
+using test::Line;
 
 constexpr int kTargets = 2000;
 constexpr int kWarmUp = 100;

@@ -61,7 +61,7 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
 }
 
 // What a probe says of an emulated device with this fault.
-json probed(EmulatedRegulator::Line line, simulation::DeviceFault fault) {
+json probed(Line line, simulation::DeviceFault fault) {
   EmulatedRegulator device(line);
   device.setFault(fault);
   const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json"});
@@ -76,7 +76,7 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
   const std::string key = "modbus_tcp:\n";
   text.insert(text.find(key) + key.size(), "  atmosphere_kpa: 200\n");
   const TemporaryFile profile(text);
-  const EmulatedRegulator device(EmulatedRegulator::Line::kModbus);
+  const EmulatedRegulator device(Line::kModbus);
   const json result = resultOf({"check", device.scene(), "--probe", "--set",
                                 "regulator.modbus_tcp.profile=" + profile.path()},
                                1);
@@ -88,7 +88,7 @@ TEST(Check, AReplyThatMakesNoSenseIsNamed) {
 }
 
 TEST(Check, AChannelWithoutReadingIsNamed) {
-  const auto modbus = EmulatedRegulator::Line::kModbus;
+  const auto modbus = Line::kModbus;
   EXPECT_TRUE(findingOf(probed(modbus, simulation::DeviceFault::kNone), "no_reading").is_null());
   const json finding = foundBy(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
   EXPECT_EQ(finding["severity"], "fault");
@@ -96,13 +96,10 @@ TEST(Check, AChannelWithoutReadingIsNamed) {
 }
 
 TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
-  using Line = EmulatedRegulator::Line;
-  for (const Line line : {Line::kSerial, Line::kModbus}) {
+  for (const Line line : kLines) {
     const json result = probed(line, simulation::DeviceFault::kNone);
     const std::string name = result["regulator"];
-    EXPECT_EQ(
-        name.find(line == Line::kSerial ? "ascii_serial generic at " : "modbus_tcp festo_vtem"),
-        0u);
+    EXPECT_EQ(name.find(kindOf(line).key + std::string(" ") + kindOf(line).profile + " at "), 0u);
     const json finding = foundBy(result, "answered");
     EXPECT_EQ(finding["severity"], "note");
     EXPECT_EQ(finding["culprit"], name);
@@ -119,8 +116,7 @@ TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
 }
 
 TEST(Check, ASupplyThatIsMeasuredIsCompared) {
-  const EmulatedRegulator device(EmulatedRegulator::Line::kSerial,
-                                 EmulatedRegulator::Extra::kSupplySensor);
+  const EmulatedRegulator device(Line::kSerial, EmulatedRegulator::Extra::kSupplySensor);
   const Outcome outcome =
       runCommand({"check", device.scene(), "--probe", "--format", "json", "--samples", "0"});
   const json result = outcome.json();

@@ -10,7 +10,6 @@
 
 #include "command.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"
@@ -25,9 +24,9 @@ using control::Valve;
 using simulation::DeviceFault;
 using simulation::EmulatedDevice;
 
-simulation::ModbusDeviceConfig deviceConfig() {
-  simulation::ModbusDeviceConfig config = quietDevice(vtemProfile(), 4);
-  config.regulator.time_constant = 0.05;
+simulation::EmulatedDeviceConfig deviceConfig() {
+  simulation::EmulatedDeviceConfig config = quietDevice(vtemProfile(), 4);
+  config.valves.time_constant = 0.05;
   return config;
 }
 
@@ -43,7 +42,7 @@ Outcome run(int port, const std::vector<std::string>& more) { return runCommand(
 // Pressure in all channels, and no program that holds them.
 void fill(const EmulatedDevice& device) {
   const auto driver =
-      regulator::modbusTcpDriver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
+      regulator::ModbusConfig{vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}}.makeDriver(3);
   driver->connect();
   control::ValveOrders orders(3);
   orders.valve.assign(3, Valve::kRegulate);
@@ -194,8 +193,8 @@ TEST(RegulatorSet, TheTimeToStayBeginsOnceTheSetPointsHaveArrived) {
 }
 
 TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
-  simulation::ModbusDeviceConfig config = deviceConfig();
-  config.regulator.time_constant = 0.4;  // such that it takes more than a line to vent
+  simulation::EmulatedDeviceConfig config = deviceConfig();
+  config.valves.time_constant = 0.4;  // such that it takes more than a line to vent
   EmulatedDevice device(config);
   const Outcome outcome =
       run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1", "--yes", "--set",
@@ -315,8 +314,8 @@ TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
   device.reset();
   Process guard(words(at(port, {"guard"})));
   guard.endInput();
-  simulation::ModbusDeviceConfig config = deviceConfig();
-  config.port = port;
+  simulation::EmulatedDeviceConfig config = deviceConfig();
+  std::get<regulator::ModbusConfig>(config.regulator).port = port;
   device = std::make_unique<EmulatedDevice>(config);
   EXPECT_EQ(guard.exitCode(), 0);
   EXPECT_TRUE(has(guard.outputNow(), " is vented"));

@@ -8,7 +8,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
 #include "simulated_board.hpp"
 #include "simulation/emulation.hpp"
 #include "support/has.hpp"
@@ -181,8 +180,9 @@ class BoardRig {
   explicit BoardRig(const BoardKind& kind)
       : board_(kind),
         scene_(readScene(board_.path())),
-        driver_(regulator::asciiSerialDriver(
-            {profileOf(scene_), board_.path(), addressesOf(kind.channels())}, kind.channels())),
+        driver_(
+            regulator::SerialConfig{profileOf(scene_), board_.path(), addressesOf(kind.channels())}
+                .makeDriver(kind.channels())),
         core_(coreOf(scene_, kind.channels())),
         goal_(Eigen::VectorXd::Zero(kind.channels())) {
     core_.linked(0, false);
@@ -667,7 +667,7 @@ TEST(BoardAndHost, ALimitBelowTheHostsIsNamed) {
   LiveBoard board(kSmallBoard);
   board.pass(0.1);
   const auto driver =
-      regulator::asciiSerialDriver({genericProfile(), board.path(), {"0", "1", "2"}}, 3);
+      regulator::SerialConfig{genericProfile(), board.path(), {"0", "1", "2"}}.makeDriver(3);
   driver->connect();
   control::ValveOrders orders(3);
   orders.valve.assign(3, control::Valve::kRegulate);
@@ -682,7 +682,7 @@ TEST(BoardAndHost, WithChecksumsNoFlippedBitBecomesAnOrderOrAReading) {
   board.pass(0.1);
   regulator::SerialProfile profile = withChecksums(genericProfile());
   profile.timeout = 0.1;
-  const auto driver = regulator::asciiSerialDriver({profile, board.path(), {"0", "1", "2"}}, 3);
+  const auto driver = regulator::SerialConfig{profile, board.path(), {"0", "1", "2"}}.makeDriver(3);
   driver->connect();
   control::ValveOrders orders(3);
   orders.valve.assign(3, control::Valve::kRegulate);

@@ -11,7 +11,6 @@
 #include <mutex>
 #include <vector>
 
-#include "regulator/drivers.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/reply_server.hpp"
 
@@ -109,10 +108,10 @@ bool call(const std::function<void()>& call) {
   return done;
 }
 
-regulator::ModbusConfig configOf(regulator::ModbusProfile profile, int port) {
+std::unique_ptr<regulator::Driver> driverOf(regulator::ModbusProfile profile, int port) {
   profile.timeout = kTimeout;
   if (profile.app) profile.app->activation_time = 0.01;
-  return {profile, "127.0.0.1", port, {0, 1, 2}};
+  return regulator::ModbusConfig{profile, "127.0.0.1", port, {0, 1, 2}}.makeDriver(kChannels);
 }
 
 }  // namespace
@@ -120,8 +119,8 @@ regulator::ModbusConfig configOf(regulator::ModbusProfile profile, int port) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   static Script script;
   static test::ReplyServer server([](const Bytes& request) { return script.answer(request); });
-  static const auto mpa = regulator::modbusTcpDriver(configOf(test::mpaProfile(), server.port()));
-  static const auto vtem = regulator::modbusTcpDriver(configOf(test::vtemProfile(), server.port()));
+  static const auto mpa = driverOf(test::mpaProfile(), server.port());
+  static const auto vtem = driverOf(test::vtemProfile(), server.port());
   static Tally tally;
   if (size == 0) return 0;
   script.begin(bytes + 1, size - 1);

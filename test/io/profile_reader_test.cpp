@@ -28,7 +28,7 @@ struct ReadResult {
     faults = list.faults();
     EXPECT_EQ(profile.has_value(), faults.empty());
   }
-  std::optional<RegulatorProfile> profile;
+  std::optional<regulator::Profile> profile;
   Faults faults;
 };
 

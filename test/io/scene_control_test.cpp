@@ -17,15 +17,9 @@ using namespace test;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// A regulator on a serial line at line 11, one that speaks Modbus, and rules of safety at line 12.
-const std::string kSerialScene =
-    kPlanarScene +
-    "regulator: {ascii_serial: {profile: generic, device: /dev/ttyUSB0, "
-    "addresses: [a, b]}}\n"
-    "safety: {fault_action: {muscle_2: close}}\n";
-const std::string kModbusScene = kPlanarScene +
-                                 "regulator: {modbus_tcp: {profile: festo_vtem, host: terminal, "
-                                 "port: 1502, slots: [3, 1]}}\n";
+// Each regulator is at line 11, rules of safety at line 12.
+const std::string kSerialScene = regulatorScenes().at("serial");
+const std::string kModbusScene = regulatorScenes().at("modbus");
 
 void write(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
 
@@ -51,8 +45,7 @@ const std::string kFollowScene = kSpatialScene + R"(follow:
 )";
 
 TEST(ControlRules, BreakingOneIsReported) {
-  expectFaults("serial", kSerialScene);
-  expectFaults("modbus", kModbusScene);
+  for (const auto& [name, scene] : regulatorScenes()) expectFaults(name, scene);
   expectFaults("follow", kFollowScene);
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <sstream>
 #include <string>
 #include <tuple>
@@ -69,6 +70,12 @@ inline std::string keyIn(const std::string& text) {
   return end != std::string::npos && text.compare(end, 2, ": ") == 0 ? text.substr(0, end) : "";
 }
 
+/// A row of broken_rules.txt with the ends of its lines.
+inline std::string withLineEnds(std::string row) {
+  for (std::size_t at; (at = row.find("\\n")) != std::string::npos;) row.replace(at, 2, "\n");
+  return row;
+}
+
 /// A rule of a document: one text is replaced by another, and all that is said then.
 struct BrokenRule {
   std::string from, to;
@@ -78,7 +85,7 @@ struct BrokenRule {
 /// @param row  of broken_rules.txt.
 /// @param map  that holds the key, with a dot at its end.
 inline BrokenRule brokenRule(std::string row, const std::string& map, const std::string& text) {
-  for (std::size_t at; (at = row.find("\\n")) != std::string::npos;) row.replace(at, 2, "\n");
+  row = withLineEnds(row);
   Faults columns;
   for (std::size_t at; (at = row.find(" | ")) != std::string::npos; row.erase(0, at + 3)) {
     columns.push_back(row.substr(0, at));
@@ -97,6 +104,20 @@ inline BrokenRule brokenRule(std::string row, const std::string& map, const std:
   return rule;
 }
 
+inline constexpr char kBrokenRules[] = HELIX_ARM_SOURCE_DIR "/test/io/broken_rules.txt";
+
+/// Scenes of each kind of regulator, which broken_rules.txt has below "===", by their names there.
+inline std::map<std::string, std::string> regulatorScenes() {
+  std::map<std::string, std::string> scenes;
+  std::ifstream rows(kBrokenRules);
+  for (std::string row; std::getline(rows, row);) {
+    if (row.compare(0, 4, "=== ") != 0) continue;
+    const std::size_t end = row.find(' ', 4);
+    scenes[row.substr(4, end - 4)] = kPlanarScene + withLineEnds(row.substr(end + 1)) + "\n";
+  }
+  return scenes;
+}
+
 /// Breaks each of the rules that broken_rules.txt has for a text that breaks none.
 /// @param document  its name there.
 /// @param file  its name in the faults.
@@ -104,14 +125,14 @@ template <class FaultsOf>
 void expectFaults(const std::string& document, const std::string& text, const FaultsOf& faults_of,
                   const std::string& file) {
   ASSERT_EQ(faults_of(text), Faults());
-  std::ifstream rows(HELIX_ARM_SOURCE_DIR "/test/io/broken_rules.txt");
+  std::ifstream rows(kBrokenRules);
   std::string of, map;
   int broken = 0;
   for (std::string row; std::getline(rows, row);) {
     if (row.compare(0, 3, "== ") == 0) {
       map.clear();
       std::istringstream(row.substr(3)) >> of >> map;
-    } else if (of == document && !row.empty()) {
+    } else if (of == document && !row.empty() && row.compare(0, 4, "=== ") != 0) {
       SCOPED_TRACE(row);
       BrokenRule rule = brokenRule(row, map, text);
       for (std::string& fault : rule.faults) fault.insert(0, file);

@@ -4,7 +4,6 @@
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "regulator/drivers.hpp"
 #include "regulator/serial_port.hpp"
 #include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
@@ -20,10 +19,9 @@ using control::Valve;
 using control::ValveOrders;
 using simulation::DeviceFault;
 using simulation::EmulatedDevice;
-using simulation::SerialDeviceConfig;
+using simulation::EmulatedDeviceConfig;
 using test::eventually;
 using test::has;
-using test::openFiles;
 
 constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
@@ -34,18 +32,16 @@ std::vector<std::string> addressesOf(const SerialProfile& profile) {
   return {};
 }
 
-SerialDeviceConfig deviceOf(const SerialProfile& profile, const std::string& link = "") {
-  SerialDeviceConfig config;
-  config.profile = profile;
-  config.addresses = addressesOf(profile);
+EmulatedDeviceConfig deviceOf(const SerialProfile& profile, const std::string& link = "") {
+  EmulatedDeviceConfig config;
+  config.regulator = SerialConfig{profile, link, addressesOf(profile)};
   config.channels = kChannels;
-  config.regulator = {kTau, 6e5, 0.0, 1};
-  config.link = link;
+  config.valves = {kTau, 6e5, 0.0, 1};
   return config;
 }
 
 std::unique_ptr<Driver> driverOf(const SerialProfile& profile, const std::string& device) {
-  return asciiSerialDriver({profile, device, addressesOf(profile)}, kChannels);
+  return SerialConfig{profile, device, addressesOf(profile)}.makeDriver(kChannels);
 }
 
 ValveOrders regulate(const Eigen::VectorXd& set_point) {
@@ -363,7 +359,7 @@ TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   ASSERT_TRUE(line.fills());
   line.driver->close();
   const auto driver =
-      asciiSerialDriver({test::genericProfile(), device.path(), {"X", "B", "C"}}, kChannels);
+      SerialConfig{test::genericProfile(), device.path(), {"X", "B", "C"}}.makeDriver(kChannels);
   EXPECT_NE(failureOf([&] { driver->connect(); }).kind, "none");
   EXPECT_TRUE(eventually([&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
   EXPECT_GT(device.pressure()[0], 1.9e5);
@@ -392,26 +388,6 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
         missing.text,
         link + " does not exist; plug it in, or use a name that `ls /dev/serial/by-id` lists");
   }
-}
-
-// Root's second open() is not stopped by the terminal itself.
-TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
-  EmulatedDevice device(deviceOf(test::genericProfile()));
-  const auto first = driverOf(test::genericProfile(), device.path());
-  const auto second = driverOf(test::genericProfile(), device.path());
-  first->connect();
-  first->write(regulate(Eigen::Vector3d::Constant(1e5)));
-  for (int round = 0; round < 2; ++round) {
-    const Failure held = failureOf([&] { second->connect(); });
-    EXPECT_EQ(held.kind, "link");
-    EXPECT_EQ(held.text, device.path() +
-                             " is used by another program; end that one (fuser shows which it is)");
-    first->write(regulate(Eigen::Vector3d::Constant(1e5)));
-  }
-  EXPECT_EQ(device.valves(), std::vector<Valve>(kChannels, Valve::kRegulate));
-  first->close();
-  second->connect();
-  EXPECT_EQ(failureOf([&] { first->connect(); }).kind, "link");
 }
 
 // What opening a line says in a process of its own, that of a user without privileges: "" where it
@@ -448,33 +424,6 @@ TEST(AsciiSerialDriver, AFileThatIsNotASerialLineIsRefused) {
   const auto folder = driverOf(test::genericProfile(), "/tmp");
   EXPECT_EQ(failureOf([&] { folder->connect(); }).text,
             "/tmp is a folder; expected a serial line such as /dev/ttyUSB0");
-}
-
-TEST(AsciiSerialDriver, ClosedItSaysSo) {
-  const auto driver = driverOf(test::genericProfile(), "/dev/nowhere");
-  Pressures pressures(kChannels);
-  EXPECT_EQ(failureOf([&] { driver->read(pressures); }).kind, "link");
-  EXPECT_EQ(failureOf([&] { driver->vent(); }).kind, "link");
-  EXPECT_EQ(failureOf([&] { driver->write(ValveOrders(kChannels)); }).kind, "link");
-  driver->close();
-}
-
-TEST(AsciiSerialDriver, FilesDoNotLeakOverReconnects) {
-  SerialProfile profile = test::genericProfile();
-  profile.timeout = 0.02;  // connecting waits for quiet for so long
-  EmulatedDevice device(deviceOf(profile));
-  const auto driver = driverOf(profile, device.path());
-  const auto missing = driverOf(profile, "/dev/nowhere");
-  const auto before = openFiles();
-  int connected = 0;
-  for (int i = 0; i < 200; ++i) {
-    connected += failureOf([&] { driver->connect(); }).kind == "none" ? 1 : 0;
-    EXPECT_EQ(failureOf([&] { missing->connect(); }).kind, "link");
-    ASSERT_LE(openFiles(), before + 1);
-  }
-  EXPECT_GT(connected, 0);  // a busy machine may miss 20 ms
-  driver->close();
-  EXPECT_EQ(openFiles(), before);
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <unistd.h>
 
-#include "regulator/drivers.hpp"
+#include "regulator/tcp_link.hpp"
 #include "support/bounded_child.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
@@ -13,7 +13,6 @@ namespace {
 
 using regulator::DeviceLock;
 using regulator::LinkError;
-using regulator::modbusTcpDriver;
 
 // A name that is unique to this test process.
 std::string deviceName(pid_t process = getpid()) {
@@ -63,18 +62,12 @@ class TwoDrivers : public ::testing::Test {
   regulator::ModbusConfig config(const std::string& host = "127.0.0.1") const {
     return {vtemProfile(), host, device_.port(), {0, 1}};
   }
-  static simulation::ModbusDeviceConfig deviceConfig() {
-    simulation::ModbusDeviceConfig out;
-    out.profile = vtemProfile();
-    out.places = 2;
-    return out;
-  }
-  simulation::EmulatedDevice device_{deviceConfig()};
+  simulation::EmulatedDevice device_{quietDevice(vtemProfile(), 2)};
 };
 
 TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
-  const auto first = modbusTcpDriver(config()), second = modbusTcpDriver(config()),
-             by_name = modbusTcpDriver(config("localhost"));
+  const auto first = config().makeDriver(2), second = config().makeDriver(2),
+             by_name = config("localhost").makeDriver(2);
   first->connect();
   const std::uint64_t writes = device_.taken();
   for (const auto* driver : {&second, &by_name}) {
@@ -92,8 +85,8 @@ TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
 
 // A guard vents immediately, whichever program drives the device.
 TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
-  const auto ward = modbusTcpDriver(config()), guard = modbusTcpDriver(config()),
-             third = modbusTcpDriver(config());
+  const auto ward = config().makeDriver(2), guard = config().makeDriver(2),
+             third = config().makeDriver(2);
   ward->connect();
   guard->ignoreOthers();
   guard->connect();
@@ -107,7 +100,7 @@ TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
 TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
   regulator::ModbusConfig nowhere = config();
   nowhere.port = 1;
-  const auto lost = modbusTcpDriver(nowhere);
+  const auto lost = nowhere.makeDriver(2);
   EXPECT_THROW(lost->connect(), LinkError);
   DeviceLock lock;
   EXPECT_FALSE(lock.take("modbus_tcp 127.0.0.1 port 1"));

@@ -1,10 +1,11 @@
+#include "helix_arm/regulator/line_format.hpp"
+
 #include <locale>
 #include <sstream>
 #include <tuple>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/regulator/driver.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"

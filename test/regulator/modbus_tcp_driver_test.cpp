@@ -2,29 +2,28 @@
 
 #include <gtest/gtest.h>
 
-#include "regulator/drivers.hpp"
+#include "support/end_of.hpp"
 #include "support/eventually.hpp"
+#include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
+#include "support/process.hpp"
 #include "support/raw_modbus.hpp"
 #include "support/refusal.hpp"
+#include "support/reply_server.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
 using control::Valve;
 using control::ValveOrders;
-using simulation::EmulatedDevice;
-using simulation::ModbusDeviceConfig;
-using test::eventually;
-using test::mpaProfile;
-using test::quietDevice;
-using test::RawModbus;
-using test::refusal;
-using test::vtemProfile;
+using namespace simulation;
+using namespace test;
+using Bytes = ReplyServer::Bytes;
 using Words = RawModbus::Words;
 
-ModbusConfig configOf(const ModbusProfile& profile, int port, std::vector<int> places) {
-  return {profile, "127.0.0.1", port, std::move(places)};
+std::unique_ptr<Driver> driverOf(const ModbusProfile& profile, int port, std::vector<int> places) {
+  const auto channels = static_cast<int>(places.size());
+  return ModbusConfig{profile, "127.0.0.1", port, std::move(places)}.makeDriver(channels);
 }
 
 ValveOrders regulate(const std::vector<double>& set_points) {
@@ -52,7 +51,7 @@ void expectHas(const std::string& text, const std::vector<std::string>& parts) {
 struct Connected {
   Connected(const ModbusProfile& profile, int channels, std::vector<int> places)
       : device(quietDevice(profile, channels)),
-        driver(modbusTcpDriver(configOf(profile, device.port(), std::move(places)))) {
+        driver(driverOf(profile, device.port(), std::move(places))) {
     driver->connect();
   }
   EmulatedDevice device;
@@ -96,7 +95,7 @@ TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
     at.driver->write(regulate({3e5, 3e5, 3e5, 3e5}));
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 2.9e5; }));
     // Of a slot that it uses, the outlet as well that it does not.
-    const auto second = modbusTcpDriver(configOf(profile, device.port(), {0, 2}));
+    const auto second = driverOf(profile, device.port(), {0, 2});
     second->ignoreOthers();  // as a program on another machine does, which sees no lock
     second->connect();
     const int used = profile.outlets == 2 ? 1 : 0;
@@ -137,10 +136,10 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
 TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;
-  ModbusDeviceConfig config = quietDevice(profile, 2);
-  config.regulator.supply_pressure = 6.1e5;
+  EmulatedDeviceConfig config = quietDevice(profile, 2);
+  config.valves.supply_pressure = 6.1e5;
   EmulatedDevice device(config);
-  const auto driver = modbusTcpDriver(configOf(profile, device.port(), {0, 1}));
+  const auto driver = driverOf(profile, device.port(), {0, 1});
   driver->connect();
   Pressures pressures(2);
   driver->read(pressures);
@@ -184,7 +183,7 @@ TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVentedAndASlotThatDoesNotGetR
   EmulatedDevice device(quietDevice(vtemProfile(), 6));
   EXPECT_EQ(device.valves(), std::vector<Valve>(6, Valve::kClose));
   device.jam(2, true);
-  const auto driver = modbusTcpDriver(configOf(vtemProfile(), device.port(), {0, 4}));
+  const auto driver = driverOf(vtemProfile(), device.port(), {0, 4});
   const std::string error = refusal<LinkError>([&] { driver->connect(); });
   expectHas(error, {"127.0.0.1:" + std::to_string(device.port()), "slot 2 of festo_vtem",
                     "does not get ready within 0.3 s", "expected 0x007d"});
@@ -197,10 +196,10 @@ TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVentedAndASlotThatDoesNotGetR
 }
 
 TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
-  ModbusDeviceConfig config = quietDevice(vtemProfile(), 2);
+  EmulatedDeviceConfig config = quietDevice(vtemProfile(), 2);
   config.activation_time = 1e6;
   EmulatedDevice device(config);
-  const auto driver = modbusTcpDriver(configOf(vtemProfile(), device.port(), {0, 1}));
+  const auto driver = driverOf(vtemProfile(), device.port(), {0, 1});
   expectHas(refusal<LinkError>([&] { driver->connect(); }),
             {"slot 0 of festo_vtem does not start regulating within 0.3 s",
              "its status is 0x007d, expected 0x0083"});
@@ -247,8 +246,7 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
 
 TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
   const auto said = [](const ModbusProfile& profile, std::vector<int> places) {
-    return refusal<std::invalid_argument>(
-        [&] { modbusTcpDriver(configOf(profile, 502, std::move(places))); });
+    return refusal<std::invalid_argument>([&] { driverOf(profile, 502, std::move(places)); });
   };
   expectHas(said(mpaProfile(), {}), {"festo_mpa", "there are no slots; expected one per channel"});
   expectHas(said(mpaProfile(), {-1}), {"slot is -1; expected a number >= 0"});
@@ -312,6 +310,209 @@ TEST(ModbusProfile, EachRuleThatAFileCannotBreakIsNamedWithItsValue) {
     EXPECT_EQ(said.find(std::string("profile festo_vtem: ") + rule.said), 0u)
         << said << "\nexpected " << rule.said;
   }
+}
+
+// ---- What befalls its link, beyond link_test
+// -----------------------------------------------------
+
+TEST(ModbusLink, SilenceIsNamedWithItsRemedy) {
+  Connected at(mpaProfile(), 1, {0});
+  at.device.setFault(DeviceFault::kSilence);
+  expectHas(refusal<LinkError>([&] { readingOf(at.driver, 1); }),
+            {"127.0.0.1:" + std::to_string(at.device.port()), "timed out",
+             "check that it is switched on"});
+  // A lost link stays lost until the next connect().
+  expectHas(refusal<LinkError>([&] { at.driver->write(regulate({1e5})); }),
+            {"there is no link; connect first"});
+}
+
+TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
+  for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
+    Connected at(profile, 3, {0, 1, 2});
+    at.driver->write(regulate({1e5, 1e5, 1e5}));
+    ASSERT_TRUE(eventually([&] { return at.device.pressure()[2] > 0.99e5; }));
+    at.device.setFault(DeviceFault::kSlow);
+    EXPECT_EQ(endOf([&] { readingOf(at.driver, 3); }), End::kLinkError);
+    EXPECT_NE(endOf([&] { at.driver->vent(); }), End::kDone);
+    EXPECT_EQ(at.driver->keepsAirOnClose(), profile.app.has_value());
+    EXPECT_TRUE(eventually([&] { return at.device.pressure().maxCoeff() < 100; }));
+    EXPECT_EQ(endOf([&] { at.driver->write(regulate({1e5, 1e5, 1e5})); }), End::kLinkError);
+    at.driver->close();
+    EXPECT_FALSE(at.driver->keepsAirOnClose());
+  }
+}
+
+std::string connectRefusal(const std::string& host, int port) {
+  const auto driver = ModbusConfig{mpaProfile(), host, port, {0}}.makeDriver(1);
+  return refusal<LinkError>([&driver] { driver->connect(); });
+}
+
+TEST(ModbusConnecting, ARefusalNamesTheRemedy) {
+  const int port = freePort();
+  EXPECT_EQ(connectRefusal("127.0.0.1", port), "127.0.0.1:" + std::to_string(port) +
+                                                   ": cannot connect: Connection refused; check "
+                                                   "that its Modbus server runs, and on this port");
+  EXPECT_EQ(connectRefusal("::1", port).find("[::1]:" + std::to_string(port) + ": cannot connect"),
+            0u);
+}
+
+TEST(ModbusConnecting, AnUnknownNameDoesNotHoldItUp) {
+  std::string error;
+  EXPECT_LT(secondsOf([&error] { error = connectRefusal("no-such-regulator.invalid", 502); }),
+            kBounded);
+  EXPECT_TRUE(has(error, "give an address such as 192.168.1.10 as host"));
+}
+
+// A port of 127.0.0.1 with a queue of those who have not been accepted.
+class Listener {
+ public:
+  explicit Listener(int backlog) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    address_.sin_family = AF_INET;
+    address_.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    auto* const generic = reinterpret_cast<sockaddr*>(&address_);
+    socklen_t size = sizeof address_;
+    EXPECT_EQ(bind(socket_, generic, size), 0);
+    EXPECT_EQ(listen(socket_, backlog), 0);
+    EXPECT_EQ(getsockname(socket_, generic, &size), 0);
+  }
+  ~Listener() { close(socket_); }
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  int socket() const { return socket_; }
+  int port() const { return ntohs(address_.sin_port); }
+  void join(int client) const {
+    connect(client, reinterpret_cast<const sockaddr*>(&address_), sizeof address_);
+  }
+
+ private:
+  const int socket_;
+  sockaddr_in address_{};
+};
+
+// A listener with a full backlog: further connections are not answered.
+TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
+  const Listener listener(0);
+  std::vector<int> queue;
+  for (int i = 0; i < 4; ++i) {
+    queue.push_back(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
+    listener.join(queue.back());
+  }
+  std::string error;
+  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", listener.port()); }), kBounded);
+  EXPECT_TRUE(has(error, "cannot connect: Connection timed out; check that it is switched on"));
+  for (const int each : queue) close(each);
+}
+
+// The header of the request's reply with these bytes behind it.
+Bytes framed(const Bytes& request, const Bytes& rest) {
+  Bytes reply(request.begin(), request.begin() + 4);
+  reply.push_back(0);
+  reply.push_back(static_cast<std::uint8_t>(1 + rest.size()));
+  reply.push_back(request[6]);
+  reply.insert(reply.end(), rest.begin(), rest.end());
+  return reply;
+}
+
+constexpr std::uint8_t kWrite = 16;
+
+// Takes every write, and answers the request to read one register in its own way.
+class Answered {
+ public:
+  explicit Answered(std::function<Bytes(const Bytes&)> answer)
+      : server_([answer](const Bytes& request) {
+          if (request[7] != kWrite) return answer(request);
+          return framed(request, Bytes(request.begin() + 7, request.begin() + 12));
+        }),
+        driver_(driverOf(mpaProfile(), server_.port(), {0})) {
+    driver_->connect();
+  }
+  double read() {
+    Pressures pressures(1);
+    driver_->read(pressures);
+    return pressures.pressure[0];
+  }
+
+ private:
+  ReplyServer server_;
+  std::unique_ptr<Driver> driver_;
+};
+
+TEST(ModbusReplies, ARegisterIsANumberWithASign) {
+  const auto reading = [](std::uint8_t high, std::uint8_t low) {
+    return Answered([=](const Bytes& request) {
+             return framed(request, {3, 2, high, low});
+           })
+        .read();
+  };
+  EXPECT_EQ(reading(0x03, 0xe8), 100e3);
+  EXPECT_EQ(reading(0xff, 0x9c), -10e3);
+  EXPECT_EQ(reading(0x7f, 0xff), 3276.7e3);
+  EXPECT_TRUE(std::isnan(reading(0x80, 0x00)));
+}
+
+TEST(ModbusReplies, NoPressureIsBelowVacuum) {
+  Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_TRUE(has(error,
+                  "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than "
+                  "vacuum"));
+}
+
+TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {
+  int asked = 0;
+  Answered device([&asked](const Bytes& request) {
+    return ++asked == 1 ? framed(request, {0x83, 2}) : framed(request, {3, 2, 0, 10});
+  });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_TRUE(has(error, "festo_mpa gives no readings: Illegal data address; check the registers"));
+  EXPECT_EQ(device.read(), 1e3);
+}
+
+TEST(ModbusReplies, ThoseOfAnotherNumberOfRegistersOrToAnotherRequestAreBad) {
+  for (const Bytes& rest : {Bytes{3, 4, 0, 10, 0, 10}, {3, 0}, {3, 2, 0, 10}}) {
+    Answered device([&](const Bytes& request) {
+      Bytes reply = framed(request, rest);
+      if (rest.size() == 4) reply[1] ^= 1;  // the number of the request
+      return reply;
+    });
+    EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply) << rest.size();
+  }
+}
+
+TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
+  int asked = 0;
+  Answered device([&asked](const Bytes& request) {
+    Bytes reply = framed(request, {3, 2, 0, 10});
+    if (++asked == 1) {
+      reply[7] = 4;  // another function
+      const Bytes more = framed(request, {3, 2, 0, 99});
+      reply.insert(reply.end(), more.begin(), more.end());
+    }
+    return reply;
+  });
+  EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
+  EXPECT_EQ(device.read(), 1e3);
+}
+
+// A byte at a time, each of them within the timeout: it holds for all of them.
+TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
+  const Listener listener(1);
+  std::thread dripping([&listener] {
+    const int client = accept(listener.socket(), nullptr, nullptr);
+    char request[64];
+    recv(client, request, sizeof request, 0);
+    // The beginning of a frame that says it is long.
+    for (const char byte :
+         {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
+      if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.8 * kPatience));
+    }
+    close(client);
+  });
+  EXPECT_LT(secondsOf([&] { EXPECT_NE(connectRefusal("127.0.0.1", listener.port()), "accepted"); }),
+            kBounded);
+  dripping.join();
 }
 
 }  // namespace

@@ -58,7 +58,7 @@ class DeadMaster : public ::testing::Test {
     return close == std::string::npos ? "" : text.substr(open + 1, close - open - 1);
   }
 
-  EmulatedRegulator regulator_{EmulatedRegulator::Line::kModbus};
+  EmulatedRegulator regulator_{Line::kModbus};
   Master master_;
 };
 

@@ -114,9 +114,8 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
 std::vector<Row> rows() {
   const Causes line = {"stale_reading", "regulator_lost"}, reading = {"not_following", "leak"};
   std::vector<Row> out;
-  for (const Line on : {Line::kSerial, Line::kModbus}) {
-    // A serial device names its unit.
-    const bool is_told = on == Line::kSerial;
+  for (const Line on : kLines) {
+    const bool is_told = kindOf(on).names_unit;
     out.insert(out.end(), {{on, DeviceFault::kWrongUnit, is_told ? line : reading,
                             is_told ? kReadingTimeout : kOffCourse},
                            {on, DeviceFault::kSilence, line, kReadingTimeout, false},

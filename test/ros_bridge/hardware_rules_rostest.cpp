@@ -86,9 +86,8 @@ TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {
   EXPECT_TRUE(stricter.success) << stricter.message;
   // It is compared with the rules at the start, not with the last ones.
   EXPECT_TRUE(reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 2000").success);
-  const Reload::Response other = GetParam() == Line::kSerial
-                                     ? reloadWith("addresses: [0, 1, 2]", "addresses: [2, 1, 0]")
-                                     : reloadWith("profile: festo_vtem", "profile: festo_mpa");
+  const LineKind& kind = kindOf(GetParam());
+  const Reload::Response other = reloadWith(kind.part, kind.other);
   EXPECT_FALSE(other.success);
   EXPECT_NE(other.message.find("another regulator"), std::string::npos) << other.message;
 }

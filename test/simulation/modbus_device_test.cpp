@@ -24,8 +24,8 @@ using Words = RawModbus::Words;
 
 // Valves, clock and times are the same on every line.
 TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
-  ModbusDeviceConfig config = quietDevice(mpaProfile(), 2);
-  config.regulator.time_constant = 0.3;
+  EmulatedDeviceConfig config = quietDevice(mpaProfile(), 2);
+  config.valves.time_constant = 0.3;
   EmulatedDevice device(config);
   const RawModbus raw(device.port());
   EXPECT_EQ(raw.read(45395, 6), (Words{0, 0, 0, 0, 0, 0}));
@@ -130,8 +130,8 @@ TEST(ModbusDevice, ServesSeveralAtOnce) {
 }
 
 TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
-  ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
-  config.regulator.noise = 5e3;
+  EmulatedDeviceConfig config = quietDevice(mpaProfile(), 1);
+  config.valves.noise = 5e3;
   EmulatedDevice device(config);
   const RawModbus raw(device.port());
   std::set<std::uint16_t> seen;

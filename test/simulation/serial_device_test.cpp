@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
@@ -30,21 +30,20 @@ constexpr double kTau = 0.02;     // [s]
 constexpr double kSoon = 5.0;     // on a machine that is busy [s]
 constexpr double kSilence = 0.3;  // after which nothing is to come [s]
 
-SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::string> addresses,
-                            int channels) {
-  SerialDeviceConfig config;
-  config.profile = profile;
-  config.addresses = std::move(addresses);
+EmulatedDeviceConfig configOf(const SerialProfile& profile, std::vector<std::string> addresses,
+                              int channels, const std::string& link = "") {
+  EmulatedDeviceConfig config;
+  config.regulator = SerialConfig{profile, link, std::move(addresses)};
   config.channels = channels;
-  config.regulator = {kTau, 6e5, 0.0, 1};
+  config.valves = {kTau, 6e5, 0.0, 1};
   return config;
 }
 
 // One channel behind a link in a folder of its own.
 struct Linked {
-  Linked() { config.link = folder / "regulator"; }
   test::TemporaryFolder folder;
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  const std::string link = folder / "regulator";
+  const EmulatedDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1, link);
 };
 
 // A user at a terminal.
@@ -115,8 +114,7 @@ TEST(SerialDevice, AHeldAlicatAcceptsSetPointsButFollowsThemOnlyWhenReleased) {
 }
 
 TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
-  SerialDeviceConfig config = configOf(test::ctrlPProfile(), {}, 3);
-  const EmulatedDevice device(config);
+  const EmulatedDevice device(configOf(test::ctrlPProfile(), {}, 3));
   Terminal terminal(device, "\n");
   EXPECT_FALSE(terminal.hear(kSilence));
   terminal.say("on");
@@ -133,9 +131,9 @@ TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
 }
 
 TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0", "1"}, 2);
-  config.profile.watchdog = 2;
-  const EmulatedDevice device(config);
+  SerialProfile profile = test::genericProfile();
+  profile.watchdog = 2;
+  const EmulatedDevice device(configOf(profile, {"0", "1"}, 2));
   Terminal terminal(device, "\n");
   terminal.ask("p0=200.00");
   terminal.ask("p1=close");
@@ -152,7 +150,7 @@ TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
         return device.valves() == std::vector{Valve::kVent, Valve::kVent};
       },
       kSoon));
-  EXPECT_GT(steadyNow(), last + config.profile.watchdog);
+  EXPECT_GT(steadyNow(), last + profile.watchdog);
   EXPECT_TRUE(device.setPoint().isZero());
   EXPECT_TRUE(eventually([&] { return device.pressure().isZero(1); }, kSoon));
   terminal.ask("p0=100.00");
@@ -206,10 +204,9 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
 
 TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
   const Linked at;
-  const SerialDeviceConfig& config = at.config;
   {
-    EmulatedDevice device(config);
-    EXPECT_EQ(device.path(), config.link);
+    EmulatedDevice device(at.config);
+    EXPECT_EQ(device.path(), at.link);
     Terminal before(device, "\n");
     before.ask("p0=200.00");
     ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 1.9e5; }));
@@ -221,18 +218,17 @@ TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
     Terminal after(device, "\n");
     EXPECT_EQ(after.ask("p0?").substr(0, 3), "p0=");
   }
-  EXPECT_FALSE(std::filesystem::is_symlink(config.link));
+  EXPECT_FALSE(std::filesystem::is_symlink(at.link));
 }
 
 TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
   const Linked at;
-  const SerialDeviceConfig& config = at.config;
-  EmulatedDevice device(config);
-  std::filesystem::remove(config.link);
-  std::ofstream(config.link) << "precious";
+  EmulatedDevice device(at.config);
+  std::filesystem::remove(at.link);
+  std::ofstream(at.link) << "precious";
   device.setFault(DeviceFault::kRestart);
   EXPECT_FALSE(eventually([&] { return device.restarts() > 0; }, kSilence));
-  std::filesystem::remove(config.link);
+  std::filesystem::remove(at.link);
   ASSERT_TRUE(eventually([&] { return device.restarts() == 1; }));
   Terminal terminal(device, "\n");
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
@@ -240,37 +236,37 @@ TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
 
 TEST(SerialDevice, OnlyALinkIsReplacedByTheLink) {
   const test::TemporaryFolder folder;
-  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
-  config.link = folder / "file";
-  std::ofstream(config.link) << "precious";
-  EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice device(config); }),
-            config.link + " exists and is not a symlink; expected a path where one can be created");
-  config.link = folder / "stale";
-  std::filesystem::create_symlink("/dev/pts/nowhere", config.link);
-  const EmulatedDevice device(config);
+  const auto configAt = [](const std::string& link) {
+    return configOf(test::genericProfile(), {"0"}, 1, link);
+  };
+  const std::string file = folder / "file", stale = folder / "stale";
+  std::ofstream(file) << "precious";
+  EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice device(configAt(file)); }),
+            file + " exists and is not a symlink; expected a path where one can be created");
+  std::filesystem::create_symlink("/dev/pts/nowhere", stale);
+  const EmulatedDevice device(configAt(stale));
   Terminal terminal(device, "\n");
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
 }
 
 TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
   const Linked at;
-  const SerialDeviceConfig& config = at.config;
   {
-    EmulatedDevice first(config);
-    const std::string terminal = std::filesystem::read_symlink(config.link);
-    EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice second(config); }),
-              config.link + " points to " + terminal +
+    EmulatedDevice first(at.config);
+    const std::string terminal = std::filesystem::read_symlink(at.link);
+    EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice second(at.config); }),
+              at.link + " points to " + terminal +
                   ", which is in use; end the program that made it, or remove the link");
-    EXPECT_EQ(std::filesystem::read_symlink(config.link), terminal);
+    EXPECT_EQ(std::filesystem::read_symlink(at.link), terminal);
     Terminal user(first, "\n");
     EXPECT_EQ(user.ask("p0?"), "p0=0.00 kPa");
     // A removed link of its own is free: the first device returns behind it.
     first.setFault(DeviceFault::kRestart);
     EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
   }
-  EXPECT_FALSE(std::filesystem::is_symlink(config.link));
-  const EmulatedDevice later(config);
-  EXPECT_TRUE(std::filesystem::is_symlink(config.link));
+  EXPECT_FALSE(std::filesystem::is_symlink(at.link));
+  const EmulatedDevice later(at.config);
+  EXPECT_TRUE(std::filesystem::is_symlink(at.link));
 }
 
 TEST(DeviceFault, EveryNameIsItsOwnAndIsUnderstood) {

@@ -22,8 +22,6 @@
 namespace helix_arm::test {
 namespace {
 
-using Line = EmulatedRegulator::Line;
-
 Eigen::Vector3d pressures(Random& random) {  // [Pa]
   return {random.uniform(2e4, 2e5), random.uniform(2e4, 2e5), random.uniform(2e4, 2e5)};
 }
@@ -449,8 +447,8 @@ int main(int argc, char** argv) {
   int none = 0;
   ros::init(none, nullptr, "kills", ros::init_options::AnonymousName);
   const ros::NodeHandle started;
-  int broken = killsOnALine(EmulatedRegulator::Line::kSerial, "serial", options);
-  broken += killsOnALine(EmulatedRegulator::Line::kModbus, "modbus", options);
+  int broken = 0;
+  for (const Line line : kLines) broken += killsOnALine(line, nameOf(line), options);
   broken += killsInTheDemo(options);
   std::printf("%d promises broken\n", broken);
   return broken > 0 ? 1 : 0;

@@ -367,15 +367,12 @@ regulator::SimulatedRegulatorConfig valves(unsigned seed) {
 }
 
 SoakedArm serialArm(const TemporaryFolder& folder, unsigned seed) {
-  simulation::SerialDeviceConfig config;
-  config.link = folder.path() + "/line";
-  const io::Scene scene = sceneWith("{ascii_serial: {profile: alicat, device: " + config.link +
-                                    ", addresses: [A, B, C]}}");
-  const auto& spoken = std::get<regulator::SerialConfig>(*scene.regulator);
-  config.profile = spoken.profile;
-  config.addresses = spoken.addresses;
+  const io::Scene scene = sceneWith("{ascii_serial: {profile: alicat, device: " + folder.path() +
+                                    "/line, addresses: [A, B, C]}}");
+  simulation::EmulatedDeviceConfig config;
+  config.regulator = *scene.regulator;
   config.channels = scene.arm.actuatorCount();
-  config.regulator = valves(seed);
+  config.valves = valves(seed);
   config.seed = seed;
   return {scene, std::make_shared<simulation::EmulatedDevice>(config), seed};
 }
@@ -385,10 +382,11 @@ SoakedArm modbusArm(unsigned seed) {
     return sceneWith("{modbus_tcp: {profile: festo_vtem, host: 127.0.0.1, port: " +
                      std::to_string(port) + ", slots: [0, 1, 2]}}");
   };
-  simulation::ModbusDeviceConfig config;
-  config.profile = std::get<regulator::ModbusConfig>(*sceneAt(502).regulator).profile;
-  config.places = 4;
-  config.regulator = valves(seed);
+  simulation::EmulatedDeviceConfig config;
+  config.regulator = *sceneAt(502).regulator;
+  std::get<regulator::ModbusConfig>(config.regulator).port = 0;
+  config.channels = 4;
+  config.valves = valves(seed);
   const auto device = std::make_shared<simulation::EmulatedDevice>(config);
   return {sceneAt(device->port()), device, seed + 1};
 }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <fstream>
+#include <regex>
 #include <variant>
 
 #include "helix_arm/io/scene.hpp"
@@ -25,11 +27,51 @@ inline constexpr double kEmpty = kVentedBelow + 5 * kNoise;
 /// time constants [s].
 inline constexpr double kLag = 0.1;
 
+/// A device with a place on this machine: a link in the folder, or any free port.
+inline simulation::EmulatedDeviceConfig placed(simulation::EmulatedDeviceConfig device,
+                                               const TemporaryFolder& folder) {
+  regulator::Config& config = device.regulator;
+  if (auto* serial = std::get_if<regulator::SerialConfig>(&config))
+    serial->device = folder / "line";
+  if (auto* modbus = std::get_if<regulator::ModbusConfig>(&config)) modbus->port = 0;
+  return device;
+}
+/// The configuration of a driver of a device.
+inline regulator::Config reached(regulator::Config config,
+                                 const simulation::EmulatedDevice& device) {
+  if (auto* modbus = std::get_if<regulator::ModbusConfig>(&config)) modbus->port = device.port();
+  return config;
+}
+
+/// Each kind of line, and what a scene says of it.
+enum class Line { kSerial, kModbus };
+inline constexpr Line kLines[] = {Line::kSerial, Line::kModbus};
+struct LineKind {
+  const char* name;  ///< in names of nodes and of tests
+  const char *key, *profile;
+  const char* place;         ///< with FOLDER or PORT
+  const char* measuring;     ///< a profile with a sensor at the supply
+  const char *part, *other;  ///< of the scene, and what would make it another regulator
+  bool names_unit;           ///< in its answers
+};
+inline constexpr LineKind kLineKinds[] = {
+    {"serial", "ascii_serial", "generic", "device: FOLDER/line, addresses: [0, 1, 2]",
+     R"({baud: 115200, terminator: lf, unit: kPa, unit_word: kPa, write: "p{address}={pressure}",
+   write_reply: "p{address}={pressure} {unit} of {supply}", read: "p{address}?",
+   reply: "p{address}={pressure} {unit} of {supply}", vent: "p{address}=vent",
+   vent_reply: "p{address}={pressure} {unit} of {supply}"})",
+     "addresses: [0, 1, 2]", "addresses: [2, 1, 0]", true},
+    {"modbus", "modbus_tcp", "festo_vtem", "host: 127.0.0.1, port: PORT",
+     R"({count_pa: 100, highest_count: 10000, outputs: {first: 10, stride: 1, pressure: 0},
+   inputs: {first: 100, stride: 1, pressure: 0, registers: holding}, supply: 99})",
+     "profile: festo_vtem", "profile: festo_mpa", false}};
+inline const LineKind& kindOf(Line line) { return kLineKinds[static_cast<int>(line)]; }
+inline std::string nameOf(Line line) { return kindOf(line).name; }
+
 /// An emulated pressure regulator, whichever line it is on.
 class EmulatedRegulator {
  public:
   static constexpr int kChannels = 3;
-  enum class Line { kSerial, kModbus };
   enum class Extra {
     kNone,
     kSupplySensor,  ///< and the scene has a least supply
@@ -38,31 +80,17 @@ class EmulatedRegulator {
 
   explicit EmulatedRegulator(Line line, Extra extra = Extra::kNone)
       : measures_supply_(extra == Extra::kSupplySensor) {
-    if (measures_supply_) writeProfiles();
     // The profile is the scene's: what the driver speaks, the device does.
-    const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
-    regulator::SimulatedRegulatorConfig valves;
-    valves.time_constant = kLag / 2;
-    valves.noise = kNoise;
-    if (line == Line::kSerial) {
-      const auto& config = std::get<regulator::SerialConfig>(*scene.regulator);
-      simulation::SerialDeviceConfig device;
-      device.profile = config.profile;
-      if (extra != Extra::kWatchdog) {
-        device.profile.watchdog = std::numeric_limits<double>::infinity();
-      }
-      device.addresses = config.addresses;
-      device.channels = kChannels;
-      device.regulator = valves;
-      device.link = folder_ / "line";
-      device_ = std::make_unique<simulation::EmulatedDevice>(device);
-    } else {
-      simulation::ModbusDeviceConfig device;
-      device.profile = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
-      device.regulator = valves;
-      device_ = std::make_unique<simulation::EmulatedDevice>(device);
+    const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, 1)).path());
+    simulation::EmulatedDeviceConfig device = placed({*scene.regulator, kChannels, {}}, folder_);
+    auto* const serial = std::get_if<regulator::SerialConfig>(&device.regulator);
+    if (serial != nullptr && extra != Extra::kWatchdog) {
+      serial->profile.watchdog = std::numeric_limits<double>::infinity();
     }
-    scene_.emplace(sceneText(line, folder_ / "line", device_->port()));
+    device.valves.time_constant = kLag / 2;
+    device.valves.noise = kNoise;
+    device_ = std::make_unique<simulation::EmulatedDevice>(device);
+    scene_.emplace(sceneText(line, device_->port()));
   }
 
   const std::string& scene() const { return scene_->path(); }
@@ -86,16 +114,16 @@ class EmulatedRegulator {
   bool isVented() const { return vents() || pressure().maxCoeff() < kEmpty; }
 
  private:
-  std::string regulatorText(Line line, const std::string& device, int port) const {
-    const std::string serial = measures_supply_ ? folder_ / "serial.yaml" : "generic";
-    const std::string modbus = measures_supply_ ? folder_ / "modbus.yaml" : "festo_vtem";
-    return line == Line::kSerial ? "ascii_serial: {profile: " + serial + ", device: " + device +
-                                       ", addresses: [0, 1, 2]}"
-                                 : "modbus_tcp: {profile: " + modbus +
-                                       ", host: 127.0.0.1, port: " + std::to_string(port) + "}";
+  std::string regulatorText(Line line, int port) const {
+    const LineKind& kind = kindOf(line);
+    const std::string key = kind.key, own = folder_ / "profile.yaml";
+    if (measures_supply_) std::ofstream(own) << key << ":\n  " << kind.measuring << "\n";
+    const std::string place = std::regex_replace(kind.place, std::regex("FOLDER"), folder_.path());
+    return key + ": {profile: " + (measures_supply_ ? own : kind.profile) + ", " +
+           std::regex_replace(place, std::regex("PORT"), std::to_string(port)) + "}";
   }
 
-  std::string sceneText(Line line, const std::string& device, int port) const {
+  std::string sceneText(Line line, int port) const {
     return R"(name: hardware
 contractions:
   muscle:
@@ -107,7 +135,7 @@ arm:
     - name: arm
       ring: {count: 3, radius_m: 0.03, contraction: muscle, max_pressure_kpa: 300}
 regulator:
-  )" + regulatorText(line, device, port) +
+  )" + regulatorText(line, port) +
            R"(
 safety:
   slew_kpa_s: 2000
@@ -120,20 +148,6 @@ safety:
            "}\n  vent_time_s: " + std::to_string(kVentTime) +
            "\n  vented_below_kpa: " + std::to_string(kVentedBelow / 1e3) + "\n" +
            (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
-  }
-
-  // Devices with the shipped profiles, except for a sensor at the supply.
-  void writeProfiles() const {
-    std::ofstream(folder_ / "serial.yaml") << R"(ascii_serial:
-  {baud: 115200, terminator: lf, unit: kPa, unit_word: kPa, write: "p{address}={pressure}",
-   write_reply: "p{address}={pressure} {unit} of {supply}", read: "p{address}?",
-   reply: "p{address}={pressure} {unit} of {supply}", vent: "p{address}=vent",
-   vent_reply: "p{address}={pressure} {unit} of {supply}"}
-)";
-    std::ofstream(folder_ / "modbus.yaml") << R"(modbus_tcp:
-  {count_pa: 100, highest_count: 10000, outputs: {first: 10, stride: 1, pressure: 0},
-   inputs: {first: 100, stride: 1, pressure: 0, registers: holding}, supply: 99}
-)";
   }
 
   const bool measures_supply_;

@@ -10,14 +10,10 @@
 
 namespace helix_arm::test {
 
-using Line = EmulatedRegulator::Line;
-
-/// In names of nodes and of tests.
-inline std::string nameOf(Line line) { return line == Line::kSerial ? "serial" : "modbus"; }
 inline std::string nameOfLine(const ::testing::TestParamInfo<Line>& line) {
   return nameOf(line.param);
 }
-inline const auto kEachLine = ::testing::Values(Line::kSerial, Line::kModbus);
+inline const auto kEachLine = ::testing::ValuesIn(kLines);
 
 /// Of a machine that is busy, beyond what a rule allows: tells late from never. How late it is, is
 /// a figure [s].

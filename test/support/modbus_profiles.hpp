@@ -1,5 +1,7 @@
 #pragma once
 
+#include <numeric>
+
 #include "helix_arm/simulation/emulated_device.hpp"
 
 namespace helix_arm::test {
@@ -46,13 +48,15 @@ inline regulator::ModbusProfile mpaProfile() {
 }
 
 /// A quick device without noise: what it reads is what it has.
-inline simulation::ModbusDeviceConfig quietDevice(const regulator::ModbusProfile& profile,
-                                                  int places) {
-  simulation::ModbusDeviceConfig config;
-  config.profile = profile;
-  config.places = places;
-  config.regulator.time_constant = 0.01;
-  config.regulator.noise = 0;
+inline simulation::EmulatedDeviceConfig quietDevice(const regulator::ModbusProfile& profile,
+                                                    int places) {
+  simulation::EmulatedDeviceConfig config;
+  std::vector<int> slots(static_cast<std::size_t>(places));
+  std::iota(slots.begin(), slots.end(), 0);
+  config.regulator = regulator::ModbusConfig{profile, "127.0.0.1", 0, slots};
+  config.channels = places;
+  config.valves.time_constant = 0.01;
+  config.valves.noise = 0;
   return config;
 }
 

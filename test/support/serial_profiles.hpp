@@ -2,7 +2,7 @@
 
 #include <ostream>
 
-#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/config.hpp"
 
 namespace helix_arm::regulator {
 

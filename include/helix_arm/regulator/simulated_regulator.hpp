@@ -3,10 +3,14 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
 #include <random>
 
 namespace helix_arm::regulator {
+
+class Driver;
+struct DeviceFacts;
 
 /// Pneumatic fault behind a simulated regulator.
 enum class AirFault : std::uint8_t {
@@ -19,16 +23,21 @@ enum class AirFault : std::uint8_t {
 
 /// Configuration of a simulated regulator.
 struct SimulatedRegulatorConfig {
-  double time_constant = 0.1;    ///< first-order lag of every channel, > 0 [s]
-  double supply_pressure = 5e5;  ///< gauge, > 0; no channel rises above it [Pa]
-  double noise = 5e3;            ///< standard deviation of the measurement, >= 0 [Pa]
-  std::uint32_t seed = 1;        ///< of the noise
+  static constexpr const char* kKind = "simulated";  ///< key in a scene
+  double time_constant = 0.1;                        ///< first-order lag of every channel, > 0 [s]
+  double supply_pressure = 5e5;                      ///< gauge, > 0; no channel rises above it [Pa]
+  double noise = 5e3;      ///< standard deviation of the measurement, >= 0 [Pa]
+  std::uint32_t seed = 1;  ///< of the noise
   /// Lag where the pressure falls, > 0 [s]; absent: as where it rises.
   std::optional<double> fall_time_constant = std::nullopt;
   double dead_time = 0.0;  ///< of line and valve, until a set point has an effect, >= 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
+  DeviceFacts facts() const;
+  /// Its driver follows the steady clock and its link never fails.
+  /// @throws std::invalid_argument as SimulatedRegulator.
+  std::unique_ptr<Driver> makeDriver(int channels) const;
 };
 
 /// Pressure channels that follow their set points with a lag, not above the supply, measured with

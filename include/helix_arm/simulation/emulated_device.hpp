@@ -10,9 +10,7 @@
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/regulator/modbus_profile.hpp"
-#include "helix_arm/regulator/serial_profile.hpp"
-#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/regulator/config.hpp"
 
 namespace helix_arm::simulation {
 
@@ -42,26 +40,17 @@ std::string deviceFaultNames();
 /// The fault with this name; nothing if there is none.
 std::optional<DeviceFault> parseDeviceFault(const std::string& name);
 
-/// Configuration of an emulated regulator on a serial line.
-struct SerialDeviceConfig {
-  regulator::SerialProfile profile;               ///< protocol
-  std::vector<std::string> addresses;             ///< (channels) if its lines have {address}
-  int channels = 1;                               ///< >= 1
-  regulator::SimulatedRegulatorConfig regulator;  ///< dynamics of its valves
-  /// Path of a symlink to its line, removed at the end; empty: none. An existing symlink is
-  /// replaced, unless it points to an existing pseudo terminal.
-  std::string link;
-  double period = 0.02;    ///< period of unsolicited lines, > 0 [s]
-  std::uint32_t seed = 1;  ///< seed of the garbage
-};
-
-/// Configuration of an emulated Modbus device.
-struct ModbusDeviceConfig {
-  regulator::ModbusProfile profile;
-  int places = 8;  ///< number of outlets, >= 1; the last slot has all of its outlets
-  regulator::SimulatedRegulatorConfig regulator;
-  int port = 0;                   ///< port on 127.0.0.1; 0: any free one
-  double activation_time = 0.02;  ///< time that an app takes to start, >= 0 [s]
+/// Configuration of an emulated regulator.
+struct EmulatedDeviceConfig {
+  /// What its driver is given: not simulated. On a serial line, `device` is a symlink to it that
+  /// is removed at the end; empty: none. An existing symlink is replaced, unless it points to an
+  /// existing pseudo terminal. A port is of 127.0.0.1; 0: any free one. Slots are ignored.
+  regulator::Config regulator;
+  int channels = 1;  ///< of the device, >= 1; of Modbus, the last slot has all of its outlets
+  regulator::SimulatedRegulatorConfig valves;  ///< dynamics of its valves
+  double period = 0.02;                        ///< period of unsolicited lines, > 0 [s]
+  double activation_time = 0.02;               ///< time that an app takes to start, >= 0 [s]
+  std::uint32_t seed = 1;                      ///< seed of the garbage
 };
 
 class Emulation;
@@ -93,8 +82,7 @@ class EmulatedDevice {
   /// @throws std::invalid_argument naming the value and its rule.
   /// @throws std::runtime_error if the system provides no terminal, the link cannot be made (the
   /// message names the other terminal if the link points to one), or the port is in use.
-  explicit EmulatedDevice(const SerialDeviceConfig& config);
-  explicit EmulatedDevice(const ModbusDeviceConfig& config);
+  explicit EmulatedDevice(const EmulatedDeviceConfig& config);
   ~EmulatedDevice();
   EmulatedDevice(const EmulatedDevice&) = delete;
   EmulatedDevice& operator=(const EmulatedDevice&) = delete;
@@ -120,7 +108,6 @@ class EmulatedDevice {
   double lastSetTime() const;
 
  private:
-  explicit EmulatedDevice(std::unique_ptr<Emulation> emulation);
   template <class Ask>
   auto ask(const Ask& ask) const;
   void run();

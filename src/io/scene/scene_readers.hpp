@@ -130,23 +130,17 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
 /// Reads `simulation`.
 SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm);
 
-/// The profile of a device: the map below the single key of a document, `ascii_serial` of one on a
-/// serial line or `modbus_tcp`.
+/// The profile of a device: the map below the single key of a document, its kind of regulator.
 ///
 /// @param kind  the key that is needed; null for any.
 /// @param name  the profile's.
 /// @return nothing, and at least one fault, if a rule is broken.
-std::optional<RegulatorProfile> readProfile(const Value& document, const char* kind,
-                                            const std::string& name, FaultList& faults);
+std::optional<regulator::Profile> readProfile(const Value& document, const char* kind,
+                                              const std::string& name, FaultList& faults);
 
 /// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
 /// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.
 Value* relativeProfile(Value& scene);
-
-/// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
-/// it are reported with its own file and lines.
-/// @return nothing, and at least one fault, if there is no such profile of this kind.
-std::optional<RegulatorProfile> readProfileFile(const MapReader& keys, const std::string& kind);
 
 /// Reads `regulator` and the profile that it names.
 std::optional<regulator::Config> readRegulator(const MapReader& scene, const ArmParts* arm);

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/line_format.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "serial_port.hpp"
 
 namespace helix_arm::regulator {
