@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Breaks the laws of laws.py one at a time, in a copy of the package, and asserts that the test named there then fails.
+"""Breaks the laws of laws.yaml one at a time, in a copy of the package, and asserts that the test named there then fails.
 
 usage: mutate.py [--check [--build DIR] | --list] [--only REGEX]
   --check  only the table: each snippet occurs exactly once, names differ, tests exist; fast, and itself a test of ctest
@@ -19,12 +19,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, namedtuple
 from pathlib import Path
 
-sys.dont_write_bytecode = True
-from laws import GTEST, LAWS, ROSTEST  # noqa: E402
+import yaml
 
+GTEST, ROSTEST = "_ctest_helix_arm_gtest_", "_ctest_helix_arm_rostest_"
+Law = namedtuple("Law", "name test before after")
+TABLE = yaml.safe_load((Path(__file__).resolve().parent / "laws.yaml").read_text(encoding="utf-8"))
+LAWS = {layer: [Law(**row) for row in rows] for layer, rows in TABLE.items()}
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("include", "src", "firmware", "python")
 SUFFIXES = (".hpp", ".cpp", ".h", ".c", ".py")
