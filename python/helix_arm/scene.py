@@ -229,8 +229,8 @@ class Scene(_core.Scene):
         contraction: name of the curve to fit, if the scene has several. Noises: expected standard deviations; 0: the scene's.
         rest_offset_m: expected standard deviation of the tip's offset from trial to trial, per axis, of a series; 0: none.
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
-        empty in the result, and no parameter is held at the scene's value. force: accept a fit that predicts worse than before, or
-        stays beyond five times the noise.
+        empty in the result, and no parameter is held at the scene's value. force: accept a fit that a suspect explains by 90 %, that
+        predicts worse than before, or stays beyond five times the noise.
         """
         sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else arguments.items(
             data, "data", "the path of a data set, a dict of its columns, or a list of those")

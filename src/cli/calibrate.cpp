@@ -153,6 +153,7 @@ struct CalibrateOptions {
   std::string scene, out, fit, curve, branch = "both";
   std::vector<std::string> data, also;
   procedures::CalibrationRequest request;
+  bool verbose = false;
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
 
@@ -355,9 +356,10 @@ void nameUnit(json& tree, const std::string& suffix) {
 }
 
 // What the data determine, without the single readings.
-json shownOf(const procedures::CalibrationOutcome& outcome, const json& report) {
+json shownOf(const procedures::CalibrationOutcome& outcome, const json& report, bool verbose) {
   json shown = without(report, {"arms", "suspects", "samples", "curve", "coefficients_m",
                                 "held_out_error", "error_unit"});
+  if (!verbose) shown = without(shown, {"groups"});
   const procedures::Determined found = procedures::determinedOf(outcome);
   json& parameters = shown["parameters"] = json::array();
   for (const estimation::Parameter& one : found.parameters) {
@@ -410,8 +412,22 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   }
   const json report = reportOf(scene, outcome, options);
   printResult(
-      global.format, report, [&outcome] { return csvTable(outcome); }, shownOf(outcome, report));
+      global.format, report, [&outcome] { return csvTable(outcome); },
+      shownOf(outcome, report, options.verbose));
   return outcome.success ? kDone : kNotPossible;
+}
+
+// What becomes of a fit that stays beyond its noise, and how much of it is told.
+void addVerdictOptions(CLI::App& command, CalibrateOptions& options) {
+  addOption(command, "--apply-suspect", options.request.apply_suspect,
+            "calibrate with the captures as this suspect of the result corrects them, counted from "
+            "1; default 0, as given");
+  command.add_flag(
+      "--force", options.request.force,
+      "write the scene even if a suspect explains 90 % of what is beyond the noise, or "
+      "the fit predicts worse than before, or stays beyond five times the noise");
+  command.add_flag("--verbose", options.verbose,
+                   "in text, the error of each pressure and arm that was held out as well");
 }
 
 }  // namespace
@@ -456,12 +472,7 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
             "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
             "scene's, vision.*");
-  addOption(*command, "--apply-suspect", options->request.apply_suspect,
-            "calibrate with the captures as this suspect of the result corrects them, counted from "
-            "1; default 0, as given");
-  command->add_flag("--force", options->request.force,
-                    "write the scene even if it predicts worse than before, or stays beyond five "
-                    "times the noise");
+  addVerdictOptions(*command, *options);
   command->footer(
       R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
 parameters {name: {value, standard_error, identifiable, initial, unit}},

@@ -633,12 +633,16 @@ class CalibrationJob {
   // Why the calibrated scene would not be better than before.
   Refusal refuseWorse() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
-    constexpr double kMostNoise = 5.0;
+    constexpr double kMostNoise = 5.0, kCertain = 0.9;
     const auto refusal = [this](const std::string& reason) {
       const std::vector<std::string> suspects = textsOf(outcome_.suspects);
       return reason + (suspects.empty() ? "" : "; " + suspects.front()) +
              "; force writes the scene all the same";
     };
+    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() &&
+        outcome_.suspects.front().explains >= kCertain) {
+      return refusal("a usual mistake explains the captures far better than the fitted arm");
+    }
     const double noise = outcome_.calibration->noise_scale;
     if (noise > kMostNoise) {
       return refusal(basics::messageOf("the readings are ", std::round(10 * noise) / 10,

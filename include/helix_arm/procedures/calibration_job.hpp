@@ -39,7 +39,8 @@ struct CalibrationRequest {
   bool errors = true;
   /// Calibrates with the captures as this suspect corrects them, counted from 1; 0: as given.
   int apply_suspect = 0;
-  /// Accepts a fit that predicts worse than before, or stays far beyond the noise of its readings.
+  /// Accepts a fit whose captures a suspect explains by 0.9, that predicts worse than before, or
+  /// that stays beyond five times the noise of its readings.
   bool force = false;
   std::string date;  ///< ISO 8601, for the provenance
 };
