@@ -38,6 +38,7 @@ PressureObserver::PressureObserver(int channels, double time_constant, double no
 void PressureObserver::restart() { count_ = 0; }
 
 double PressureObserver::time() const { return moment(0).time; }
+double PressureObserver::earliest() const { return moment(count_ - 1).time; }
 
 const PressureObserver::Moment& PressureObserver::moment(int age) const {
   return history_[static_cast<std::size_t>((newest_ - age + kMostMoments) % kMostMoments)];

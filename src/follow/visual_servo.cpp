@@ -220,23 +220,32 @@ class ContactWatch {
         forks_(config.contact) {}
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  /// @param settled  as for LoadForks::see(). @param swing  what a mode adds at most to each of the
-  ///     watch's rows.
+  /// @param settled  as for LoadForks::see(). @param swing  what the known mode adds at most to
+  /// each
+  ///     of the watch's rows. @param possible  likewise one that is not known yet.
   void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
-           bool settled, const Eigen::VectorXd& swing, estimation::ArmFilter& watch) {
+           bool settled, const Eigen::VectorXd& swing, const Eigen::VectorXd& possible,
+           estimation::ArmFilter& watch) {
     // A picture that is not used, such as a repeated one, says nothing of the tags either.
     if (watch.check(picture) != estimation::ObservationFault::kNone) return;
     if (tags) takeTags(*tags, picture, watch);
+    addInertia(swing, picture, watch);
     const estimation::Observation observation = watch.see(picture);
     if (!observation.accepted() && observation.fault != estimation::ObservationFault::kOutlier)
       return;
     compliance_.moveTo(picture.pressure, watch.correction(), tags);
+    by_force_ = compliance_.atTip()(watch.rows(), Eigen::all);
     const model::Shape measured = model::shapeOf(arm_, picture.twists);
     const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
-    model::Twists at_rest = picture.twists;
-    at_rest.reshaped()(watch.rows()) -= watch.lastStep()->swing.cwiseAbs() + swing;
-    const lie::SE3 now = model::tipPose(measured), then = model::tipPose(measured.about(at_rest));
-    const double motion = (now.translation - then.translation).norm() / kStillTip;
+    const auto tipMotion = [&](const Eigen::VectorXd& moved) {
+      model::Twists at_rest = picture.twists;
+      at_rest.reshaped()(watch.rows()) -= moved;
+      const model::Shape rest = measured.about(at_rest);
+      return (model::tipPose(measured).translation - model::tipPose(rest).translation).norm();
+    };
+    const double motion =
+        std::hypot(tipMotion(watch.lastStep()->swing.cwiseAbs()), tipMotion(swing + possible)) /
+        kStillTip;
     forks_.see(picture.time, largestDeviation(tip), measured, settled, motion, watch, compliance_);
   }
 
@@ -252,6 +261,23 @@ class ContactWatch {
   const estimation::Drift& drift() const { return forks_.drift(); }
 
  private:
+  // The inertial load of a swing shears and stretches the arm as a force at the tip does that bends
+  // it by as much.
+  void addInertia(const Eigen::VectorXd& swing, estimation::ArmFilter::Input& picture,
+                  const estimation::ArmFilter& watch) const {
+    if (swing.isZero(0) || by_force_.size() == 0) return;
+    Eigen::MatrixXd others = by_force_;
+    double bend2 = 0.0;  // of 1 N across the arm, on average
+    for (Eigen::Index i = 0; i < others.rows(); ++i) {
+      if (!estimation::bends(watch.rows()[static_cast<std::size_t>(i)])) continue;
+      bend2 += others.row(i).squaredNorm() / 2;
+      others.row(i).setZero();
+    }
+    if (bend2 == 0) return;
+    picture.covariance(watch.rows(), watch.rows()) +=
+        kSwingError * kSwingError * swing.squaredNorm() / bend2 * others * others.transpose();
+  }
+
   // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at
   // the edge of sight come and go: until others stay, what they err differently is an error of
   // single pictures, which persists until then. It must not add to the bias at each change.
@@ -278,6 +304,7 @@ class ContactWatch {
   const std::optional<estimation::PlacedView> placed_;
   estimation::TipCompliance compliance_;
   estimation::LoadForks forks_;
+  Eigen::MatrixXd by_force_;  // (d x 3) change of the watch's rows with a force at the tip [1/N]
   // The tags whose error by placements is part of the watch's bias.
   std::optional<std::vector<int>> usual_tags_;
   int unusual_ = 0;  // pictures in a row with others
@@ -551,7 +578,7 @@ struct VisualServo::Workspace {
     const double before = swung_at;
     swung_at = stamp;
     dynamics.moveTo(stamp, [&](double time) -> const Eigen::VectorXd& {
-      if (!observer.at(time, moment)) moment = observer.newest();
+      if (!observer.at(std::max(time, observer.earliest()), moment)) moment = observer.newest();
       if (!response.learns()) response.apply(time, moment);
       return moment.pressure;
     });
@@ -573,12 +600,19 @@ struct VisualServo::Workspace {
     return out;
   }
 
-  // What a mode adds at most to each of the tracker's rows.
-  Eigen::VectorXd swingPeak() const {
+  // What the known mode adds at most to each of the tracker's rows.
+  Eigen::VectorXd swingPeak() const { return mode ? rowsOf(swing_peak) : rowsOf({}); }
+  // Likewise one that is not known yet.
+  Eigen::VectorXd possibleSwing() const {
+    return mode ? rowsOf({}) : rowsOf(dynamics.possibleSwing());
+  }
+
+  // What lengths that swing by as much (n) [m], if any, add at most to each of the tracker's rows.
+  Eigen::VectorXd rowsOf(const Eigen::VectorXd& swing) const {
     Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(tracker.rows().size()));
     const auto& step = tracker.lastStep();
-    if (!mode || !step) return out;
-    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing_peak;
+    if (swing.size() == 0 || !step) return out;
+    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing;
     return out;
   }
 
@@ -829,7 +863,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                            w.atRest(twists),
                                            covariance + w.swingNoise(kSwingError)};
   const bool touched = w.contact.load().contact;
-  w.contact.see(input, tags, w.settled, w.swingPeak(), w.watch);
+  w.contact.see(input, tags, w.settled, w.swingPeak(), w.possibleSwing(), w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();

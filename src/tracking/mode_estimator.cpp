@@ -11,6 +11,9 @@ namespace {
 
 constexpr std::array<double, 9> kLags = {0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45};  // [s]
 constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
+// Of the modes that may be there unseen: what they add dies out within two periods. With less, they
+// would hide contacts for many seconds.
+constexpr Eigen::Index kUnseenDamping = 3;             // its place in these
 constexpr double kLowest = 0.5, kFrequencyStep = 1.1;  // [Hz]
 constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 
@@ -61,6 +64,8 @@ ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(ar
   lagged_.resize(actuators, lags);
   goal_ = lagged_;
   for (Eigen::MatrixXd* state : {&x_, &v_, &last_x_, &passed_}) state->setZero(count, actuators);
+  beyond_.setZero(lags * kFrequencies, actuators);
+  possible_.setZero(actuators);
   reset();
 }
 
@@ -69,6 +74,7 @@ void ModeEstimator::reset() {
   time_.reset();
   compared_.reset();
   mode_.reset();
+  misfit_.setZero(turn_.size());
 }
 
 void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
@@ -79,6 +85,8 @@ void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
     x_.middleRows(i * modes, modes).rowwise() = goal_.col(i).matrix().transpose();
   }
   v_.setZero();
+  beyond_.setZero();
+  possible_.setZero();
   compared_.reset();
 }
 
@@ -114,8 +122,29 @@ void ModeEstimator::moveTo(double time, const Pressures& pressures) {
     const int steps = static_cast<int>(std::ceil((time - *time_) / kSwingStep));
     const double dt = (time - *time_) / std::max(steps, 1);
     for (int i = 1; i <= steps; ++i) step(pressures(*time_ + i * dt), dt);
+    if (steps > 0) findPossible(time - *time_);
   }
   time_ = time;
+}
+
+// The swing is known by its rate: at a constant one the lengths stay behind their goal. A mode is
+// refuted as one is found: another hypothesis leaves a clearly smaller part of the misfit.
+void ModeEstimator::findPossible(double dt) {
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  const double most = misfit_.minCoeff() / kClear;
+  possible_.setZero();
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    const Eigen::Index damped = i * modes + kUnseenDamping * kFrequencies;
+    const auto turn = turn_.segment(damped, kFrequencies);
+    const auto misfit = misfit_.segment(damped, kFrequencies);
+    for (Eigen::Index j = 0; j < goal_.rows(); ++j) {
+      auto before = beyond_.col(j).segment(i * kFrequencies, kFrequencies).array();
+      const Eigen::ArrayXd beyond = x_.col(j).segment(damped, kFrequencies).array() - goal_(j, i);
+      const Eigen::ArrayXd swing = (beyond - before).abs() / (dt * turn);
+      possible_[j] = std::max(possible_[j], (misfit <= most).select(swing, 0.0).maxCoeff());
+      before = beyond;
+    }
+  }
 }
 
 void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::MatrixXd& by_lengths) {

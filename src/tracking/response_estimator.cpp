@@ -63,6 +63,7 @@ void ResponseEstimator::setPrior() {
 // What was learnt without the mode, or with another one, is no more than a start.
 void ResponseEstimator::begin(const Mode& mode) {
   swings_ = true;
+  begun_ = std::log(mode.frequency);
   state_.tail<2>() << std::log(mode.frequency), std::log(mode.damping);
   setPrior();
 }
@@ -176,9 +177,11 @@ void ResponseEstimator::compare(const Eigen::VectorXd& measured,
   learn(by_lengths, dt);
   if (!state_.allFinite()) return reset();
   const auto& found = modes_.mode();
-  if (found &&
-      !(swings_ && std::abs(std::log(found->frequency) - state_[gains_ + 3]) < kOtherMode)) {
-    begin(*found);
+  if (found) {
+    const double frequency = std::log(found->frequency);
+    const auto isOther = [&](double than) { return std::abs(frequency - than) >= kOtherMode; };
+    // One that pictures have refined away from what was found stays.
+    if (!swings_ || (isOther(state_[gains_ + 3]) && isOther(begun_))) begin(*found);
   }
   setChains();
 }

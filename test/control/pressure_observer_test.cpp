@@ -113,7 +113,7 @@ TEST(PressureObserver, RemembersASecond) {
   ASSERT_TRUE(observer.at(3.0, at));
   EXPECT_EQ(at.pressure, observer.newest().pressure);
   EXPECT_FALSE(observer.at(3.001, at));
-  EXPECT_TRUE(observer.at(2.0, at));
+  EXPECT_TRUE(observer.at(2.0, at) && observer.at(observer.earliest(), at));
   EXPECT_FALSE(observer.at(1.98, at));
   PressureObserver::Estimate before, after;
   ASSERT_TRUE(observer.at(2.5, before) && observer.at(2.51, after) && observer.at(2.5025, at));

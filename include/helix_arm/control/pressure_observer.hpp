@@ -38,7 +38,8 @@ class PressureObserver {
 
   /// Whether a reading of every channel has come.
   bool started() const { return count_ > 0; }
-  double time() const;  ///< of the newest estimate [s]
+  double time() const;      ///< of the newest estimate [s]
+  double earliest() const;  ///< of the oldest estimate [s]
   const Estimate& newest() const { return now_; }
 
   /// Estimates at a time within the history, by linear interpolation. Returns false, and leaves

@@ -58,11 +58,15 @@ class ModeEstimator {
 
   /// Nothing as long as the pictures show none.
   const std::optional<Mode>& mode() const { return mode_; }
+  /// What a mode that the pictures have not refuted, at a damping of 0.16, adds at most to the
+  /// lengths after their rates have changed (n) [m].
+  const Eigen::VectorXd& possibleSwing() const { return possible_; }
 
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
   void judge();
+  void findPossible(double dt);
   void choose();
 
   const model::Arm arm_;
@@ -74,6 +78,8 @@ class ModeEstimator {
   Eigen::ArrayXXd output_, cross_, power_;    // (K x d) weighted sums
   Eigen::ArrayXd energy_;                     // (d) of the measurement
   Eigen::ArrayXd misfit_;                     // (K) of the energy
+  Eigen::MatrixXd beyond_;                    // of its modes, lengths less their goals
+  Eigen::VectorXd possible_;                  // (n)
   double weight_ = 0.0;                       // of pictures
   std::optional<double> time_, compared_;     // of the hypotheses; of the last comparison [s]
   std::optional<Mode> mode_;

@@ -51,6 +51,8 @@ class ResponseEstimator {
   std::optional<Mode> mode() const;
   /// What that adds to the lengths at the last time (n) [m].
   const Eigen::VectorXd& swing() const { return swing_; }
+  /// As ModeEstimator::possibleSwing().
+  const Eigen::VectorXd& possibleSwing() const { return modes_.possibleSwing(); }
   /// What a standard error of the lag changes in the lengths at the last time (n) [m].
   Eigen::VectorXd lagError() const;
 
@@ -80,6 +82,7 @@ class ResponseEstimator {
   Eigen::VectorXd state_;       // factors, parameters
   Eigen::MatrixXd covariance_;  // of it
   bool swings_ = false;         // a mode is told or found
+  double begun_ = 0.0;          // logarithm of its frequency [Hz] when it was
   double variance_;             // of the residual
   std::array<Chain, kParameters + 1> chains_;
   Eigen::VectorXd last_measured_, measured_, swing_;  // (d), (d), (n)
