@@ -61,7 +61,7 @@ struct Trial {
   std::string cause, where;
   std::function<void(double size, Case&)> correct;
   std::function<std::string(double size, const Calibration&)> remedy;
-  std::vector<double> sizes = {0.0};  // coarse grid, ascending; between them by golden section
+  std::vector<double> sizes = {0.0};  // coarse grid, ascending; then halved about the best one
   bool corrects_captures = true;
   int numbers = 0;  // that it fits beyond the request
 };
@@ -136,8 +136,7 @@ void changeObservations(Case& one, const Change& change) {
   }
 }
 
-// ---- Pressures
-// -----------------------------------------------------------------------------------
+// ---- Pressures ----
 
 void addExchanges(const model::Arm& arm, std::vector<Trial>& trials) {
   const auto remedy = [](double, const Calibration&) {
@@ -243,8 +242,7 @@ void addUnits(std::vector<Trial>& trials) {
   }
 }
 
-// ---- Tags and pictures
-// ---------------------------------------------------------------------------
+// ---- Tags and pictures ----
 
 // Tags at one place along the arm, around it.
 struct Row {
@@ -389,7 +387,7 @@ void addPictureTrials(std::vector<Trial>& trials) {
                                     " % of the size that the camera was calibrated at: take them "
                                     "at that size, or calibrate the camera at this one");
                       },
-                      sizes, true, 1 + kPlace});
+                      sizes, false, 1 + kPlace});
   }
   trials.push_back({"picture_turned",
                     "the camera",
@@ -399,8 +397,8 @@ void addPictureTrials(std::vector<Trial>& trials) {
                           "the pictures are upside down: turn the camera, or its pictures");
                     },
                     {0.0},
-                    true,
-                    1});
+                    false,
+                    kPlace});
   trials.push_back({"tag_size",
                     "all tags",
                     [](double factor, Case& one) { one.arms.front().layout.size *= factor; },
@@ -414,8 +412,7 @@ void addPictureTrials(std::vector<Trial>& trials) {
                     1});
 }
 
-// ---- The rig
-// -------------------------------------------------------------------------------------
+// ---- The rig ----
 
 void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, ReadingKind kind,
                   std::vector<Trial>& trials) {
@@ -537,18 +534,40 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
   return Found{size, square.mean, 1 + kPriceOfNumber * (trial.numbers + square.moved), &trial};
 }
 
+// Whether a pressure is far beyond its limits; nothing if captures and arm do not belong together.
+std::optional<bool> isOutside(const std::vector<ArmCaptures>& arms) {
+  bool outside = false;
+  std::vector<ArmCaptures> clamped = arms;
+  for (ArmCaptures& arm : clamped) {
+    for (Capture& capture : arm.captures) {
+      if (capture.pressure.size() != arm.arm.actuatorCount()) return std::nullopt;
+      const Eigen::VectorXd read = capture.pressure;
+      capture.pressure = arm.arm.clamped(read);
+      outside = outside || (capture.pressure - read).cwiseAbs().maxCoeff() > kBeyondLimit;
+    }
+  }
+  if (unsound(clamped)) return std::nullopt;
+  return outside;
+}
+
 }  // namespace
 
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options) {
+  options.validate();
   const std::vector<ArmCaptures> read = withReadings(arms);
   // Shapes that are free follow any pressures.
   if (read.empty() || read.front().captures.empty() || options.free_shapes) return {};
+  const std::optional<bool> outside = isOutside(read);
+  if (!outside) return {};
   Misfit misfit(options);
   Case given{read, misfit.options()};
-  const bool inside = misfit.of(given).has_value();
-  Square before = misfit.of(given, true).value_or(Square{kNoFit, static_cast<int>(kNoFit)});
-  // Tags of another size look as if white bled into them by as much.
+  const std::optional<Square> fitted = misfit.of(given, true);
+  // What cannot be fitted for another reason than its pressures has no suspects.
+  if (!fitted && !*outside && groupByPressure(read).pressure.size() > 1) return {};
+  const bool inside = fitted && !*outside;
+  Square before = fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)});
+  // A wrong tag size is taken up by the bleeding, as far as it is fitted.
   if (std::abs(before.bleed) > kMostBleed * options.bleed_prior) {
     given.options.bleed = false;
     misfit = Misfit(given.options);
@@ -579,6 +598,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     one.trial->correct(one.size, corrected);
     if (!misfit.of(corrected)) continue;
     const Calibration fit = calibrate(corrected.arms, corrected.options);
+    if (fit.shapes.empty()) continue;  // refused
     Suspect suspect{one.trial->cause,
                     one.trial->where.empty() ? oddMuscle(read.front().arm, fit) : one.trial->where,
                     explains,

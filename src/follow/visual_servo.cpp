@@ -220,9 +220,9 @@ class ContactWatch {
         forks_(config.contact) {}
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  /// @param settled  as for LoadForks::see(). @param swing  what the known mode adds at most to
-  /// each
-  ///     of the watch's rows. @param possible  likewise one that is not known yet.
+  /// @param settled  as for LoadForks::see().
+  /// @param swing  what the known mode adds at most to each of the watch's rows.
+  /// @param possible  likewise one that is not known yet.
   void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
            bool settled, const Eigen::VectorXd& swing, const Eigen::VectorXd& possible,
            estimation::ArmFilter& watch) {

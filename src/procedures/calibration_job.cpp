@@ -570,6 +570,11 @@ class CalibrationJob {
   }
 
   Refusal fitArm() {
+    if (request_.apply_suspect != 0 && (!fitsArm() || ofSeries() || fitsCurve())) {
+      return "a suspect is corrected in captures to which an arm is fitted; leave it out of a fit "
+             "of "
+             "series, curves or responses alone";
+    }
     if (!fitsArm()) {
       if (companions_.empty()) return std::nullopt;
       return "other arms share the stiffness, but it is not fitted; fit it, or leave out the other "
@@ -599,7 +604,8 @@ class CalibrationJob {
     const Calibration& calibration = *outcome_.calibration;
     warn(calibration.warnings);
     if (calibration.status != CalibrationStatus::kCalibrated) {
-      return std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason;
+      return std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason +
+             firstSuspect();
     }
     outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
     changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
@@ -608,7 +614,10 @@ class CalibrationJob {
 
   // Names the usual mistakes that explain the captures better, and corrects one if asked to.
   Refusal suspect(const CalibrationOptions& options) {
-    if (request_.errors) outcome_.suspects = estimation::suspectsOf(outcome_.arms, options);
+    // A curve that is fitted as well may be what is wrong.
+    if (request_.errors && !fitsCurve()) {
+      outcome_.suspects = estimation::suspectsOf(outcome_.arms, options);
+    }
     const int asked = request_.apply_suspect;
     if (asked == 0) {
       warn(textsOf(outcome_.suspects));
@@ -630,20 +639,28 @@ class CalibrationJob {
     return std::nullopt;
   }
 
+  // As the end of a sentence; empty without any.
+  std::string firstSuspect() const {
+    const std::vector<std::string> suspects = textsOf(outcome_.suspects);
+    return suspects.empty() ? "" : "; " + suspects.front();
+  }
+
   // Why the calibrated scene would not be better than before.
   Refusal refuseWorse() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
-    constexpr double kMostNoise = 5.0, kCertain = 0.9;
+    constexpr double kMostNoise = 5.0;
+    // Where a suspect explains nearly all of an excess that is no small one.
+    constexpr double kCertain = 0.9, kLeastNoise = 1.4;
+    // The median error of tips, which the fit does not minimise, hardly changes in a sound arm.
+    constexpr double kWorse = 1.2, kWorseBy = 0.5e-3;  // [m]
     const auto refusal = [this](const std::string& reason) {
-      const std::vector<std::string> suspects = textsOf(outcome_.suspects);
-      return reason + (suspects.empty() ? "" : "; " + suspects.front()) +
-             "; force writes the scene all the same";
+      return reason + firstSuspect() + "; force writes the scene all the same";
     };
-    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() &&
+    const double noise = outcome_.calibration->noise_scale;
+    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
         outcome_.suspects.front().explains >= kCertain) {
       return refusal("a usual mistake explains the captures far better than the fitted arm");
     }
-    const double noise = outcome_.calibration->noise_scale;
     if (noise > kMostNoise) {
       return refusal(basics::messageOf("the readings are ", std::round(10 * noise) / 10,
                                        " times as far from the fitted arm as their noise; expected "
@@ -651,7 +668,7 @@ class CalibrationJob {
                                        kMostNoise));
     }
     if (outcome_.tip_error_before && outcome_.tip_error_after &&
-        *outcome_.tip_error_after > *outcome_.tip_error_before) {
+        *outcome_.tip_error_after > kWorse * *outcome_.tip_error_before + kWorseBy) {
       return refusal("the fitted arm predicts worse than before, " + tipErrorText(outcome_));
     }
     return std::nullopt;

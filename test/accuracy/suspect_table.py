@@ -84,7 +84,7 @@ def main():
     def run(*arguments):
         return subprocess.run([options.command, *map(str, arguments)], stdout=subprocess.PIPE, universal_newlines=True, check=False)
 
-    def rank(folder, scene, data, seed, cause, mistake, changes):
+    def rank(folder, scene, data, cause, mistake, changes):
         rows = list(csv.DictReader(line for line in open(data, encoding="utf-8") if not line.startswith("#")))
         for row in rows:
             mistake(row)
@@ -120,7 +120,7 @@ def main():
                 if not (folder / ("%s_%d" % (scene, seed))).exists():
                     run("simulate", path if new else scene, "--seed", seed, "--out", folder / ("%s_%d" % (scene, seed)))
             for cause, *mistake in ANYWHERE + (TAGS if scene == "demo" else ()) + (CORNERS if "corners" in data else ()):
-                found = [rank(folder, path if new else scene, folder / ("%s_%d" % (scene, seed)) / data, seed, cause, *mistake)
+                found = [rank(folder, path if new else scene, folder / ("%s_%d" % (scene, seed)) / data, cause, *mistake)
                          for seed in range(1, options.seeds + 1)]
                 print("%-5s %-15s %-19s first %d, second at worst %d of %d" % (
                     scene, data, cause or "sound", found.count(0), sum(one < 2 for one in found), len(found)), flush=True)

@@ -11,7 +11,7 @@ namespace helix_arm::estimation {
 struct Suspect {
   /// channels_exchanged, channel_dead, pressure_unit, pressure_gain, pressure_offset,
   /// muscle_length, tags_turned, tag_rows_exchanged, tag_rows_reversed, tags_mirrored, tag_size,
-  /// picture_size, picture_turned, base_moved, camera_moved, load or other_arm.
+  /// picture_size, picture_turned, base_moved, camera_moved or load.
   std::string cause;
   std::string where;   ///< "muscle_1 and muscle_2", "all channels", "tags 4, 5 and 6"
   double explains;     ///< share of the readings' mean square beyond their noise, in [0, 1]
@@ -27,9 +27,10 @@ struct Suspect {
 ///
 /// @param arms, options  as given to calibrate(); captures whose pressures are outside the limits
 ///     are allowed, as in another unit.
-/// @return at most 5; none if the fit is as good as its noise, if shapes are free, or if none
-/// explains
-///     0.3 of what is beyond the noise.
+/// @return at most 5, each of which explains 0.3 or more of what is beyond the noise. None if the
+///     fit is as good as its noise, if shapes are free, or if calibrate() would refuse the captures
+///     for another reason than their pressures.
+/// @throws std::invalid_argument if the options break their rules.
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options);
 
