@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <variant>
@@ -77,6 +78,19 @@ struct Square {
   double moved = 0;  // half the square of the base's motion, in deviations of a rig that moved
 };
 
+// Takes all pressures as within their limits. @return how far beyond these the farthest was [Pa].
+double clampPressures(std::vector<ArmCaptures>& arms) {
+  double farthest = 0;
+  for (ArmCaptures& arm : arms) {
+    for (Capture& capture : arm.captures) {
+      const Eigen::VectorXd inside = arm.arm.clamped(capture.pressure);
+      farthest = std::max(farthest, (inside - capture.pressure).cwiseAbs().maxCoeff());
+      capture.pressure = inside;
+    }
+  }
+  return farthest;
+}
+
 // Fits the requested parameters; nothing if no fit is possible.
 class Misfit {
  public:
@@ -86,14 +100,7 @@ class Misfit {
 
   // Pressures far beyond the limits are refused, or taken as at them.
   std::optional<Square> of(Case& one, bool clamp = false) const {
-    for (ArmCaptures& arm : one.arms) {
-      for (Capture& capture : arm.captures) {
-        const Eigen::VectorXd inside = arm.arm.clamped(capture.pressure);
-        const double beyond = (inside - capture.pressure).cwiseAbs().maxCoeff();
-        if (!clamp && beyond > kBeyondLimit) return std::nullopt;
-        capture.pressure = inside;
-      }
-    }
+    if (clampPressures(one.arms) > kBeyondLimit && !clamp) return std::nullopt;
     const std::vector<ArmCaptures> read = withReadings(one.arms);
     if (unsound(read)) return std::nullopt;
     if (unfit(read, one.options, kindOf(firstReading(read)))) return std::nullopt;
@@ -136,6 +143,13 @@ void changeObservations(Case& one, const Change& change) {
   }
 }
 
+// 0, 1, ..
+std::vector<int> inOrder(int count) {
+  std::vector<int> out(static_cast<std::size_t>(count));
+  std::iota(out.begin(), out.end(), 0);
+  return out;
+}
+
 // ---- Pressures ----
 
 void addExchanges(const model::Arm& arm, std::vector<Trial>& trials) {
@@ -154,8 +168,7 @@ void addExchanges(const model::Arm& arm, std::vector<Trial>& trials) {
                       },
                       remedy});
   };
-  std::vector<int> same(static_cast<std::size_t>(arm.actuatorCount()));
-  for (int i = 0; i < arm.actuatorCount(); ++i) same[static_cast<std::size_t>(i)] = i;
+  const std::vector<int> same = inOrder(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     for (int j = i + 1; j < arm.actuatorCount(); ++j) {
       std::vector<int> from = same;
@@ -289,8 +302,7 @@ void addPermutation(std::string cause, std::string where, std::vector<int> to,
 
 void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
   const std::vector<Row> rows = rowsOf(layout);
-  std::vector<int> same(layout.tags.size());
-  for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<int>(i);
+  const std::vector<int> same = inOrder(static_cast<int>(layout.tags.size()));
   const auto exchange = [](const Row& a, const Row& b, std::vector<int>& to) {
     for (std::size_t i = 0; i < a.tags.size(); ++i) {
       to[static_cast<std::size_t>(a.tags[i])] = b.tags[i];
@@ -535,19 +547,15 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
 }
 
 // Whether a pressure is far beyond its limits; nothing if captures and arm do not belong together.
-std::optional<bool> isOutside(const std::vector<ArmCaptures>& arms) {
-  bool outside = false;
-  std::vector<ArmCaptures> clamped = arms;
-  for (ArmCaptures& arm : clamped) {
-    for (Capture& capture : arm.captures) {
+std::optional<bool> isOutside(std::vector<ArmCaptures> arms) {
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
       if (capture.pressure.size() != arm.arm.actuatorCount()) return std::nullopt;
-      const Eigen::VectorXd read = capture.pressure;
-      capture.pressure = arm.arm.clamped(read);
-      outside = outside || (capture.pressure - read).cwiseAbs().maxCoeff() > kBeyondLimit;
     }
   }
-  if (unsound(clamped)) return std::nullopt;
-  return outside;
+  const double beyond = clampPressures(arms);
+  if (unsound(arms)) return std::nullopt;
+  return beyond > kBeyondLimit;
 }
 
 }  // namespace
@@ -596,7 +604,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     if (explains < kLeastShare) continue;
     Case corrected{read, misfit.options()};
     one.trial->correct(one.size, corrected);
-    if (!misfit.of(corrected)) continue;
+    clampPressures(corrected.arms);
     const Calibration fit = calibrate(corrected.arms, corrected.options);
     if (fit.shapes.empty()) continue;  // refused
     Suspect suspect{one.trial->cause,

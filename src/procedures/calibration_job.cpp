@@ -476,7 +476,7 @@ class CalibrationJob {
   Refusal readScene() {
     scene_ = io::loadScene(path_, overrides_);
     sha256_ = scene_->sha256;
-    own_captures_ = captures_ = data_.captures;
+    captures_ = data_.captures;
     if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
       return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
              "contraction as well";
@@ -572,8 +572,7 @@ class CalibrationJob {
   Refusal fitArm() {
     if (request_.apply_suspect != 0 && (!fitsArm() || ofSeries() || fitsCurve())) {
       return "a suspect is corrected in captures to which an arm is fitted; leave it out of a fit "
-             "of "
-             "series, curves or responses alone";
+             "of series, curves or responses alone";
     }
     if (!fitsArm()) {
       if (companions_.empty()) return std::nullopt;
@@ -634,7 +633,7 @@ class CalibrationJob {
                                ", is not of the captures: ", chosen.remedy);
     }
     outcome_.arms = chosen.corrected;
-    own_captures_ = captures_ = outcome_.arms.front().captures;
+    captures_ = outcome_.arms.front().captures;
     warn({basics::messageOf("calibrated as if without ", chosen.cause, " (", chosen.where, ")")});
     return std::nullopt;
   }
@@ -756,7 +755,8 @@ class CalibrationJob {
   }
 
   void compareTips() {
-    outcome_.tip_error_before = medianTipError(*scene_, own_captures_);
+    outcome_.tip_error_before =
+        medianTipError(*scene_, request_.apply_suspect != 0 ? captures_ : data_.captures);
     const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
     const std::vector<estimation::Capture> captures =
         seenFrom(calibrated, *scene_, std::move(captures_));
@@ -800,9 +800,9 @@ class CalibrationJob {
   std::vector<io::Provenance::Data> sources_;
   std::optional<io::Scene> scene_;  // with its new curves, once the arm is fitted
   std::string sha256_;
-  std::optional<std::string> name_;                           // of the curve that is fitted
-  bool remembers_ = false;                                    // the muscle of this curve
-  std::vector<estimation::Capture> captures_, own_captures_;  // effective pressures, as measured
+  std::optional<std::string> name_;            // of the curve that is fitted
+  bool remembers_ = false;                     // the muscle of this curve
+  std::vector<estimation::Capture> captures_;  // at effective pressures, as a suspect corrects them
   io::SceneCalibration curves_, changes_;
   CalibrationOutcome outcome_;
 };

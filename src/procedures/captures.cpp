@@ -198,9 +198,17 @@ DataKind kindOf(const io::DataSet& data) {
                         basics::joined(known) + ": convert what it has, and rename its columns");
 }
 
-Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
+namespace {
+
+Eigen::MatrixXd pressuresOf(const io::DataSet& data, const model::Arm& arm) {
   requirePressures(data.path, arm);
-  Eigen::MatrixXd pressures = io::pressuresOf(data, arm.actuatorCount());
+  return io::pressuresOf(data, arm.actuatorCount());
+}
+
+}  // namespace
+
+Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
+  Eigen::MatrixXd pressures = pressuresOf(data, arm);
   io::FaultList faults(data.path);
   for (int row = 0; row < pressures.rows(); ++row) {
     for (int i = 0; i < pressures.cols(); ++i) {
@@ -221,11 +229,10 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
   if (kind == DataKind::kTipSeries) {
     refuse(data.path, "holds a series of the tip; expected captures of an arm at rest");
   }
-  requirePressures(data.path, scene.arm);
-  if (outside == OutsideLimits::kFault) pressuresWithinLimits(data, scene.arm);
-  if (kind == DataKind::kCurvatures) {
-    return curvaturesOf(scene, data, io::pressuresOf(data, scene.arm.actuatorCount()));
-  }
+  const Eigen::MatrixXd pressures = outside == OutsideLimits::kFault
+                                        ? pressuresWithinLimits(data, scene.arm)
+                                        : pressuresOf(data, scene.arm);
+  if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
   if (kind == DataKind::kTagPoses) return posesOf(scene, data);
   return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path,
                       outside);
