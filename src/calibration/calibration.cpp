@@ -334,6 +334,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
   out.noise_scale = fit.noise_scale;
+  if (options.errors) out.usual_scale = usualScale(read, options, *fit.problem);
   addResiduals(read, *fit.problem, comparisons, options.robust_scale, out);
   if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
     return refused(std::move(out), *verdict);

@@ -54,7 +54,8 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
         return text("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
       }
     }
-    if (!(arm.focal > 0)) return text("the focal length is ", arm.focal, " px; expected > 0");
+    const double focal = arm.camera.focal();
+    if (!(focal > 0)) return text("the focal length is ", focal, " px; expected > 0");
   }
   return std::nullopt;
 }

@@ -379,6 +379,16 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
   return std::nullopt;
 }
 
+// Sum of the squared residuals of arms that are given otherwise, at the values of a fit.
+double squaresOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                 const CalibrationProblem& fitted) {
+  CalibrationProblem problem(arms, options, fitted.selection());
+  problem.values() = fitted.values();
+  double sum = 0;
+  for (const Comparison& one : problem.compare(1.0, false)) sum += one.square;
+  return sum;
+}
+
 }  // namespace
 
 bool isIdentified(const ParameterInfo& info, double variance) {
@@ -463,6 +473,39 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
     mean += spread.mean;
   }
   return covariance + mean * mean.transpose();
+}
+
+double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
+                  CalibrationProblem& fitted) {
+  int residuals = 0;
+  for (const Comparison& one : fitted.compare(1.0, false)) residuals += one.residuals;
+  const double least = squaresOf(read, options, fitted);
+  double added = 0;
+  const auto add = [&](const auto& shift) {
+    for (const double sign : {1.0, -1.0}) {
+      std::vector<ArmCaptures> shifted = read;
+      for (ArmCaptures& arm : shifted) shift(sign, arm);
+      const double change = squaresOf(shifted, options, fitted) - least;
+      if (std::isfinite(change)) added += change / 2;
+    }
+  };
+  for (int axis = 0; axis < 3 && !options.tags; ++axis) {
+    add([&](double sign, ArmCaptures& arm) {
+      for (TagPlacement& tag : arm.layout.tags) {
+        tag.X_ST.translation[axis] += sign * options.tag_prior.translation;
+      }
+    });
+  }
+  for (int i = 0; i < read.front().arm.actuatorCount() && !options.free_shapes; ++i) {
+    add([&](double sign, ArmCaptures& arm) {
+      if (i >= arm.arm.actuatorCount()) return;
+      for (Capture& capture : arm.captures) {
+        capture.pressure[i] += sign * kPressureError;
+        capture.pressure = arm.arm.clamped(capture.pressure);
+      }
+    });
+  }
+  return std::sqrt(1 + std::max(0.0, added) / residuals);
 }
 
 CurveTest testCurve(const CalibrationFit& fit) {

@@ -112,6 +112,11 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options, const CalibrationFit& fit,
                                 ReadingKind kind);
 
+/// The noise that a sound arm has, from how its squared residuals grow with errors of tags and
+/// pressures: see Calibration::usual_scale.
+double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
+                  CalibrationProblem& fitted);
+
 /// Test of the curve of a fit that has one and errors.
 CurveTest testCurve(const CalibrationFit& fit);
 

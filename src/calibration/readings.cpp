@@ -51,7 +51,8 @@ std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const
   } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
     addTags(PoseModel{shared.expected}, *poses);
   } else {
-    const CornerModel model{data.X_CB, data.focal / shared.options.corner_noise, shared.expected};
+    const CornerModel model{data.X_CB, data.camera.focal() / shared.options.corner_noise,
+                            shared.expected};
     addTags(model, std::get<std::vector<CornerObservation>>(reading));
   }
   return terms;

@@ -30,7 +30,10 @@ constexpr double kWrong = 0.1;
 // A suspect lowers the mean square at least to this share of it, by more than chance does (gain of
 // the log likelihood); to a smaller one if that is still beyond the noise, since on an arm that
 // deviates in many ways every freedom explains some of it.
-constexpr double kLowered = 0.91, kLoweredFar = 0.25;
+constexpr double kLowered = 0.91, kLoweredFar = 0.5;
+// What a scene may be off by: no mistake is smaller. Gains and scales as fractions [Pa, m, rad].
+constexpr double kLeastGainError = 0.12, kLeastOffset = 12e3, kLeastTagError = 0.03;
+constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
 // Of captures whose pressures are outside the limits as they are.
 constexpr double kLoweredInside = 1.1;
 // Least share of what is beyond the noise that a suspect explains.
@@ -41,14 +44,14 @@ constexpr std::size_t kMostNamed = 5;
 // one comes first.
 constexpr double kPriceOfNumber = 0.03;
 constexpr double kMostBleed = 4.0;  // in standard deviations of its prior
+// Deviations beyond those of a sound arm that no good fit has.
+constexpr double kFar = 5.0;
 // Mean square of captures that cannot be fitted at all.
 constexpr double kNoFit = 1e4;
-// Of a pressure beyond its limit, which counts as at it: regulators are not more accurate [Pa].
-constexpr double kBeyondLimit = 10e3;
-constexpr double kFarBase = 0.3, kFarBaseTurn = 0.6;  // deviations of a base that moved [m, rad]
-constexpr double kAbout = 0.03, kAboutTurn = 0.1;     // of one whose picture is not centred
-constexpr int kPlace = 6;                             // numbers of it
-constexpr double kScaleOfMuscle = 0.1;                // of a muscle's length, as a fraction
+constexpr double kFarBase = 0.3, kFarBaseTurn = 0.6;    // deviations of a base that moved [m, rad]
+constexpr double kNearBase = 0.006, kNearTurn = 0.015;  // of one that is where the scene has it
+constexpr int kPlace = 6;                               // numbers of it
+constexpr double kScaleOfMuscle = 0.1;                  // of a muscle's length, as a fraction
 constexpr double kMillimetres = 1e3;
 
 // What a trial changes; both start as given.
@@ -64,7 +67,10 @@ struct Trial {
   std::function<std::string(double size, const Calibration&)> remedy;
   std::vector<double> sizes = {0.0};  // coarse grid, ascending; then halved about the best one
   bool corrects_captures = true;
-  int numbers = 0;  // that it fits beyond the request
+  double numbers = 0;              // that it fits beyond the request
+  double neutral = 0, least = -1;  // a size closer than this to the neutral one is no mistake
+  // Whether a fit without the mistake shows that it was one; null: it does.
+  std::function<bool(const Calibration&)> shows = nullptr;
 };
 
 // Of noise alone, the mean square of the readings without the largest tenth, each of so many
@@ -76,6 +82,7 @@ struct Square {
   int residuals;     // in all
   double bleed = 0;  // [m]
   double moved = 0;  // half the square of the base's motion, in deviations of a rig that moved
+  double usual = 1;  // mean square of a sound arm, if asked for
 };
 
 // Takes all pressures as within their limits. @return how far beyond these the farthest was [Pa].
@@ -99,12 +106,35 @@ class Misfit {
   }
 
   // Pressures far beyond the limits are refused, or taken as at them.
-  std::optional<Square> of(Case& one, bool clamp = false) const {
+  // @param usual  whether to ask for Square::usual as well.
+  std::optional<Square> of(Case& one, bool clamp = false, bool usual = false) const {
     if (clampPressures(one.arms) > kBeyondLimit && !clamp) return std::nullopt;
     const std::vector<ArmCaptures> read = withReadings(one.arms);
     if (unsound(read)) return std::nullopt;
-    if (unfit(read, one.options, kindOf(firstReading(read)))) return std::nullopt;
-    CalibrationProblem problem(read, one.options, selectionOf(one.options));
+    const ReadingKind kind = kindOf(firstReading(read));
+    if (unfit(read, one.options, kind)) return std::nullopt;
+    // What a base takes up that is off by as much as a tape measure is nobody's mistake.
+    if (!one.options.base && read.size() == 1 &&
+        (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
+      CalibrationOptions near = one.options;
+      near.base = true;
+      lie::SE3 base;
+      const std::optional<Square> found = fitted(read, near, usual, base);
+      if (found && base.translation.norm() < kNearBase && base.log().tail<3>().norm() < kNearTurn) {
+        return found;
+      }
+    }
+    lie::SE3 base;
+    return fitted(read, one.options, usual, base);
+  }
+
+  const CalibrationOptions& options() const { return options_; }
+
+ private:
+  static std::optional<Square> fitted(const std::vector<ArmCaptures>& read,
+                                      const CalibrationOptions& options, bool usual,
+                                      lie::SE3& base) {
+    CalibrationProblem problem(read, options, selectionOf(options));
     if (!solveWithNoise(problem, 0).converged) return std::nullopt;
     std::vector<double> squares;
     int residuals = 0;
@@ -116,17 +146,15 @@ class Misfit {
     squares.resize(squares.size() - static_cast<std::size_t>(kWrong * squares.size()));
     double sum = 0;
     for (const double square : squares) sum += square;
-    const lie::SE3 base = problem.base();
+    base = problem.base();
     const double far = base.translation.norm() / kFarBase;
     const double turned = base.log().tail<3>().norm() / kFarBaseTurn;
+    const double scale = usual ? usualScale(read, options, problem) : 1.0;
     return Square{sum / static_cast<double>(squares.size()), residuals,
                   problem.values().own_blocks.at(ParameterBlock::kBleed)[0],
-                  0.5 * (far * far + turned * turned)};
+                  0.5 * (far * far + turned * turned), scale * scale};
   }
 
-  const CalibrationOptions& options() const { return options_; }
-
- private:
   CalibrationOptions options_;
 };
 
@@ -212,7 +240,9 @@ void addGains(const model::Arm& arm, int channel, std::vector<Trial>& trials) {
        },
        {0.35, 0.5, 0.7, 0.9, 1.15, 1.4, 2.0, 2.8},
        true,
-       1});
+       1,
+       1.0,
+       kLeastGainError});
   trials.push_back({"pressure_offset",
                     where,
                     [apply](double offset, Case& one) {
@@ -226,7 +256,9 @@ void addGains(const model::Arm& arm, int channel, std::vector<Trial>& trials) {
                     },
                     {-80e3, -40e3, -20e3, 20e3, 40e3, 80e3},
                     true,
-                    1});
+                    1,
+                    0.0,
+                    kLeastOffset});
   if (all) return;
   const double vented = std::max(0.0, arm.actuator(channel).limits.lower);
   trials.push_back(
@@ -382,35 +414,51 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
   }
 }
 
-void addPictureTrials(std::vector<Trial>& trials) {
-  // About the principal point; that of the picture beside it is as a turn of the camera.
-  const auto scale = [](double factor, Case& one) {
-    changeObservations<CornersSeen>(one,
-                                    [&](CornerObservation& seen) { seen.direction *= factor; });
-    if (one.options.base) return;
-    one.options.base = true;
-    one.options.base_prior = {kAbout, kAboutTurn};
-  };
-  // None of about the size that was meant, which a camera that moved explains.
-  for (const auto& sizes : {std::vector<double>{0.4, 0.5, 0.63, 0.77}, {1.3, 1.6, 2.0, 2.5}}) {
-    trials.push_back({"picture_size", "the camera", scale,
-                      [](double factor, const Calibration&) {
-                        return text("the pictures have ", std::round(100 / factor),
-                                    " % of the size that the camera was calibrated at: take them "
-                                    "at that size, or calibrate the camera at this one");
+// As pictures show the corners that were read on pictures of another size, or turned by 180
+// degrees.
+void changePixels(Case& one, const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& change) {
+  const Camera& camera = one.arms.front().camera;
+  changeObservations<CornersSeen>(one, [&](CornerObservation& seen) {
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector2d pixel = change(camera.pixelOf(seen.direction.col(i)));
+      // Where the distortion cannot be inverted, the picture shows nothing.
+      seen.direction.col(i) = camera.directionOf(pixel).value_or(seen.direction.col(i));
+    }
+  });
+}
+
+void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
+  for (const int side : {320, 640, 800, 1024, 1280, 1600, 1920, 2560, 3840}) {
+    if (side == camera.width) continue;
+    const double factor = static_cast<double>(camera.width) / side;
+    trials.push_back({"picture_size", "the camera",
+                      [factor](double, Case& one) {
+                        // Pixel (0, 0) is the centre of the first one.
+                        const Eigen::Vector2d half(0.5, 0.5);
+                        changePixels(one, [&](const Eigen::Vector2d& pixel) {
+                          return Eigen::Vector2d(factor * (pixel + half) - half);
+                        });
                       },
-                      sizes, false, 1 + kPlace});
+                      [side, width = camera.width](double, const Calibration&) {
+                        return text("the pictures are ", side,
+                                    " pixels wide, those that the camera was "
+                                    "calibrated at ",
+                                    width,
+                                    ": take them at that size, or calibrate the camera at "
+                                    "this one");
+                      }});
   }
-  trials.push_back({"picture_turned",
-                    "the camera",
-                    [scale](double, Case& one) { scale(-1.0, one); },
-                    [](double, const Calibration&) {
-                      return std::string(
-                          "the pictures are upside down: turn the camera, or its pictures");
-                    },
-                    {0.0},
-                    false,
-                    kPlace});
+  trials.push_back(
+      {"picture_turned", "the camera",
+       [](double, Case& one) {
+         const Camera& taken = one.arms.front().camera;
+         const Eigen::Vector2d last(taken.width - 1, taken.height - 1);
+         changePixels(one,
+                      [&](const Eigen::Vector2d& pixel) { return Eigen::Vector2d(last - pixel); });
+       },
+       [](double, const Calibration&) {
+         return std::string("the pictures are upside down: turn the camera, or its pictures");
+       }});
   trials.push_back({"tag_size",
                     "all tags",
                     [](double factor, Case& one) { one.arms.front().layout.size *= factor; },
@@ -421,10 +469,23 @@ void addPictureTrials(std::vector<Trial>& trials) {
                     },
                     {0.6, 0.8, 1.25, 1.6},
                     false,
-                    1});
+                    1,
+                    1.0,
+                    kLeastTagError});
 }
 
 // ---- The rig ----
+
+double usualOf(const Eigen::VectorXd& scales) {
+  return basics::medianOf(std::vector<double>(scales.begin(), scales.end()));
+}
+
+// The muscle whose length differs most from the others'.
+Eigen::Index oddMuscle(const Eigen::VectorXd& scales) {
+  Eigen::Index odd = 0;
+  (scales.array() - usualOf(scales)).abs().maxCoeff(&odd);
+  return odd;
+}
 
 void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, ReadingKind kind,
                   std::vector<Trial>& trials) {
@@ -446,10 +507,17 @@ void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, Rea
                       },
                       {0.0},
                       false,
-                      kPlace});
+                      kPlace,
+                      0.0,
+                      -1.0,
+                      [](const Calibration& fit) {
+                        return fit.X_B0B.translation.norm() > kLeastMove ||
+                               fit.X_B0B.log().tail<3>().norm() > kLeastTurn;
+                      }});
   }
+  if (options.free_shapes) return;
+  const int count = arm.arm.actuatorCount();
   if (options.length_scale != LengthScaling::kEach && !options.contraction) {
-    const int count = arm.arm.actuatorCount();
     trials.push_back({"muscle_length",
                       "",
                       [](double, Case& one) {
@@ -466,7 +534,14 @@ void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, Rea
                       },
                       {0.0},
                       false,
-                      count});
+                      static_cast<double>(count),
+                      0.0,
+                      -1.0,
+                      [](const Calibration& fit) {
+                        const Eigen::Index odd = oddMuscle(fit.length_scale);
+                        return std::abs(fit.length_scale[odd] - usualOf(fit.length_scale)) >
+                               kLeastLength;
+                      }});
   }
   if (arm.isLoaded()) {
     for (const double factor : {-1.0, 0.0}) {
@@ -489,25 +564,19 @@ void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, Rea
 std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& options,
                              ReadingKind kind) {
   std::vector<Trial> trials;
-  addExchanges(arm.arm, trials);
-  addUnits(trials);
-  for (int i = -1; i < arm.arm.actuatorCount(); ++i) addGains(arm.arm, i, trials);
+  // Shapes that are free follow any pressures.
+  if (!options.free_shapes) {
+    addExchanges(arm.arm, trials);
+    addUnits(trials);
+    for (int i = -1; i < arm.arm.actuatorCount(); ++i) addGains(arm.arm, i, trials);
+  }
   if (kind == ReadingKind::kPoses || kind == ReadingKind::kCorners) {
     addRowTrials(arm.layout, trials);
     addTurns(arm.layout, kind, options, trials);
   }
-  if (kind == ReadingKind::kCorners) addPictureTrials(trials);
+  if (kind == ReadingKind::kCorners) addPictureTrials(arm.camera, trials);
   addRigTrials(arm, options, kind, trials);
   return trials;
-}
-
-// The muscle whose length differs most from the others'.
-std::string oddMuscle(const model::Arm& arm, const Calibration& fit) {
-  const Eigen::VectorXd& scale = fit.length_scale;
-  const double usual = basics::medianOf(std::vector<double>(scale.begin(), scale.end()));
-  Eigen::Index odd = 0;
-  (scale.array() - usual).abs().maxCoeff(&odd);
-  return arm.actuator(static_cast<int>(odd)).name;
 }
 
 // The best size of a trial, and its misfit.
@@ -522,7 +591,7 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
   const auto at = [&](double size) {
     Case one{arms, misfit.options()};
     trial.correct(size, one);
-    if (const auto found = misfit.of(one)) known.emplace(size, *found);
+    if (const auto found = misfit.of(one, trial.sizes.size() > 1)) known.emplace(size, *found);
   };
   const auto least = [&] {
     return std::min_element(known.begin(), known.end(), [](const auto& a, const auto& b) {
@@ -558,30 +627,66 @@ std::optional<bool> isOutside(std::vector<ArmCaptures> arms) {
   return beyond > kBeyondLimit;
 }
 
+// How well the request fits the readings as they are.
+struct Evidence {
+  const std::vector<ArmCaptures>& read;
+  Square before;
+  bool inside;  // all pressures are within their limits
+};
+
+// The suspect of a trial; nothing if it explains too little, or is too small for a mistake.
+std::optional<Suspect> named(const Found& one, const Evidence& evidence, const Misfit& misfit) {
+  const Trial& trial = *one.trial;
+  const Square& before = evidence.before;
+  if (std::abs(one.size - trial.neutral) < trial.least) return std::nullopt;
+  const double lowered = one.price * one.misfit / before.mean;
+  const double gain = -0.5 * before.residuals * std::log(lowered);
+  // Pressures outside the limits are wrong, however little that shows.
+  const double most = !evidence.inside        ? kLoweredInside
+                      : one.misfit < kAsNoise ? kLowered
+                                              : kLoweredFar;
+  if (lowered > most || (evidence.inside && gain < kLeastGain)) return std::nullopt;
+  const double beyond = before.mean - std::min(1.0, one.misfit);
+  const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
+  if (explains < kLeastShare) return std::nullopt;
+  Case corrected{evidence.read, misfit.options()};
+  trial.correct(one.size, corrected);
+  clampPressures(corrected.arms);
+  const Calibration fit = calibrate(corrected.arms, corrected.options);
+  if (fit.shapes.empty()) return std::nullopt;  // refused
+  if (trial.shows && !trial.shows(fit)) return std::nullopt;
+  std::string where = trial.where;
+  if (where.empty()) {
+    where = evidence.read.front().arm.actuator(static_cast<int>(oddMuscle(fit.length_scale))).name;
+  }
+  Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}};
+  if (trial.corrects_captures) suspect.corrected = std::move(corrected.arms);
+  return suspect;
+}
+
 }  // namespace
 
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options) {
   options.validate();
   const std::vector<ArmCaptures> read = withReadings(arms);
-  // Shapes that are free follow any pressures.
-  if (read.empty() || read.front().captures.empty() || options.free_shapes) return {};
+  if (read.empty() || read.front().captures.empty()) return {};
   const std::optional<bool> outside = isOutside(read);
   if (!outside) return {};
   Misfit misfit(options);
   Case given{read, misfit.options()};
-  const std::optional<Square> fitted = misfit.of(given, true);
+  const std::optional<Square> fitted = misfit.of(given, true, true);
   // What cannot be fitted for another reason than its pressures has no suspects.
   if (!fitted && !*outside && groupByPressure(read).pressure.size() > 1) return {};
-  const bool inside = fitted && !*outside;
-  Square before = fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)});
+  Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
+                    fitted && !*outside};
   // A wrong tag size is taken up by the bleeding, as far as it is fitted.
-  if (std::abs(before.bleed) > kMostBleed * options.bleed_prior) {
+  if (std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
     given.options.bleed = false;
     misfit = Misfit(given.options);
-    before = misfit.of(given, true).value_or(before);
+    evidence.before = misfit.of(given, true).value_or(evidence.before);
   }
-  if (inside && before.mean < kAsNoise) return {};
+  if (evidence.inside && evidence.before.mean < kAsNoise) return {};
   const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
   std::vector<Found> found;
   for (const Trial& trial : trials) {
@@ -591,29 +696,23 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     return a.price * a.misfit < b.price * b.misfit;
   });
   std::vector<Suspect> out;
+  double least = evidence.inside ? evidence.before.mean : 0.0;
   for (const Found& one : found) {
-    const double lowered = one.price * one.misfit / before.mean;
-    const double gain = -0.5 * before.residuals * std::log(lowered);
     if (out.size() == kMostNamed) break;
-    // Pressures outside the limits are wrong, however little that shows.
-    const double most = !inside ? kLoweredInside : one.misfit < kAsNoise ? kLowered : kLoweredFar;
-    if (lowered > most) continue;
-    if (inside && gain < kLeastGain) continue;
-    const double beyond = before.mean - std::min(1.0, one.misfit);
-    const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
-    if (explains < kLeastShare) continue;
-    Case corrected{read, misfit.options()};
-    one.trial->correct(one.size, corrected);
-    clampPressures(corrected.arms);
-    const Calibration fit = calibrate(corrected.arms, corrected.options);
-    if (fit.shapes.empty()) continue;  // refused
-    Suspect suspect{one.trial->cause,
-                    one.trial->where.empty() ? oddMuscle(read.front().arm, fit) : one.trial->where,
-                    explains,
-                    one.trial->remedy(one.size, fit),
-                    {}};
-    if (one.trial->corrects_captures) suspect.corrected = std::move(corrected.arms);
-    out.push_back(std::move(suspect));
+    if (std::optional<Suspect> suspect = named(one, evidence, misfit)) {
+      least = std::min(least, one.misfit);
+      out.push_back(*suspect);
+    }
+  }
+  // No single mistake brings the readings near to this arm.
+  if (least > kFar * kFar * evidence.before.usual) {
+    Suspect other{"other_arm",
+                  "all captures",
+                  0.0,
+                  "no single mistake explains them: check that captures and scene are of the same "
+                  "arm, and look for several mistakes",
+                  {}};
+    out.insert(out.begin(), std::move(other));
   }
   return out;
 }

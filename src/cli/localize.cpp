@@ -8,6 +8,8 @@
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
@@ -102,6 +104,14 @@ class Locator {
     return withTags(located);
   }
 
+  /// The usual mistakes that explain why tags do not fit; none if they do.
+  std::vector<estimation::Suspect> suspects() const {
+    if (!odd_) return {};
+    const procedures::LoadedCaptures seen =
+        procedures::makeCaptures(scene_, seen_, "the pictures", procedures::OutsideLimits::kKept);
+    return procedures::tagSuspectsOf(scene_, seen.captures);
+  }
+
   // Result of a frame that could not be read.
   json broken(const vision::Frame& frame) const {
     return frame.wrong_size ? frameOf(frame.name, "wrong_size", whyNoTwist(*frame.wrong_size))
@@ -134,6 +144,14 @@ class Locator {
                    "no tag of family " + scene_.vision.detector.family + " is in sight");
   }
 
+  // The corners that were seen, for suspects.
+  void keep(const std::vector<TagDetection>& detections) {
+    io::TagCornerCapture seen{
+        static_cast<int>(seen_.size()), Eigen::VectorXd::Zero(scene_.arm.actuatorCount()), {}};
+    for (const TagDetection& tag : detections) seen.tags.push_back({tag.id, tag.corners});
+    seen_.push_back(std::move(seen));
+  }
+
   json localize(const vision::Frame& frame) {
     if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
     const vision::Observation& seen = localizer_->locate(frame.gray, model_);
@@ -143,6 +161,10 @@ class Locator {
     located["unknown_tags"] = seen.unknown_ids;
     located["repeated_tags"] = seen.repeated_ids;
     located["unusable_tags"] = seen.unusable_ids;
+    keep(seen.detections);
+    const double noise = scene_.vision.fit.corner_noise;
+    odd_ |= measured ? seen.fit.outliers() > 0 || seen.fit.rms > kFar * noise
+                     : seen.state == ObservationState::kNoFit;
     if (!measured) return withTags(located);
     const estimation::TwistFit& fit = seen.fit;
     const estimation::TwistFitOptions& options = scene_.vision.fit;
@@ -192,6 +214,10 @@ class Locator {
 
   const io::Scene& scene_;
   model::Shape model_;
+  // A picture whose tags are further off, in expected deviations, has suspects.
+  static constexpr double kFar = 3.0;
+  std::vector<io::TagCornerCapture> seen_;
+  bool odd_ = false;  // a picture whose tags do not fit
   std::optional<vision::ArmLocalizer> localizer_;
   std::optional<vision::TagDetector> detector_;
 };
@@ -256,9 +282,13 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const json frames = locateAll(options.pictures, locator);
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";
-  const json report{
-      {"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", frames}};
-  json shown = without(report, {"model_status"});
+  const std::vector<estimation::Suspect> suspects = locator.suspects();
+  const json report{{"scene", scene.name},
+                    {"model_status", nameOf(start.status)},
+                    {"frames", frames},
+                    {"suspects", suspectsJson(suspects)}};
+  json shown = without(report, {"model_status", "suspects"});
+  for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
   for (json& frame : shown["frames"]) {
     for (json& tag : frame["tags"]) tag = json(tag["id"]);
   }
@@ -292,7 +322,8 @@ load), frames [{file, state, reason, tags [{id, corners_px, hamming, margin}],
 unknown_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6),
 covariance, rms_px, tip, tip_covariance (of its position), base and bleed_m (null unless
 fitted), suspicious [{parameter, deviations, remedy}] (more than 3 standard deviations
-from its prior)}].
+from its prior)}], suspects [{cause, where, explains, remedy}] (usual mistakes of tags or
+pictures that explain why tags do not fit, best first).
 state: measured, no_tags, too_few_tags, no_fit, tags_only (the scene has no camera or no
 tags), wrong_size (not the camera's size; not searched) or unreadable.
 csv: one row per tag.

@@ -14,6 +14,7 @@
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/procedures/response_series.hpp"
@@ -199,7 +200,8 @@ json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
   return result;
 }
 
-json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures) {
+json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+              const std::vector<estimation::Suspect>& suspects) {
   json list = json::array(), flagged = json::array();  // flagged: with tags that do not fit
   std::vector<double> rms;                             // of the valid captures [m]
   std::set<int> unknown;
@@ -217,6 +219,7 @@ json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures
           {"median_rms_m", toJson(median(std::move(rms)))},
           {"flagged_captures", flagged},
           {"unknown_tags", unknown},
+          {"suspects", suspectsJson(suspects)},
           {"reason", textOrNull(reasonForNoFit(captures))}};
 }
 
@@ -256,7 +259,8 @@ CsvTable csvTable(const io::Scene& scene, const json& report) {
 
 // The report without the residuals of single tags, and with what it means.
 json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
-  json shown = without(report, {"tags", "base", "model_status", "usual_rms_m", "converged"});
+  json shown =
+      without(report, {"tags", "base", "model_status", "usual_rms_m", "converged", "suspects"});
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
     const std::string note = noteOnStart(capture.model);
@@ -269,9 +273,14 @@ json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
 int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
-  const json report = reportOf(scene, captures);
+  std::vector<estimation::Capture> seen;
+  for (const FittedCapture& one : captures) seen.push_back({one.number, one.pressure, one.seen});
+  const std::vector<estimation::Suspect> suspects = procedures::tagSuspectsOf(scene, seen);
+  const json report = reportOf(scene, captures, suspects);
+  json shown = shownOf(captures, report);
+  for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
   printResult(
-      global.format, report, [&] { return csvTable(scene, report); }, shownOf(captures, report));
+      global.format, report, [&] { return csvTable(scene, report); }, shown);
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
@@ -532,6 +541,7 @@ tags that fit), tip and base (fitted, relative to the base's nominal pose),
 outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),
 unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m
 over the captures whose tags all fit, flagged_captures (the others), unknown_tags,
+suspects [{cause, where, explains, remedy}] (usual mistakes of tags, best first),
 reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or
 no shape fits most of them, twist is null. csv: one row per capture.
 The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of

@@ -114,4 +114,15 @@ Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string
   return out;
 }
 
+nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
+  nlohmann::json out = nlohmann::json::array();
+  for (const estimation::Suspect& one : suspects) {
+    out.push_back({{"cause", one.cause},
+                   {"where", one.where},
+                   {"explains", one.explains},
+                   {"remedy", one.remedy}});
+  }
+  return out;
+}
+
 }  // namespace helix_arm::cli

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
@@ -27,6 +28,9 @@ lie::SE3 measuredTip(const estimation::TwistFit& fit);
 /// @param tags    indices in the scene's layout.
 /// @param needed  tags that each section should have.
 std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags, int needed);
+
+/// [{cause, where, explains, remedy}], best first.
+nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
 
 /// The text of an option `--history` of a subcommand.
 inline constexpr char kHistoryHelp[] =

@@ -59,9 +59,9 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
     if (poses != nullptr) {
       for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
     }
-    const estimation::TwistFit& fit = corners != nullptr
-                                          ? fitter.fitCold(*corners, X_CB, data.focal, model)
-                                          : fitter.fitCold(*poses, model);
+    const estimation::TwistFit& fit =
+        corners != nullptr ? fitter.fitCold(*corners, X_CB, data.camera.focal(), model)
+                           : fitter.fitCold(*poses, model);
     if (fit.status != estimation::FitStatus::kConverged) continue;
     twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
     out.captures.push_back(std::move(twists));
@@ -660,10 +660,11 @@ class CalibrationJob {
         outcome_.suspects.front().explains >= kCertain) {
       return refusal("a usual mistake explains the captures far better than the fitted arm");
     }
-    if (noise > kMostNoise) {
-      return refusal(basics::messageOf("the readings are ", std::round(10 * noise) / 10,
-                                       " times as far from the fitted arm as their noise; expected "
-                                       "at most ",
+    const double beyond = noise / outcome_.calibration->usual_scale;
+    if (beyond > kMostNoise) {
+      return refusal(basics::messageOf("the readings are ", std::round(10 * beyond) / 10,
+                                       " times as far from the fitted arm as their noise and the "
+                                       "usual errors of tags and pressures; expected at most ",
                                        kMostNoise));
     }
     if (outcome_.tip_error_before && outcome_.tip_error_after &&
@@ -848,6 +849,25 @@ std::string utcNow() {
   std::array<char, 32> text{};
   std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
   return text.data();
+}
+
+std::vector<estimation::Suspect> tagSuspectsOf(const io::Scene& scene,
+                                               const std::vector<estimation::Capture>& captures) {
+  constexpr std::size_t kMost = 20;
+  std::vector<estimation::Capture> some;
+  for (std::size_t k = 0; k < std::min(kMost, captures.size()); ++k) {
+    some.push_back(captures[k * captures.size() / std::min(kMost, captures.size())]);
+    // Captures at one pressure would share their shape [Pa].
+    const Eigen::VectorXd rest = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
+    some.back().pressure = scene.arm.clamped(rest).array() + static_cast<double>(k);
+  }
+  estimation::CalibrationOptions options;
+  options.K_kappa = options.K_gamma = false;
+  options.free_shapes = options.base = true;
+  options.corner_noise = scene.vision.fit.corner_noise;
+  options.position_noise = scene.vision.fit.position_noise;
+  options.rotation_noise = scene.vision.fit.rotation_noise;
+  return estimation::suspectsOf({makeArmCaptures(scene, std::move(some))}, options);
 }
 
 }  // namespace helix_arm::procedures

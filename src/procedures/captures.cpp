@@ -1,6 +1,7 @@
 #include "helix_arm/procedures/captures.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <iterator>
 #include <map>
@@ -10,6 +11,7 @@
 #include <variant>
 
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -154,6 +156,18 @@ std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera
   return directions;
 }
 
+// Pressures about their limits count as at them; those far beyond are kept, as in another unit.
+LoadedCaptures withNearPressures(LoadedCaptures loaded, const model::Arm& arm) {
+  for (estimation::Capture& capture : loaded.captures) {
+    const Eigen::VectorXd inside = arm.clamped(capture.pressure);
+    for (Eigen::Index i = 0; i < inside.size(); ++i) {
+      double& pressure = capture.pressure[i];
+      if (std::abs(inside[i] - pressure) <= estimation::kBeyondLimit) pressure = inside[i];
+    }
+  }
+  return loaded;
+}
+
 void requirePressures(const std::string& file, const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (model::isPressure(arm.actuator(i).drive)) continue;
@@ -232,8 +246,10 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
   const Eigen::MatrixXd pressures = outside == OutsideLimits::kFault
                                         ? pressuresWithinLimits(data, scene.arm)
                                         : pressuresOf(data, scene.arm);
-  if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
-  if (kind == DataKind::kTagPoses) return posesOf(scene, data);
+  if (kind == DataKind::kCurvatures) {
+    return withNearPressures(curvaturesOf(scene, data, pressures), scene.arm);
+  }
+  if (kind == DataKind::kTagPoses) return withNearPressures(posesOf(scene, data), scene.arm);
   return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path,
                       outside);
 }
@@ -264,18 +280,18 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
         [&](const io::TagCorners& tag) { return directionsOf(scene.camera->model, tag, faults); });
   }
   faults.throwIfAny();
-  return readings.take();
+  return withNearPressures(readings.take(), scene.arm);
 }
 
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures) {
-  estimation::ArmCaptures arm{scene.name, scene.arm, scene.vision.fit.planar, {}, {}, 0, {}};
+  estimation::ArmCaptures arm{scene.name, scene.arm, scene.vision.fit.planar, {}, {}, {}, {}};
   arm.load = scene.model.load();
   arm.tier = scene.model.choice().setting;
   if (scene.tags) arm.layout = *scene.tags;
   if (scene.camera) {
     arm.X_CB = scene.X_CB();
-    arm.focal = scene.camera->model.focal();
+    arm.camera = scene.camera->model;
   }
   arm.captures = std::move(captures);
   return arm;

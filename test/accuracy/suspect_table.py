@@ -1,136 +1,283 @@
 #!/usr/bin/env python3
-"""Makes each usual mistake in simulated data sets, and asserts that `calibrate` names it.
+"""Makes each usual mistake in simulated data sets of four arms, and asserts that `calibrate` names it.
 
-usage: suspect_table.py --command HELIX_ARM [--seeds N]
-Prints for every mistake and data set how often its cause came first, and second at worst. The noise of the tag poses is that of
-the scenes, 10 mm; corners come from rendered pictures. Exits with 1 if fewer than 90 % came first, or 97 % second, or if sound
-data have a suspect.
+usage: suspect_table.py --command HELIX_ARM [--seeds N] [--causes WORD..] [--out FILE]
+The arms: the demo's helical one, a planar and a tapered one, and one of two sections; the true ones bend less, are longer, and
+carry tags that are 1 mm off. Corners come from rendered pictures and get 0.3 px of noise; tag poses have 10 mm. Pressures are off
+by up to 4 kPa of play. Prints for every mistake and data set how often its cause came first, and second at worst; FILE gets the
+table. Exits with 1 if fewer than 90 % came first, or 97 % second, or if more than 1 % of the sound data have a suspect.
 """
 import argparse
+import copy
 import csv
+import functools
 import json
+import math
+import random
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-WIDTH, HEIGHT = 1280, 720  # of the demo's pictures [px]
-NEW = ["--out", "%s", "--defaults", "--regulator", "none", "--length-m", "0.3"]
-SETS = (("demo", [], "tag_poses.csv"), ("demo", [], "tag_corners.csv"), ("two", NEW + ["--sections", "2"], "tag_poses.csv"),
-        ("four", NEW + ["--muscles", "4"], "tag_poses.csv"))
+import yaml
+
+WIDTH, HEIGHT = 1280, 720  # of the pictures [px]
+PLAY, CORNER_NOISE = 4.0, 0.3  # [kPa, px]
+SCENES = Path(__file__).resolve().parents[2] / "config" / "scenes"
+SETS = (("demo", "tag_poses.csv"), ("demo", "tag_corners.csv"), ("planar", "tag_corners.csv"),
+        ("tapered", "tag_corners.csv"), ("two_sections", "tag_corners.csv"))
 
 
 def pressures(change):
     """A mistake in the pressures: from those in the muscles to those in the file [kPa]."""
-    def apply(row):
+    def apply(row, _):
         keys = [key for key in row if key.startswith("pressure_")]
         row.update(zip(keys, map(str, change([float(row[key]) for key in keys]))))
     return apply
 
 
+def dead(channel):
+    """What is read of a muscle that gets nothing is a pressure all the same, one for each capture. The rig's muscle does not shorten."""
+    def apply(row, _):
+        row["pressure_%d_kpa" % (channel + 1)] = str(random.Random(row["capture"]).uniform(0, 300))
+
+    def section(given):
+        ring = given.pop("ring")
+        angles = [2 * math.pi * k / ring["count"] for k in range(ring["count"])]
+        given["actuators"] = [{
+            "position_m": [0, round(ring["radius_m"] * math.cos(angle), 9), round(ring["radius_m"] * math.sin(angle), 9)],
+            "tilt_deg": ring["tilt_deg"], "contraction": "dead" if k == channel else ring["contraction"]} for k, angle in enumerate(angles)]
+        return given
+
+    def contractions(given):
+        curve = next(iter(given.values()))
+        length = curve["table"]["length_m"][0] if "table" in curve else curve["quintic"]["coefficients_m"][0]
+        return {**given, "dead": {"table": {"pressure_kpa": [0, 200, 413], "length_m": [length, 0.997 * length, 0.994 * length]}}}
+
+    return "channel_dead", apply, {"arm.sections.0": section, "contractions": contractions}, {}
+
+
 def corners(change):
-    def apply(row):
-        seen = change(row, [(float(row["x%d_px" % k]), float(row["y%d_px" % k])) for k in (1, 2, 3, 4)])
+    def apply(row, tags):
+        seen = change([(float(row["x%d_px" % k]), float(row["y%d_px" % k])) for k in (1, 2, 3, 4)], tags, int(row["tag"]))
         row.update({"%s%d_px" % (axis, k): str(value) for k, at in enumerate(seen, 1) for axis, value in zip("xy", at)})
     return apply
 
 
 def tags(change):
-    """Of the demo, where 7 rows of 3 columns are numbered along the columns."""
-    def apply(row):
-        column, place = divmod(int(row["tag"]), 7)
-        column, place = change(column, place)
-        row["tag"] = str(7 * column + place)
+    """Tags are numbered along the muscles of each section. The change is one of (muscle, row), given (muscles, rows) as well."""
+    def apply(row, layout):
+        muscles, rows, first = next((muscles, rows, first) for muscles, rows, first in layout
+                                    if first <= int(row["tag"]) < first + muscles * rows)
+        muscle, place = change(*divmod(int(row["tag"]) - first, rows), muscles, rows)
+        row["tag"] = str(first + muscle * rows + place)
     return apply
 
 
-def turned(quarters, rows):
-    return corners(lambda row, at: at[quarters:] + at[:quarters] if int(row["tag"]) % 7 in rows else at)
+def resized(factor):
+    """Pixel (0, 0) is the centre of the first one."""
+    return corners(lambda at, *_: [tuple(factor * (one + 0.5) - 0.5 for one in corner) for corner in at])
 
 
-# Cause, mistake, changes of the scene; for all data sets, tags of the demo, corners alone.
+def from_the_tip(row, layout):
+    """The rows of all sections, which have as many each, are numbered from the tip."""
+    section = next(k for k, (muscles, rows, first) in enumerate(layout) if first <= int(row["tag"]) < first + muscles * rows)
+    rows = layout[section][1]
+    muscle, place = divmod(int(row["tag"]) - layout[section][2], rows)
+    row["tag"] = str(layout[-1 - section][2] + muscle * rows + rows - 1 - place)
+
+
+def turned(quarters, place=None):
+    def change(at, layout, tag):
+        rows, first = next((rows, first) for muscles, rows, first in layout if first <= tag < first + muscles * rows)
+        return at[quarters:] + at[:quarters] if place is None or (tag - first) % rows == place else at
+    return corners(change)
+
+
+def nothing(_row, _tags):
+    pass
+
+
+def moved(by):
+    """Of all tags of a data set, along y [m]."""
+    def apply(row, _):
+        row["y_m"] = str(float(row["y_m"]) + by)
+    return apply
+
+
+def ring(factor, tilt):
+    """Another arm: its radius is multiplied, and its tilt changes [deg]."""
+    def apply(given):
+        return {**given, "radius_m": factor * given["radius_m"], "tilt_deg": given["tilt_deg"] + tilt}
+    return apply
+
+
+def times(factor):
+    return lambda value: factor * value
+
+
+def plus(by):
+    return lambda value: value + by
+
+
+# Cause, mistake in the file, what differs on the rig, what in the scene; in all data sets, in those of corners, in those of poses.
 ANYWHERE = (
-    ("", lambda row: None, []),
-    ("channels_exchanged", pressures(lambda p: [p[1], p[0], *p[2:]]), []),
-    ("channels_exchanged", pressures(lambda p: [p[2], p[1], p[0], *p[3:]]), []),
-    ("pressure_unit", pressures(lambda p: [one / 6.894757 for one in p]), []),
-    ("pressure_unit", pressures(lambda p: [10 * one for one in p]), []),
-    ("pressure_gain", pressures(lambda p: [0.7 * p[0], *p[1:]]), []),
-    ("pressure_gain", pressures(lambda p: [p[0] / 0.7, *p[1:]]), []),
-)
-TAGS = (
-    ("tag_rows_exchanged", tags(lambda column, place: (column, {2: 4, 4: 2}.get(place, place))), []),
-    ("tag_rows_exchanged", tags(lambda column, place: (column, {5: 6, 6: 5}.get(place, place))), []),
-    ("tag_rows_reversed", tags(lambda column, place: (column, 6 - place)), []),
-    ("tags_mirrored", tags(lambda column, place: (-column % 3, place)), []),
+    ("", nothing, {}, {}),
+    ("channels_exchanged", pressures(lambda p: [p[1], p[0], *p[2:]]), {}, {}),
+    ("channels_exchanged", pressures(lambda p: [p[-1], *p[1:-1], p[0]]), {}, {}),
+    dead(0),
+    dead(1),
+    ("pressure_unit", pressures(lambda p: [one / 6.894757 for one in p]), {}, {}),
+    ("pressure_unit", pressures(lambda p: [10 * one for one in p]), {}, {}),
+    ("pressure_gain", pressures(lambda p: [0.7 * p[0], *p[1:]]), {}, {}),
+    ("pressure_gain", pressures(lambda p: [p[0] / 0.7, *p[1:]]), {}, {}),
+    ("pressure_offset", pressures(lambda p: [p[0] + 40, *p[1:]]), {}, {}),
+    ("pressure_offset", pressures(lambda p: [p[0], p[1] + 60, *p[2:]]), {}, {}),
 )
 CORNERS = (
-    ("tags_turned", turned(2, range(7)), []), ("tags_turned", turned(1, [3]), []),
-    ("tag_size", lambda row: None, ["tags.size_m=0.0395"]), ("tag_size", lambda row: None, ["tags.size_m=0.025"]),
-    ("picture_size", corners(lambda row, at: [(x / 2, y / 2) for x, y in at]), []),
-    ("picture_size", corners(lambda row, at: [(1.5 * x, 1.5 * y) for x, y in at]), []),
-    ("picture_turned", corners(lambda row, at: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at]), []),
-    ("camera_moved", lambda row: None, ["camera.position_m=[0.67, 0.42, 0.4]"]),
-    ("camera_moved", lambda row: None, ["camera.position_m=[0.62, 0.42, 0.43]"]),
+    ("muscle_length", nothing, {"simulation.arm.length_scales.0": times(1.05)}, {}),
+    ("muscle_length", nothing, {"simulation.arm.length_scales.1": times(0.95)}, {}),
+    ("tag_rows_exchanged", tags(lambda muscle, row, _, rows: (muscle, {1: rows - 2, rows - 2: 1}.get(row, row))), {}, {}),
+    ("tag_rows_exchanged", tags(lambda muscle, row, _, rows: (muscle, {2: 3, 3: 2}.get(row, row))), {}, {}),
+    ("tag_rows_reversed", from_the_tip, {}, {}),
+    ("tags_mirrored", tags(lambda muscle, row, muscles, _: (-muscle % muscles, row)), {}, {}),
+    ("tags_turned", turned(2), {}, {}),
+    ("tags_turned", turned(1, 3), {}, {}),
+    ("tag_size", nothing, {}, {"tags.size_m": times(1.3)}),
+    ("tag_size", nothing, {}, {"tags.size_m": times(0.8)}),
+    ("picture_size", resized(0.5), {}, {}),
+    ("picture_size", resized(1.5), {}, {}),
+    ("picture_turned", corners(lambda at, *_: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at]), {}, {}),
+    ("camera_moved", nothing, {}, {"camera.position_m.0": plus(0.05)}),
+    ("camera_moved", nothing, {}, {"camera.position_m.2": plus(0.03)}),
+    ("other_arm", nothing, {"arm.sections.0.ring": ring(1.7, 40)}, {}),
+    ("other_arm", nothing, {"arm.sections.0.ring": ring(0.6, -50)}, {}),
 )
+POSES = (("base_moved", moved(0.03), {}, {}), ("base_moved", moved(-0.05), {}, {}))
+
+
+def edited(document, changes):
+    """A scene where values, by dotted key, are replaced by a function of them."""
+    out = copy.deepcopy(document)
+    for key, change in changes.items():
+        *parts, last = (int(part) if part.isdigit() else part for part in key.split("."))
+        inner = functools.reduce(lambda value, part: value[part], parts, out)
+        inner[last] = change(inner[last])
+    return out
+
+
+class Table:
+    def __init__(self, command, folder):
+        self.command, self.folder = command, folder
+
+    def run(self, *arguments):
+        return subprocess.run([self.command, *map(str, arguments)], stdout=subprocess.PIPE, universal_newlines=True, check=False)
+
+    def scene(self, name):
+        path = self.folder / (name + ".yaml")
+        if name == "demo":
+            path = SCENES / "demo.yaml"
+        else:
+            self.run("new", "--out", path, "--defaults", "--regulator", "none", "--force", "--sections", 2 if name == "two_sections" else 1)
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        arm, groups = document["arm"], document["tags"]["groups"]
+        if name == "tapered":
+            arm["sections"][0]["ring"]["radius_m"] = [0.05, 0.025]
+        if name == "planar":
+            arm["sections"][0]["ring"]["count"] = 2
+            arm["geometry"] = "planar"
+            del groups[2:]
+        for section in arm["sections"]:
+            section["ring"].setdefault("tilt_deg", 0)
+        ones = [1.0] * sum(section["ring"]["count"] for section in arm["sections"])
+        simulation = document["simulation"]
+        simulation["arm"]["length_scales"] = ones
+        simulation["mounts"] = {"tag_translation_m": 0.001, "seed": 1}
+        simulation["camera"] = {"blur_px": 0.7, "noise_gray_levels": 2}
+        return document
+
+    def layout(self, document):
+        """(muscles, rows, first tag) of each section."""
+        groups = document["tags"]["groups"]
+        sections = [[one["ids"] for one in groups if one.get("section") == name] for name in {one.get("section"): 0 for one in groups}]
+        return [(len(ids), len(ids[0]), ids[0][0]) for ids in sections]
+
+    def simulated(self, document, changes, seed):
+        """Folder of a data set, made where it is not there yet."""
+        folder = self.folder / ("%s_%s_%d" % (document["name"], "_".join(str(id(one)) for one in changes.values()), seed))
+        if not folder.exists():
+            rig = edited(document, {**changes, "simulation.mounts.seed": lambda _: seed})
+            (self.folder / "rig.yaml").write_text(yaml.safe_dump(rig), encoding="utf-8")
+            self.run("simulate", self.folder / "rig.yaml", "--seed", seed, "--out", folder)
+        return folder
+
+    def ranks(self, document, data, seed, mistake):
+        """Place of the right cause among the suspects, from 0; 9: it is not there, or there is one of sound data."""
+        cause, change, rig, told = mistake
+        source = self.simulated(document, rig, seed) / data
+        rows = list(csv.DictReader(line for line in source.read_text(encoding="utf-8").splitlines() if not line.startswith("#")))
+        layout = self.layout(document)
+        for row in rows:
+            noise = random.Random("%d %s" % (seed, row["capture"]))  # of a capture
+            pressures(lambda p: [max(0, one + noise.uniform(-PLAY, PLAY)) for one in p])(row, layout)
+            noise = random.Random("%d %s %s" % (seed, row["capture"], row["tag"]))
+            if "x1_px" in row:
+                corners(lambda at, *_: [(x + noise.gauss(0, CORNER_NOISE), y + noise.gauss(0, CORNER_NOISE)) for x, y in at])(row, layout)
+            change(row, layout)
+        with open(self.folder / "wrong.csv", "w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+            table.writeheader()
+            table.writerows(rows)
+        scene, out = self.folder / "wrong.yaml", self.folder / "out.yaml"
+        scene.write_text(yaml.safe_dump(edited(document, told)), encoding="utf-8")
+        call = ["calibrate", scene, self.folder / "wrong.csv", "--fit", "stiffness,length_scale", "--format", "json", "--out", out]
+        done = self.run(*call)
+        if cause == "channels_exchanged" and document["name"] == "demo" and "corners" in data:  # far beyond the noise
+            refused = done.returncode == 1 and not out.exists()
+            if not refused or self.run(*call, "--apply-suspect", 1).returncode != 0 or not out.exists():
+                sys.exit("exchanged channels: a scene is to be written with --apply-suspect alone: " + done.stdout)
+            out.unlink()
+            if self.run(*call, "--force").returncode != 0 or not out.exists():
+                sys.exit("exchanged channels: no scene is written with --force")
+        out.unlink(missing_ok=True)
+        causes = [one["cause"] for one in json.loads(done.stdout)["suspects"]]
+        if cause in causes:
+            return causes.index(cause), causes
+        return (0 if not cause and not causes else 9), causes
 
 
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--command", required=True)
-    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--causes", nargs="*")
+    parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-
-    def run(*arguments):
-        return subprocess.run([options.command, *map(str, arguments)], stdout=subprocess.PIPE, universal_newlines=True, check=False)
-
-    def rank(folder, scene, data, cause, mistake, changes):
-        rows = list(csv.DictReader(line for line in open(data, encoding="utf-8") if not line.startswith("#")))
-        for row in rows:
-            mistake(row)
-        with open(folder / "wrong.csv", "w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows)
-        call = ["calibrate", scene, folder / "wrong.csv", "--fit", "stiffness,length_scale", "--format", "json", "--out", out,
-                *[word for change in changes for word in ("--set", change)]]
-        done = run(*call)
-        if cause == "channels_exchanged" and data.name == "tag_corners.csv":  # far beyond the noise
-            refused = done.returncode == 1 and not out.exists()
-            if not refused or run(*call, "--apply-suspect", 1).returncode != 0 or not out.exists():
-                sys.exit("exchanged channels: a scene is to be written with --apply-suspect alone: " + done.stdout)
-            out.unlink()
-            if run(*call, "--force").returncode != 0 or not out.exists():
-                sys.exit("exchanged channels: no scene is written with --force")
-        out.unlink(missing_ok=True)
-        causes = [one["cause"] for one in json.loads(done.stdout)["suspects"]]
-        if not cause:
-            return 0 if not causes else 9
-        return causes.index(cause) if cause in causes else 9
-
-    ranks, alarms = [], 0
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        out = folder / "out.yaml"
-        for scene, new, data in SETS:
-            path = folder / (scene + ".yaml")
-            if new and not path.exists():
-                run("new", *[str(path) if word == "%s" else word for word in new])
-            for seed in range(1, options.seeds + 1):
-                if not (folder / ("%s_%d" % (scene, seed))).exists():
-                    run("simulate", path if new else scene, "--seed", seed, "--out", folder / ("%s_%d" % (scene, seed)))
-            for cause, *mistake in ANYWHERE + (TAGS if scene == "demo" else ()) + (CORNERS if "corners" in data else ()):
-                found = [rank(folder, path if new else scene, folder / ("%s_%d" % (scene, seed)) / data, cause, *mistake)
-                         for seed in range(1, options.seeds + 1)]
-                print("%-5s %-15s %-19s first %d, second at worst %d of %d" % (
-                    scene, data, cause or "sound", found.count(0), sum(one < 2 for one in found), len(found)), flush=True)
-                if cause:
-                    ranks += found
-                else:
-                    alarms += sum(one > 0 for one in found)
-    first, second = (sum(one < most for one in ranks) / len(ranks) for most in (1, 2))
-    print("first in %.1f %%, second at worst in %.1f %%; suspects of sound data: %d" % (100 * first, 100 * second, alarms))
-    sys.exit(first < 0.9 or second < 0.97 or alarms > 0)
+    ranks, sound, lines = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        table = Table(options.command, Path(folder))
+        for scene, data in SETS:
+            document = table.scene(scene)
+            for mistake in ANYWHERE + (CORNERS if "corners" in data else POSES):
+                cause = mistake[0]
+                # Two muscles have no order around the arm and no tilt; those of a ring whose radius varies are alike, and another
+                # such ring is taken for a camera that moved.
+                if (cause, scene) in (("tags_mirrored", "planar"), ("other_arm", "planar"), ("other_arm", "tapered"),
+                                      ("channel_dead", "tapered")) or (options.causes and cause not in options.causes):
+                    continue
+                found, causes = zip(*(table.ranks(document, data, seed, mistake) for seed in range(1, options.seeds + 1)))
+                (ranks if cause else sound).extend(found)
+                wrong = sorted({one[0] for one in causes if one and one[0] != cause})
+                lines.append("%-12s  %-15s  %-18s  first %2d  second at worst %2d  of %2d  %s" % (
+                    scene, data, cause or "sound", found.count(0), sum(one < 2 for one in found), len(found), ", ".join(wrong)))
+                print(lines[-1], flush=True)
+    first, second = (sum(one < most for one in ranks) / max(len(ranks), 1) for most in (1, 2))
+    lines.append("first in %.1f %%, second at worst in %.1f %% of %d; sound data with a suspect: %d of %d" % (
+        100 * first, 100 * second, len(ranks), sum(one > 0 for one in sound), len(sound)))
+    print(lines[-1])
+    if options.out:
+        options.out.write_text("\n".join(line.rstrip() for line in lines) + "\n", encoding="utf-8")
+    sys.exit(first < 0.9 or second < 0.97 or sum(one > 0 for one in sound) > 0.01 * len(sound))
 
 
 if __name__ == "__main__":

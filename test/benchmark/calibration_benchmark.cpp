@@ -29,7 +29,7 @@ const ArmCaptures& stiffnessData() {
     test::Random random(1);
     const test::RigTruth truth =
         test::drawRig(known, test::sampleView(0.8, 1, 7), {0.2, 0.4, 0, 0, 0, 0, 0, 0}, random);
-    ArmCaptures data{"arm", known, false, truth.view.layout, {}, 0, {}};
+    ArmCaptures data{"arm", known, false, truth.view.layout, {}, {}, {}};
     for (int i = 0; i < 21; ++i) {
       const Eigen::VectorXd pressure = test::randomInput(known, random);
       std::vector<estimation::PoseObservation> seen;
@@ -52,7 +52,7 @@ const ArmCaptures& placementData() {
     test::Random random(2);
     const test::RigTruth truth =
         test::drawRig(known, view, {0.2, 0.4, 0.02, 0.01, 0.02, 0.002, 0.05, 0}, random);
-    ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
+    ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera, {}};
     while (data.captures.size() < 50) {
       const Eigen::VectorXd pressure = test::randomInput(known, random);
       const auto seen = test::observe(truth, pressure, kCornerNoise, random);
@@ -190,7 +190,7 @@ struct TagResidual {
       const Eigen::Vector3d p = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0);
       if (!(p.z() > 0)) return false;
       Eigen::Map<Eigen::Vector2d>(residual + 2 * c) =
-          data.focal / noise * (p.head<2>() / p.z() - seen.direction.col(c));
+          data.camera.focal() / noise * (p.head<2>() / p.z() - seen.direction.col(c));
     }
     return true;
   }

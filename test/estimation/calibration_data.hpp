@@ -48,7 +48,7 @@ inline test::RigTruth rigOf(const model::Arm& truth, const TagLayout& layout = {
 }
 
 inline ArmCaptures dataOf(const model::Arm& known, const TagLayout& layout = {}) {
-  return {"arm", known, false, layout, {}, 0, {}};
+  return {"arm", known, false, layout, {}, {}, {}};
 }
 
 inline Pressures randomPressures(const model::Arm& arm, int count, Random& random) {
@@ -122,7 +122,7 @@ inline ArmCaptures poses(const model::Arm& known, const TagLayout& known_layout,
 inline ArmCaptures corners(const model::Arm& known, const ArmView& view,
                            const test::RigTruth& truth, const Pressures& pressures, double noise,
                            Random& random) {
-  ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
+  ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera, {}};
   for (const Eigen::VectorXd& pressure : pressures) {
     test::addCapture(data, pressure, test::observe(truth, pressure, noise, random));
   }

@@ -91,7 +91,7 @@ struct Bench {
 
   explicit Bench(double prior) {
     const model::Arm arm = test::ringArm(test::straightRing());
-    data.push_back({"arm", arm, false, {}, {}, 0, {}});
+    data.push_back({"arm", arm, false, {}, {}, {}, {}});
     // As long as at rest, so that no stiffness bends or shears anything.
     for (int c = 0; c < 3; ++c) {
       const Eigen::VectorXd pressure = arm.inputAt(0.2 * c);

@@ -201,7 +201,7 @@ TEST(Captures, AnArmIsDescribedAsItsSceneIs) {
   const estimation::ArmCaptures arm = makeArmCaptures(scene, {});
   EXPECT_EQ(arm.name, "rig");
   EXPECT_FALSE(arm.planar);
-  EXPECT_EQ(arm.focal, 605);
+  EXPECT_EQ(arm.camera.focal(), 605);
   EXPECT_EQ(arm.layout.tags.size(), 3u);
   EXPECT_EQ(arm.X_CB.translation, scene.X_CB().translation);
   const estimation::ArmCaptures flat = makeArmCaptures(sceneOf(kPlanarScene), {});

@@ -69,7 +69,7 @@ struct Set {
     const model::Arm known({test::ringSection(ring, curve.curve.value())});
     K_kappa = ring.stiffness.kappa *= std::exp(0.2 * random.normal());
     const model::Arm truth = known.withStiffness(ring.stiffness);
-    ArmCaptures arm{kind.name, known, kind.muscles == 2, {}, {}, 0, {}};
+    ArmCaptures arm{kind.name, known, kind.muscles == 2, {}, {}, {}, {}};
     for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
       const Eigen::VectorXd there = pressure.unaryExpr([&](double p) { return muscle.at(p); });
       const double bend = model::curvatureOf(truth.twistsOfLengths(there).col(0));

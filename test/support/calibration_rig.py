@@ -43,9 +43,10 @@ class CalibrationRig(CommanderCase):
         return self.safety[-1:], self.calibration.output()[-3000:]
 
     def free_the_arm(self):
-        """Sends no target until the arm has vented, unless it rests: the next target, from any sender, enables it again."""
-        self.held = None
-        self.assert_wait(lambda: self.safety[-1].state in (SafetyState.VENTED, SafetyState.DISABLED))
+        """Sends no target until the arm has vented, unless it rests, and is free: the next target, from any sender, enables it again."""
+        self.held, since = None, len(self.diagnostics)
+        self.assert_wait(lambda: self.safety[-1].state in (SafetyState.VENTED, SafetyState.DISABLED)
+                         and self.diagnosed("targets", since).get("lease_holder") == "")
 
     def call(self, name, service, **fields):
         """A service of the calibration node, or of another one."""

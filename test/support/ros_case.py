@@ -132,11 +132,11 @@ class CommanderCase(RosCase):
             self.held = target
         return answer
 
-    def diagnosed(self, status):
-        """The newest values of a status of the node; none before they came."""
+    def diagnosed(self, status, since=0):
+        """The newest values of a status of the node, of those that came after so many; none before they came."""
         name = (self.NS + "pressure_command: ").lstrip("/") + status
-        return next(({pair.key: pair.value for pair in one.values} for array in reversed(self.diagnostics) for one in array.status
-                     if one.name == name), {})
+        return next(({pair.key: pair.value for pair in one.values} for array in reversed(self.diagnostics[since:])
+                     for one in array.status if one.name == name), {})
 
     def command_after(self, answer):
         """The command in force after an answer was given. Topics may overtake each other; stamps tell."""

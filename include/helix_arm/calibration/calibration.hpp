@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "helix_arm/calibration/contraction_fit.hpp"
+#include "helix_arm/localization/camera.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -52,7 +53,7 @@ struct ArmCaptures {
   bool planar = false;  ///< the arm bends only in its x-y plane
   TagLayout layout;     ///< for readings of tags
   lie::SE3 X_CB;        ///< nominal base seen from the camera, for readings of corners
-  double focal = 0;     ///< of that camera, > 0 [px]
+  Camera camera;        ///< that camera
   std::vector<Capture> captures;
   /// The load, and the tier that computes the shapes: a tier chosen for the scene, the same for all
   /// parameter values. A tier without loads ignores the load.
@@ -170,6 +171,9 @@ const char* nameOf(CalibrationStatus status);
 /// Largest relative standard error of an identifiable stiffness or length scale.
 constexpr double kLargestRelativeError = 0.5;
 
+/// Usual error of the pressure in a muscle, by its regulator and by friction in the muscle [Pa].
+constexpr double kPressureError = 5e3;
+
 /// One calibrated parameter.
 struct Parameter {
   std::string name;  ///< K_kappa, length_scale, base_x, tag_7_s, ...
@@ -286,6 +290,9 @@ struct Calibration {
   double rms = 0;          ///< over the readings that fit
   /// How many times as large as expected the noise is, by the residuals; at least 1.
   double noise_scale = 1;
+  /// What it is in a sound arm, whose tags are placed as tag_prior says and whose pressures are
+  /// off by kPressureError; 1 without CalibrationOptions::errors.
+  double usual_scale = 1;
   std::vector<CaptureResidual> captures;
   std::optional<HeldOut> by_pressure, by_arm;
   /// (actuators) of the first arm [Pa]: the most informative next pressures, best first.

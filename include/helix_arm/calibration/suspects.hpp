@@ -11,15 +11,21 @@ namespace helix_arm::estimation {
 struct Suspect {
   /// channels_exchanged, channel_dead, pressure_unit, pressure_gain, pressure_offset,
   /// muscle_length, tags_turned, tag_rows_exchanged, tag_rows_reversed, tags_mirrored, tag_size,
-  /// picture_size, picture_turned, base_moved, camera_moved or load.
+  /// picture_size, picture_turned, base_moved, camera_moved, load or other_arm.
   std::string cause;
   std::string where;   ///< "muscle_1 and muscle_2", "all channels", "tags 4, 5 and 6"
-  double explains;     ///< share of the readings' mean square beyond their noise, in [0, 1]
+  /// Share of the readings' mean square beyond their noise, in [0, 1]; 0 of other_arm, which is
+  /// named where no mistake brings the readings near to this arm.
+  double explains;
   std::string remedy;  ///< what to look at, and what to write into the scene
   /// The captures as they would be without the mistake, for a calibration with them. Empty if that
   /// takes another scene or another fit, as the remedy says.
   std::vector<ArmCaptures> corrected;
 };
+
+/// Of a pressure beyond its limit, which counts as at it: regulators and their sensors are not more
+/// accurate [Pa].
+constexpr double kBeyondLimit = 10e3;
 
 /// Tries the usual mistakes of a rig, each with a fit of the requested parameters, and names those
 /// that explain most of what the fit leaves beyond the noise, best first. The mistakes are those of

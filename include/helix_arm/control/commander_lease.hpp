@@ -20,12 +20,14 @@ class CommanderLease {
 
   /// True if `commander` may command at `now` [s]; if so, grants or renews the lease.
   bool claim(const std::string& commander, double now) {
-    const bool free = holder_.empty() || now - last_claim_ >= timeout_;
-    if (!free && commander != holder_) return false;
+    if (!isFree(now) && commander != holder_) return false;
     holder_ = commander;
     last_claim_ = now;
     return true;
   }
+
+  /// Whether anybody may command at `now` [s].
+  bool isFree(double now) const { return holder_.empty() || now - last_claim_ >= timeout_; }
 
   /// Holder of the lease, empty before the first claim. An expired lease still names its last
   /// holder.

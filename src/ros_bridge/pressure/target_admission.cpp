@@ -118,7 +118,7 @@ diagnostic_msgs::DiagnosticStatus TargetAdmission::status() {
              std::to_string(dropped_[i].total()));
   }
   addValue(out, names::kLastFaultKey, last_fault_);
-  addValue(out, "lease_holder", lease_.holder());
+  addValue(out, "lease_holder", lease_.isFree(regulator::steadyNow()) ? "" : lease_.holder());
   news_ = false;
   return out;
 }
