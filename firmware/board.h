@@ -11,7 +11,7 @@
 #ifndef F_CPU
 #define F_CPU 16000000UL
 #endif
-#define BAUD 115200UL  // 2.1 % fast at 16 MHz, exact at 14.7456 MHz
+#define BAUD 115200UL  // 2.1 % fast (117647) at 16 MHz, exact at 14.7456 MHz
 
 #ifndef CHECKSUM_REQUIRED
 #define CHECKSUM_REQUIRED 0  // 1: lines without a checksum are refused from the start
@@ -25,12 +25,15 @@
 #define VALVES_PROPORTIONAL 0
 #endif
 #define PULSE_LEAST_MS 3      // shortest pulse that a solenoid follows
+// Muscles that overshoot: raise FEED_PA_PER_MS if they fill much faster than in 0.25 s, lower
+// BLEED_MS if they vent much faster than in 0.2 s.
 #define FEED_PA_PER_MS 2000L  // a pulse of the inlet lasts for the error divided by this
 #define BLEED_MS 150          // one of the outlet: this, times the error as a share of the pressure
 #define DUTY_FIRST 77         // of 255: where the proportional valve begins to open
 #define DUTY_PER_KPA 2        // of 255: above DUTY_FIRST, per kPa of error
 
 // ---- Sensors: ratiometric, supplied by the chip's own 5 V ---------------------------------------
+// NXP MPX5700GP (0.2 V to 4.7 V): zero 200, full 4700, low 100, high 4850.
 #define SENSOR_SUPPLY_MV 5000L  // nominal, the reference of the values below
 #define SENSOR_ZERO_MV 500L     // at no gauge pressure
 #define SENSOR_FULL_MV 4500L    // at SENSOR_FULL_PA
@@ -45,7 +48,8 @@
 #define DEAD_BAND_PA 2500L          // no valve moves for a smaller error
 #define HYSTERESIS_PA 500L          // within it, where an inlet stops: above the noise of a reading
 #define RISE_PA 5000L               // by which a reading must rise, or come to its set point,
-#define RISE_MS 150                 // before the inlet was open for so long in all, else not_rising
+#define RISE_MS 150                 // before the inlet was open for so long in all, else not_rising:
+                                    // raise it if large muscles are reported as that
 
 // ---- Times [ms] ---------------------------------------------------------------------------------
 #define READING_MS 10                            // of which each is the mean

@@ -11,7 +11,6 @@
 #include "basics/least_squares.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "series_problem.hpp"
-#include "series_recording.hpp"
 
 namespace helix_arm::estimation {
 namespace {

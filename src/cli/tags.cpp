@@ -1,7 +1,5 @@
 #include <filesystem>
-#include <iostream>
 #include <memory>
-#include <stdexcept>
 #include <string>
 #include <vector>
 

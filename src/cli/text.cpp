@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <iomanip>
-#include <iostream>
 #include <iterator>
 
 #include "helix_arm/basics/pi.hpp"

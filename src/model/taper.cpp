@@ -5,9 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <stdexcept>
-#include <string>
-#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"

@@ -11,7 +11,6 @@
 #include <thread>
 
 #include <netdb.h>
-#include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/select.h>

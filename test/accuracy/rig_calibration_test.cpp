@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <deque>
 #include <map>
 #include <string>
 #include <vector>
@@ -12,13 +13,20 @@
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/procedures/response_series.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/simulation/simulated_vision.hpp"
+#include "support/ideal_rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm {
 namespace {
@@ -167,6 +175,220 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
       kRigs, misses.size(), worst, std::sqrt(square / kRigs), 1e3 * std::sqrt(sum_before / kRigs),
       1e3 * std::sqrt(sum_after / kRigs), ratios.size(), 1e3 * kOff, ratios.back(),
       told["K_kappa"]);
+}
+
+// ---- A run there and back -----------------------------------------------------------------------
+
+// On a simulated rig whose actuators lag and rub, without ROS: regulators with lag and noise, tags
+// with noise, pictures that arrive late.
+
+const std::string kScene = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+constexpr double kStep = 0.01;        // of time [s]
+constexpr int kPicture = 3;           // steps from picture to picture
+constexpr double kLatency = 0.06;     // of a picture [s]
+constexpr double kCornerNoise = 0.3;  // [px]
+// As a run of the calibration node.
+constexpr double kMostRamp = 1e5 * kStep;  // from step to step [Pa]
+constexpr std::size_t kCaptures = 3;       // per pressure
+constexpr int kMostSteps = 100'000;        // of time
+
+model::Response truth() {
+  model::Response out;
+  out.rise_time = 0.3;
+  out.fall_time = 0.6;
+  out.play_count = 1;
+  out.plays[0] = {8e3, 0.6};
+  return out;
+}
+
+simulation::SimulatedRig makeRig(const io::Scene& scene, std::uint32_t seed) {
+  simulation::ArmDeviation deviation = scene.simulation.arm;
+  deviation.response = truth();
+  auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
+  regulator.seed = seed;
+  return {scene.model, regulator, deviation};
+}
+
+// What a run of the calibration node leaves.
+struct Recorded {
+  procedures::CalibrationData data;
+  Eigen::MatrixXd plan;
+  std::vector<Eigen::Vector3d> tips;  // true ones at each step's end
+  double noise = 0;                   // of a measured tip, RMS [m]
+};
+
+Recorded record(const io::Scene& scene, bool loop) {
+  Recorded out;
+  out.plan = std::get<Eigen::MatrixXd>(procedures::checkPlan(scene.arm, {}, loop));
+  simulation::SimulatedRig rig = makeRig(scene, 4);
+  simulation::SimulatedVision vision(*scene.cameraSetup(), scene.view(), scene.vision,
+                                     {simulation::VisionKind::kCorners, kCornerNoise, 5});
+  test::Random random(6);
+  std::vector<std::string> names;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) names.push_back(scene.arm.actuator(i).name);
+  procedures::SettleWatch watch(names, {});
+  procedures::SeriesRecord series(scene.arm.actuatorCount());
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+
+  struct Picture {
+    double time;
+    std::vector<procedures::TagObservation> tags;
+    std::optional<simulation::MeasuredShape> shape;
+  };
+  std::deque<Picture> pictures;
+  std::vector<procedures::Sample> captures;
+  std::vector<io::TagCornerCapture> samples;
+  Eigen::VectorXd command = rest;
+  int looks = 0;
+  const auto steps = static_cast<std::size_t>(out.plan.rows());
+  for (int step = 1; out.tips.size() < steps && step < kMostSteps; ++step) {
+    const double now = kStep * step;
+    rig.command(command);
+    rig.step(kStep);
+    const Eigen::VectorXd reading = rig.measure();
+    watch.command(now, command);
+    watch.measured(now, reading);
+    series.measured(now, reading);
+    if (step % kPicture == 0) {
+      const model::Shape shape = rig.shape();
+      Picture picture{now, {}, {}};
+      for (const estimation::TagImage& tag : estimation::visibleTags(scene.view(), shape)) {
+        procedures::TagObservation& seen = picture.tags.emplace_back();
+        seen.id = scene.tags->tags[static_cast<std::size_t>(tag.tag)].id;
+        seen.corners = tag.corners;
+        for (double& value : seen.corners.reshaped()) value += kCornerNoise * random.normal();
+      }
+      std::sort(picture.tags.begin(), picture.tags.end(),
+                [](const auto& a, const auto& b) { return a.id < b.id; });
+      picture.shape = vision.look(shape, shape);
+      if (picture.shape) {
+        out.noise +=
+            (picture.shape->tip.translation - model::tipPose(shape).translation).squaredNorm();
+        ++looks;
+      }
+      pictures.push_back(std::move(picture));
+    }
+    while (!pictures.empty() && pictures.front().time + kLatency <= now) {
+      const Picture& picture = pictures.front();
+      watch.seen(picture.time, picture.tags);
+      if (picture.shape) series.seen(picture.time, picture.shape->tip.translation);
+      pictures.pop_front();
+    }
+    const Eigen::VectorXd wanted = out.plan.row(static_cast<Eigen::Index>(out.tips.size()));
+    if (command != wanted) {
+      command += (wanted - command).cwiseMax(-kMostRamp).cwiseMin(kMostRamp);
+      continue;
+    }
+    const procedures::Settling settling = watch.at(now);
+    const bool at_rest = settling.settled() && settling.set_point == command;
+    if (at_rest && (captures.empty() || settling.last->time > captures.back().time)) {
+      captures.push_back(*settling.last);
+    }
+    if (captures.size() < kCaptures) continue;
+    const procedures::Sample median = medianOf(captures);
+    captures.clear();
+    io::TagCornerCapture& sample = samples.emplace_back();
+    sample.number = static_cast<int>(samples.size());
+    sample.pressure = scene.arm.clamped(median.pressure);
+    sample.time = median.time;
+    for (const auto& tag : median.tags) sample.tags.push_back({tag.id, tag.corners});
+    out.tips.push_back(model::tipPose(rig.twists()).translation);
+  }
+  out.noise = std::sqrt(out.noise / looks);
+  EXPECT_EQ(out.tips.size(), steps) << "the arm has not come to rest";
+  out.data.captures = procedures::makeCaptures(scene, samples, "samples").captures;
+  out.data.sources.push_back({"samples", std::string(64, 'a'), static_cast<int>(samples.size())});
+  if (loop) out.data.tips = series.series();
+  return out;
+}
+
+procedures::CalibrationOutcome calibrate(const procedures::CalibrationData& data,
+                                         const std::vector<std::string>& fit) {
+  procedures::CalibrationRequest request;
+  request.fit = fit;
+  request.date = "2026-01-01T00:00:00Z";
+  return procedures::runCalibration(kScene, {}, request, data);
+}
+
+// RMS distance of the tip that a scene predicts from the true one, through a round trip [m].
+double cycleError(const io::Scene& predicted, const io::Scene& scene) {
+  simulation::SimulatedRig rig = makeRig(scene, 7);
+  model::ArmResponse response(predicted.arm);
+  const Eigen::MatrixXd tour = procedures::pressureTour(scene.arm);
+  Eigen::VectorXd command = scene.arm.inputAt(0);
+  double sum = 0;
+  int count = 0, held = 0;
+  for (Eigen::Index stop = 0; stop < tour.rows();) {
+    const Eigen::VectorXd target = tour.row(stop).transpose();
+    command += (target - command).cwiseMax(-kMostRamp).cwiseMin(kMostRamp);
+    rig.command(command);
+    rig.step(kStep);
+    response.follow(kStep * ++count, rig.pressure());
+    const Eigen::Vector3d tip =
+        predicted.arm.tip(predicted.arm.clamped(response.effective())).translation;
+    sum += (tip - model::tipPose(rig.twists()).translation).squaredNorm();
+    if (command == target && ++held * kStep > 0.5) {
+      held = 0;
+      ++stop;
+    }
+  }
+  return std::sqrt(sum / count);
+}
+
+TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
+  // All that the fit cannot describe is left out.
+  const io::Scene scene = io::loadScene(kScene, {test::kIdealRig});
+  const Recorded up = record(scene, false), loop = record(scene, true);
+
+  // Up against down at the same pressures.
+  double apart = 0;
+  for (Eigen::Index step = 0; step < loop.plan.rows(); ++step) {
+    const Eigen::Index back = loop.plan.rows() - 1 - step;
+    apart = std::max(apart, (loop.tips.at(static_cast<std::size_t>(step)) -
+                             loop.tips.at(static_cast<std::size_t>(back)))
+                                .norm());
+  }
+
+  const auto without = calibrate(up.data, {"stiffness", "length_scale"});
+  ASSERT_TRUE(without.success) << without.message;
+  const std::vector<std::string> fit{"response", "stiffness", "length_scale"};
+  const auto with = calibrate(loop.data, fit);
+  ASSERT_TRUE(with.success) << with.message;
+  procedures::CalibrationData untimed = loop.data;
+  for (estimation::Capture& capture : untimed.captures) capture.time.reset();
+  const auto measured = calibrate(untimed, fit);
+  ASSERT_TRUE(measured.success) << measured.message;
+
+  const auto errorOf = [&](const procedures::CalibrationOutcome& outcome) {
+    return cycleError(io::sceneOfText(outcome.scene_text, kScene), scene);
+  };
+  const double before = cycleError(scene, scene), static_error = errorOf(without),
+               error = errorOf(with), static_pressures = errorOf(measured);
+  const estimation::ResponseFit& response = with.response->fit;
+  std::printf(
+      "[  FIGURE  ] tip up against down at the same pressures: up to %.2f mm\n"
+      "[  FIGURE  ] lag %.3f and %.3f s, half width of the loop %.2f kPa; series %.2f mm RMS, %.2f "
+      "mm without a response; tip of the samples from %.2f to %.2f mm, median\n"
+      "[  FIGURE  ] tip through a cycle, RMS: %.2f mm before, %.2f calibrated up alone, %.2f "
+      "calibrated there and back (%.2f with measured in place of effective pressures); a measured "
+      "tip "
+      "has "
+      "%.2f mm of noise\n",
+      1e3 * apart, response.rise_time.value, response.fall_time.value,
+      1e-3 * response.response.halfWidth(), 1e3 * response.rms, 1e3 * response.static_rms,
+      1e3 * with.tip_error_before.value(), 1e3 * with.tip_error_after.value(), 1e3 * before,
+      1e3 * static_error, 1e3 * error, 1e3 * static_pressures, 1e3 * loop.noise);
+  EXPECT_GT(apart, 3e-3);
+  EXPECT_NEAR(response.rise_time.value, truth().rise_time, 0.03);
+  EXPECT_NEAR(response.fall_time.value, truth().fall_time, 0.06);
+  EXPECT_EQ(response.play, estimation::ResponseVerdict::kFound);
+  EXPECT_NEAR(response.response.halfWidth(), truth().halfWidth(), 600);
+  EXPECT_LT(with.tip_error_after.value(), 1e-3);
+  EXPECT_GT(before, 0.015);
+  EXPECT_GT(static_error, 0.010);
+  EXPECT_LT(error, loop.noise);
+  // Its captures are matched at the effective pressures.
+  EXPECT_LT(error, 0.7 * static_pressures);
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 // beside Ceres on the same residuals with central differences instead of derivatives.
 #include <array>
 #include <cmath>
-#include <memory>
 #include <vector>
 
 #include <benchmark/benchmark.h>

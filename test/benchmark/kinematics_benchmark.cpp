@@ -1,6 +1,5 @@
 // One call, inputs to tip pose, beside the peer's forward kinematics of six joints.
 #include <algorithm>
-#include <stdexcept>
 #include <utility>
 #include <vector>
 

@@ -1,8 +1,11 @@
+#include <Eigen/Geometry>
 #include <cmath>
+#include <set>
 
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
@@ -157,6 +160,311 @@ TEST(Forward, RowsOfATableAreAsSingleCalls) {
   const Outcome csv =
       runCommand({"forward", scenePath("helical_50"), "--inputs", table.path(), "--format", "csv"});
   EXPECT_EQ(csvRows(csv.out).size(), 3U) << csv.out;
+}
+
+// ---- inverse ------------------------------------------------------------------------------------
+
+Outcome inverse(const std::string& scene, const std::vector<std::string>& target) {
+  return runCommand({"inverse", scenePath(scene), "--format", "json"}, target);
+}
+
+TEST(Inverse, ReachesTipsPosesAndTwistsThatForwardGave) {
+  for (const char* scene : {"spatial_50", "helical_50"}) {
+    const nlohmann::json wanted = forward(scene, "100,30,250").json();
+    const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
+    const std::string pose = tip + "," + commaList(numbersOf(wanted["tip"]["quaternion_xyzw"]));
+    for (const std::vector<std::string>& target : std::vector<std::vector<std::string>>{
+             {"--tip", tip},
+             {"--pose", pose},
+             {"--twist", commaList(numbersOf(wanted["twist"][0]))}}) {
+      const Outcome outcome = inverse(scene, target);
+      ASSERT_EQ(outcome.exit_code, 0) << target[0] << outcome.out << outcome.err;
+      const nlohmann::json result = outcome.json();
+      EXPECT_EQ(result["status"], "reached");
+      EXPECT_TRUE(result["reason"].is_null());
+      EXPECT_EQ(result["converged"], true);
+      EXPECT_LE(result["residual"].get<double>(), 1e-6);
+      // Three muscles of these arms fix tip and pose: only one answer.
+      const std::vector<double> pressure = numbersOf(result["pressure_pa"]);
+      EXPECT_NEAR(pressure[0], 100e3, 50);
+      EXPECT_NEAR(pressure[1], 30e3, 50);
+      EXPECT_NEAR(pressure[2], 250e3, 50);
+    }
+  }
+}
+
+TEST(Inverse, PreferencesPickAmongTheAnswers) {
+  // Six actuators for three coordinates leave room for a preference.
+  const nlohmann::json tip = forward("annotated", "90,20,40,50,10,30").json()["tip"]["position_m"];
+  std::set<nlohmann::json> answers;
+  for (const std::vector<std::string>& options : std::vector<std::vector<std::string>>{
+           {},
+           {"--prefer", "min-change", "--start-kpa", "90,20,40,50,10,30"},
+           {"--prefer", "cocontract"},
+           {"--prefer", "cocontract", "--cocontraction", "0.8"}}) {
+    const Outcome outcome = runCommand(
+        {"inverse", scenePath("annotated"), "--format", "json", "--tip", commaList(numbersOf(tip))},
+        options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    answers.insert(outcome.json()["pressure_pa"]);
+  }
+  EXPECT_EQ(answers.size(), 4u);
+}
+
+TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
+  // Straight ahead and too far: the vented arm, its free length 0.4269760703 m, is the closest.
+  const Outcome outcome = inverse("spatial_50", {"--tip", "0.5,0,0"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["status"], "unreachable");
+  EXPECT_TRUE(has(result["reason"], "no inputs within the limits"));
+  EXPECT_NEAR(result["position_error_m"].get<double>(), 0.5 - 0.4269760703, 1e-6);
+  EXPECT_NEAR(result["residual"].get<double>(), 0.5 - 0.4269760703, 1e-6);
+  ASSERT_EQ(result["active_limits"].size(), 3u);
+  EXPECT_EQ(result["active_limits"][0]["actuator"], "muscle_1");
+  EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
+  for (const double p : numbersOf(result["pressure_pa"])) EXPECT_NEAR(p, 0, 1);
+}
+
+TEST(Inverse, NegativeNumbersAreNoOptions) {
+  for (const std::vector<std::string>& target : {std::vector<std::string>{"--tip", "-0.1,0.2,0.3"},
+                                                 std::vector<std::string>{"--tip=-0.1,0.2,0.3"}}) {
+    const Outcome outcome = inverse("spatial_50", target);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+    EXPECT_EQ(outcome.json()["status"], "unreachable");
+  }
+}
+
+TEST(Inverse, AQuaternionThatIsRoundedGivesTheAnswerOfTheUnitOne) {
+  const auto pressure = [&](const std::string& q) {
+    return numbersOf(inverse("spatial_50", {"--pose", "0.4,0,0," + q}).json()["pressure_pa"]);
+  };
+  const std::vector<double> rounded = pressure("0,0,0,1.0009"), unit = pressure("0,0,0,1");
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(rounded[i], unit[i], 1e-3);
+}
+
+TEST(Inverse, TendonsAreAnsweredInRadians) {
+  std::string text = kPulledScene;
+  text.replace(text.find("planar"), 6, "spatial").replace(text.find("count: 2"), 8, "count: 3");
+  const TemporaryFile scene(text);
+  const nlohmann::json wanted =
+      runCommand({"forward", scene.path(), "--input", "3,1,0.5", "--format", "json"}).json();
+  const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
+  const Outcome outcome = runCommand({"inverse", scene.path(), "--tip", tip, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.json()["input_unit"][0], "rad");
+  EXPECT_NEAR(outcome.json()["input"][0].get<double>(), 3, 1e-3);
+}
+
+TEST(Inverse, RowsOfATableAreAsSingleCalls) {
+  const std::vector<double> a =
+      numbersOf(forward("helical_50", "200,0,50").json()["tip"]["position_m"]);
+  const std::vector<double> b =
+      numbersOf(forward("helical_50", "0,250,20").json()["tip"]["position_m"]);
+  const TemporaryFile table("x_m,y_m,z_m\n" + commaList(a) + "\n" + commaList(b) + "\n9,9,9\n",
+                            ".csv");
+  const Outcome outcome = inverse("helical_50", {"--targets", table.path()});
+  EXPECT_EQ(outcome.exit_code, 1) << "the last is out of reach";
+  const nlohmann::json rows = outcome.json()["rows"];
+  ASSERT_EQ(rows.size(), 3U);
+  EXPECT_EQ(rows[0], inverse("helical_50", {"--tip", commaList(a)}).json());
+  EXPECT_EQ(rows[1], inverse("helical_50", {"--tip", commaList(b)}).json());
+  EXPECT_EQ(rows[2]["status"], "unreachable");
+}
+
+// ---- forward under load -------------------------------------------------------------------------
+
+const char* const kHorizontal = "arm.base.rpy_deg=[0, 0, 0]";
+
+Eigen::Vector3d positionOf(const nlohmann::json& pose) {
+  const std::vector<double> p = numbersOf(pose["position_m"]);
+  return {p[0], p[1], p[2]};
+}
+
+struct Asked {
+  std::vector<std::string> options;
+  std::optional<statics::Tier> tier;
+  std::optional<int> order;
+};
+
+TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
+  const io::Scene scene = io::loadScene(scenePath("loaded"));
+  const Eigen::Vector3d q(200e3, 0, 50e3);
+  const Asked cases[] = {{{}, {}, {}},
+                         {{"--tier", "auto"}, {}, {}},
+                         {{"--tier", "linear"}, statics::Tier::kLinear, {}},
+                         {{"--tier", "loaded", "--order", "2"}, statics::Tier::kLoaded, 2},
+                         {{"--tier", "loaded", "--order", "8"}, statics::Tier::kLoaded, 8},
+                         {{"--tier", "exact"}, statics::Tier::kExact, {}}};
+  for (const Asked& asked : cases) {
+    const Outcome outcome = forward("loaded", "200,0,50", asked.options);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const nlohmann::json result = outcome.json();
+    const statics::ArmModel model =
+        scene.model.withTier({asked.tier, asked.order, std::nullopt, std::nullopt});
+    const statics::Solution expected = model.solve(q);
+    SCOPED_TRACE(model.choice().setting.name());
+    EXPECT_EQ(result["tier"], statics::nameOf(model.choice().setting.tier));
+    if (model.choice().setting.order > 0) {
+      EXPECT_EQ(result["order"], model.choice().setting.order);
+    } else {
+      EXPECT_TRUE(result["order"].is_null());
+    }
+    EXPECT_EQ(result["tier_reason"], model.choice().reason);
+    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().relative_tip_error,
+                1e-12);
+    EXPECT_EQ(result["status"], "converged");
+    EXPECT_EQ(result["iterations"], expected.iterations);
+    EXPECT_LT((positionOf(result["tip"]) - expected.tip.translation).norm(), 1e-14);
+    const model::Twists twists = expected.shape.twists();
+    for (int i = 0; i < 6; ++i) {
+      EXPECT_NEAR(result["twist"][0][i].get<double>(), twists(i, 0), 1e-14);
+    }
+    const bool whole = model.choice().setting.tier == statics::Tier::kLinear;
+    EXPECT_EQ(result.value("pieces", 0), whole ? 0 : expected.shape.piecesPerSection());
+    if (whole) continue;
+    EXPECT_NEAR(result["piece_twist"].back()[0].get<double>(),
+                expected.shape.pieces().rightCols<1>()(0), 1e-14);
+  }
+}
+
+TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
+  const auto chosen = [](std::vector<std::string> options) {
+    options.insert(options.end(), {"--set", kHorizontal});
+    const Outcome outcome = forward("loaded", "200,0,50", options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.json();
+  };
+  const nlohmann::json rough = chosen({"--accuracy", "5"}), fine = chosen({"--accuracy", "1e-4"});
+  EXPECT_LE(rough["tip_error_percent"].get<double>(), 5);
+  EXPECT_LE(fine["tip_error_percent"].get<double>(), 1e-4);
+  EXPECT_GT(rough["tip_error_percent"].get<double>(), 1e-4);
+  // A second is enough for any tier.
+  const nlohmann::json slow = chosen({"--budget", "1e6"});
+  EXPECT_LE(slow["tip_error_percent"].get<double>(), fine["tip_error_percent"].get<double>());
+  // What the command asks for takes the place of all that the scene does.
+  EXPECT_EQ(chosen({"--set", "tier=exact", "--accuracy", "5"})["tier"], rough["tier"]);
+  EXPECT_EQ(chosen({"--set", "tier=exact"})["tier"], "exact");
+  EXPECT_EQ(chosen({"--set", "accuracy.tip_error_percent=5", "--tier", "exact"})["tier"], "exact");
+}
+
+TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
+  const std::vector<std::string> heavy{
+      "--tier", "loaded",          "--order", "2",
+      "--set",  "load.mass_kg=20", "--set",   "arm.base.rpy_deg=[0, -90, 0]"};
+  const Outcome outcome = forward("loaded", "413,0,0", heavy);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.err, "");
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["status"], "not_converged");
+  EXPECT_NE(result["failure"].get<std::string>().find("less load"), std::string::npos);
+  EXPECT_GT(result["relative_residual"].get<double>(), 1e-6);
+  EXPECT_TRUE(result["tip_error_percent"].is_null());
+  const Outcome csv = runCommand(
+      {"forward", scenePath("loaded"), "--pressure-kpa", "413,0,0", "--format", "csv"}, heavy);
+  EXPECT_EQ(csvRows(csv.out).at(1)[2], "not_converged");
+}
+
+// ---- actuators with a response ------------------------------------------------------------------
+
+const std::vector<std::string> kPlays{
+    "--set", "contractions.planar_muscle.response={play_kpa: [10, 40], play_weight: [0.25, 0.5]}"};
+constexpr double kHalfWidth = 0.25 * 10e3 + 0.5 * 40e3;  // [Pa]
+
+Outcome run(const std::string& command, std::vector<std::string> options,
+            const std::vector<std::string>& response = kPlays) {
+  options.insert(options.begin(), {command, scenePath("planar_76"), "--format", "json"});
+  return runCommand(options, response);
+}
+
+// The second muscle stays at 50 kPa: its memory is not known.
+const TemporaryFile kUpAndDown("pressure_1_kpa,pressure_2_kpa\n0,50\n100,50\n300,50\n200,50\n");
+
+TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
+  const Outcome outcome = run("forward", {"--history", kUpAndDown.path()});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  // On the way down: behind by half the loop.
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), 200e3 + kHalfWidth, 1e-6);
+  EXPECT_NEAR(result["effective_pressure_pa"][1].get<double>(), 50e3, 1e-6);
+  EXPECT_EQ(result["pressure_pa"], (std::vector<double>{200e3, 50e3}));
+  EXPECT_EQ(result["response"]["history_rows"], 4);
+  EXPECT_EQ(result["response"]["memory_known"], false);
+  EXPECT_EQ(numbersOf(result["response"]["half_width_pa"]),
+            (std::vector<double>{kHalfWidth, kHalfWidth}));
+  EXPECT_EQ(numbersOf(result["response"]["uncertainty_pa"]), (std::vector<double>{0, kHalfWidth}));
+  EXPECT_TRUE(result["response"]["note"].is_null());
+  const nlohmann::json still = run("forward", {"--pressure-kpa", "222.5,50"}, {}).json();
+  EXPECT_EQ(result["tip"], still["tip"]);
+  ASSERT_EQ(result["history"].size(), 4U);
+  EXPECT_EQ(result["history"][2]["pressure_pa"][0], 300e3);
+  EXPECT_NEAR(result["history"][2]["effective_pressure_pa"][0].get<double>(), 300e3 - kHalfWidth,
+              1e-6);
+  EXPECT_TRUE(result["history"][2]["time_s"].is_null());
+  EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
+}
+
+TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
+  const TemporaryFile series(
+      "trial,time_s,pressure_1_kpa\nrun A,10,0\nrun A,10.5,100\nrun A,11.5,100\nB,3,80\n");
+  const nlohmann::json result =
+      run("forward", {"--history", series.path()},
+          {"--set", "contractions.planar_muscle.response={rise_time_constant_s: 0.5}"})
+          .json();
+  const auto effective = [&](int row) {
+    return result["history"][row]["effective_pressure_pa"][0].get<double>();
+  };
+  EXPECT_EQ(result["history"][1]["time_s"], 10.5);
+  EXPECT_NEAR(effective(1), 100e3 * (1 - std::exp(-1.0)), 1e-6);
+  EXPECT_NEAR(effective(2), 100e3 * (1 - std::exp(-3.0)), 1e-6);
+  EXPECT_EQ(effective(3), 80e3);
+}
+
+TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysSo) {
+  const std::vector<std::string> call{"--pressure-kpa", "200,50"};
+  const nlohmann::json plain = run("forward", call, {}).json();
+  nlohmann::json result = run("forward", call).json();
+  EXPECT_EQ(result["response"]["history_rows"], 0);
+  EXPECT_EQ(result["response"]["memory_known"], false);
+  EXPECT_EQ(result["response"]["note"],
+            "at rest, with every effective pressure the pressure itself: the middle of hysteresis "
+            "loops of up to "
+            "+-22.5 kPa");
+  EXPECT_FALSE(plain.contains("response"));
+  result.erase("response");
+  EXPECT_EQ(result, plain);  // all else as without one
+  const nlohmann::json workspace = run("workspace", {"--count", "10"}).json();
+  EXPECT_EQ(workspace["response"]["note"], run("forward", call).json()["response"]["note"]);
+}
+
+TEST(Response, ASlowStateIsFollowedAndToldWhenItRests) {
+  const std::vector<std::string> slow{
+      "--set", "contractions.planar_muscle.response={slow_time_constant_s: 2, slow_weight: 0.6}"};
+  const TemporaryFile series("time_s,pressure_1_kpa,pressure_2_kpa\n0,0,0\n1,200,0\n");
+  const nlohmann::json result = run("forward", {"--history", series.path()}, slow).json();
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(),
+              200e3 * (0.4 + 0.6 * (1 - std::exp(-0.5))), 1e-6);
+  EXPECT_EQ(result["response"]["rest_time_s"], 10);
+  EXPECT_EQ(result["response"]["memory_known"], false);
+  EXPECT_NEAR(numbersOf(result["response"]["uncertainty_pa"])[0], 0.6 * 413685.6 * std::exp(-0.5),
+              1e3);
+  EXPECT_EQ(run("forward", {"--pressure-kpa", "200,50"}, slow).json()["response"]["note"],
+            "at rest, which takes 10 s, with every effective pressure the pressure itself");
+}
+
+TEST(Response, UnattainableEffectivePressuresAreOutOfReach) {
+  // Straight at rest is out of reach on the way down from 300 kPa, where half the loop remains.
+  const TemporaryFile high("pressure_1_kpa,pressure_2_kpa\n0,0\n400,0\n300,0\n");
+  const nlohmann::json rest = run("forward", {"--pressure-kpa", "0,0"}, {}).json();
+  const std::string tip = commaList(numbersOf(rest["tip"]["position_m"]));
+  EXPECT_EQ(run("inverse", {"--tip", tip}).exit_code, 0);
+  const Outcome outcome = run("inverse", {"--tip", tip, "--history", high.path()});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["status"], "unreachable");
+  EXPECT_EQ(result["pressure_pa"][0], 0);
+  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), kHalfWidth, 1e-6);
+  EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
 }
 
 }  // namespace

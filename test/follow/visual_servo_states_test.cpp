@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "support/loop_fixture.hpp"
+#include "support/loop_bench.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::follow {

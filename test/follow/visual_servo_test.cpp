@@ -11,7 +11,6 @@
 #include "support/expect_refusal.hpp"
 #include "support/has.hpp"
 #include "support/loop_bench.hpp"
-#include "support/loop_fixture.hpp"
 #include "support/paper_arm.hpp"
 #include "support/refusal.hpp"
 

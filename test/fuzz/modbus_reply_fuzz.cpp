@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <functional>
 #include <mutex>
-#include <vector>
 
 #include "support/modbus_profiles.hpp"
 #include "support/reply_server.hpp"

@@ -3,8 +3,6 @@
 // read and write is guarded by pages that may not be touched.
 #include <algorithm>
 #include <new>
-#include <optional>
-#include <string>
 
 #include <opencv2/core.hpp>
 #include <sys/mman.h>

@@ -1,6 +1,5 @@
 // Any bytes as the profile of a regulator: one that keeps its own rules, or faults that say why
 // not; and what was read is read again from the document that is written of it.
-#include <optional>
 #include <string>
 #include <variant>
 

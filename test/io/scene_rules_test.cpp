@@ -1,8 +1,12 @@
 // Every rule of a scene, broken once.
 
+#include <chrono>
+
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
+#include "support/has.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -37,6 +41,219 @@ TEST(SceneVisionFaults, OverridesOfAbsentSectionsAreChecked) {
   EXPECT_EQ(faultsOf(kPlanarScene, {{"vision.quad_decimat", "1"}}),
             Faults{" --set vision.quad_decimat: vision.quad_decimat is not a "
                    "known key; did you mean quad_decimate?"});
+}
+
+TEST(SceneFaults, TooManySectionsOrActuatorsAreReported) {
+  const std::string ring =
+      "    - {name: only, ring: {count: 2, radius_m: 0.03, contraction: muscle}}\n";
+  std::string sections, actuators;
+  for (int i = 0; i < 17; ++i) sections += replaced(ring, "only", "s" + std::to_string(i));
+  const std::string old =
+      "    - name: only\n      ring: {count: 2, radius_m: 0.03, contraction: muscle}\n";
+  EXPECT_EQ(faultsOf(replaced(kPlanarScene, old, sections)),
+            Faults{":8 arm.sections has 17 entries; expected at most 16"});
+  for (int i = 0; i < 25; ++i)
+    actuators += "        - {position_m: [0, 0.01, 0], contraction: muscle}\n";
+  EXPECT_EQ(
+      faultsOf(replaced(kPlanarScene, old, "    - name: only\n      actuators:\n" + actuators)),
+      Faults{":10 arm.sections[0].actuators has 25 entries; expected at most 24"});
+}
+
+TEST(SceneFaults, AllAreReportedAtOnce) {
+  std::string text = replaced(kSpatialScene, "name: rig", "name: ''");
+  text = replaced(text, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12, 0.11]");
+  text = replaced(text, "geometry: spatial", "geometry: round");
+  text = replaced(text, "radius_m: 0.03", "radius_m: -5");
+  text = replaced(text, "separators: 5", "seperators: 5");
+  text = replaced(text, "noise_kpa: 2", "noise_kpa: much");
+  text = replaced(text, "commander_timeout_s: 0.8", "commander_timeout_s: -1");
+  const auto faults = faultsOf(text, {{"arm.sections.0.ring.count", "0"}});
+  const char* starts[] = {
+      ":1 name",
+      ":9 contractions.bellows.table",
+      ":13 arm.geometry",
+      ":19 arm.sections[0].seperators is not a known key; did you mean separators?",
+      " --set arm.sections.0.ring.count: arm.sections[0].ring.count is 0; expected a whole",
+      ":18 arm.sections[0].ring.radius_m",
+      ":33 regulator.simulated.noise_kpa",
+      ":34 safety.commander_timeout_s"};
+  ASSERT_EQ(faults.size(), std::size(starts));
+  for (std::size_t i = 0; i < faults.size(); ++i)
+    EXPECT_EQ(faults[i].find(starts[i]), 0u) << faults[i];
+}
+
+TEST(SceneFaults, OverridesNameTheirKey) {
+  const std::vector<std::pair<Override, std::string>> cases{
+      {{"arm.sections.0.ring.radius_m", "-5"},
+       " --set arm.sections.0.ring.radius_m: arm.sections[0].ring.radius_m is -5; expected a "
+       "finite value > 0"},
+      {{"arm.stifness", "1"},
+       " --set arm.stifness: arm.stifness is not a known key; did you mean stiffness?"},
+      {{"safty.commander_timeout_s", "1"},
+       " --set safty.commander_timeout_s: safty is not a known key; did you mean safety?"},
+      {{"arm.sections.7.name", "x"},
+       " --set arm.sections.7.name: arm.sections has 2 entries; expected an index from 0, not 7"},
+      {{"arm.sections.first", "x"},
+       " --set arm.sections.first: arm.sections has 2 entries; expected an index from 0, not "
+       "first"},
+      {{"name.first", "x"}, " --set name.first: name is rig; expected a map or a list"},
+      {{"arm..name", "x"},
+       " --set arm..name: is not a key; expected words and numbers separated by dots"},
+      {{"", "x"}, " --set : is not a key; expected words and numbers separated by dots"},
+      {{"name", ""}, " --set name: name is empty; expected a word of letters, digits, _ and -"},
+      {{"safety", "{commander_timeout_s: 1, commander_timeout_s: 2}"},
+       " --set safety: safety.commander_timeout_s is given twice; expected it once"},
+  };
+  for (const auto& [change, fault] : cases) {
+    EXPECT_EQ(faultsOf(kSpatialScene, {change}), Faults{fault}) << change.key;
+  }
+  const auto syntax = faultsOf(kSpatialScene, {{"name", "[1"}});
+  ASSERT_EQ(syntax.size(), 1u);
+  EXPECT_EQ(syntax[0].find(" --set name: is not YAML: "), 0u) << syntax[0];
+}
+
+TEST(SceneFaults, SyntaxErrorsHaveALine) {
+  const auto faults = faultsOf("name: rig\narm: {geometry: planar\nsafety: [\n");
+  ASSERT_EQ(faults.size(), 1u);
+  EXPECT_TRUE(has(faults[0], " is not YAML: "));
+  EXPECT_EQ(faultsOf("name: rig\n\tarm: 1\n")[0].find(":2 is not YAML: "), 0u);
+}
+
+TEST(SceneFaults, NothingAfterTheDocumentIsDroppedInSilence) {
+  for (const char* stray : {",", "]", "}", "---"}) {
+    const auto faults = faultsOf(kPlanarScene + stray + "\nsafety: {commander_timeout_s: 9}\n");
+    ASSERT_EQ(faults.size(), 1u) << stray;
+    EXPECT_EQ(faults[0].find(":11 "), 0u) << faults[0];
+  }
+}
+
+TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
+  const std::string keys =
+      "; expected a map of name, contractions, arm, load, tier, order, accuracy, budget, tags, "
+      "camera, vision, simulation, regulator, safety, follow or calibration";
+  EXPECT_EQ(faultsOf(""), Faults{":1 the document is empty" + keys});
+  EXPECT_EQ(faultsOf("# nothing\n"), Faults{":1 the document is empty" + keys});
+  EXPECT_EQ(faultsOf("[1, 2]"), Faults{":1 the document is a list" + keys});
+  EXPECT_EQ(faultsOf("just text"), Faults{":1 the document is a text" + keys});
+  EXPECT_EQ(faultsOf("name: deploy\nsafety: {key: 12}\n"),
+            Faults{":1 the document is a map of other keys" + keys});
+  EXPECT_EQ(faultsOf(kPlanarScene + "---\nname: other\n"),
+            Faults{":11 begins a second document; expected only one"});
+  EXPECT_EQ(faultsOf(kPlanarScene + "? [a, b]\n: 1\n"),
+            Faults{":11 the document has a key that is not a word; expected a name"});
+}
+
+// Whatever it costs, it is known before a tree is made of it: these took seconds and gigabytes.
+TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
+  const auto repeated = [](const std::string& text, int times) {
+    std::string all;
+    for (int i = 0; i < times; ++i) all += text;
+    return all;
+  };
+  std::string unfolding = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n", keys;
+  for (int i = 1; i < 12; ++i) {
+    const std::string previous = "*a" + std::to_string(i - 1);
+    unfolding += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + previous +
+                 repeated(", " + previous, 9) + "]\n";
+  }
+  for (int i = 0; i < 60'000; ++i) keys += "k" + std::to_string(i) + ": 1\n";
+  const std::string bombs[] = {
+      unfolding,
+      "a: &a [*a]\n",
+      "a: [" + repeated("1,", 500'000) + "]\n",
+      repeated("[", 100'000),
+      repeated("{a: ", 50'000),
+      repeated("- ", 50'000) + "1\n",
+      keys,
+      // One long text a hundred times, and repeated keys in a map that aliases repeat.
+      "a: &a " + repeated("x", 100'000) + "\nb: [" + repeated("*a, ", 100) + "*a]\n",
+      "list: [&a {" + repeated("k: 1, ", 9000) + "k: 1}" + repeated(", *a", 9000) + "]\n",
+  };
+  for (const std::string& bomb : bombs) {
+    const auto start = std::chrono::steady_clock::now();
+    EXPECT_EQ(faultsOf(bomb), Faults{":1 is nested too deeply or holds too many values"})
+        << bomb.substr(0, 40);
+    EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5))
+        << bomb.substr(0, 40);
+  }
+}
+
+TEST(SceneFaults, AFileTooLargeForASceneIsNotRead) {
+  const std::string comment(1U << 20U, '#');
+  EXPECT_EQ(faultsOf(comment + "\n" + kPlanarScene),
+            Faults{" is larger than 1 MiB; expected a text file"});
+}
+
+TEST(SceneFaults, AreBoundedInNumberAndLength) {
+  std::string text = kPlanarScene;
+  for (int i = 0; i < 4000; ++i) text += std::string(190, 'k') + std::to_string(i) + ": 1\n";
+  const auto faults = faultsOf(text);
+  ASSERT_EQ(faults.size(), 101u);
+  EXPECT_EQ(faults[100], " has 3900 more faults");
+  FaultList list("a.yaml");
+  list.add(3, std::string(5'000'000, 'x'));
+  list.add(4, std::string(999, 'y') + "\xc3\xa4");
+  ASSERT_EQ(list.faults().size(), 2u);
+  EXPECT_EQ(list.faults()[0], "a.yaml:3 " + std::string(1000, 'x') + "...");
+  EXPECT_EQ(list.faults()[1], "a.yaml:4 " + std::string(999, 'y') + "...") << "no half a letter";
+}
+
+TEST(SceneFaults, KeysAreNotRepeatedAtAnyLength) {
+  const std::string key(201, 'k');
+  EXPECT_EQ(faultsOf(kPlanarScene + key + ": 1\n"),
+            Faults{":11 the document has a key of 201 characters; expected a name of at most 200"});
+}
+
+// Written raw, they make a file binary; YAML's escapes bring them in all the same.
+TEST(SceneFaults, ControlCharactersAreNoText) {
+  const auto refused = [](const std::string& path, const std::string& what) {
+    return Faults{":11 " + path + " holds " + what + "; expected printable text in UTF-8"};
+  };
+  for (const char* escape :
+       {"\\0", "\\x01", "\\x04", "\\a", "\\b", "\\e[31m", "\\x7f", "\\x85", "\\x9b"}) {
+    const auto key = faultsOf(kPlanarScene + "\"na" + escape + "me\": 1\n");
+    EXPECT_EQ(key, Faults{":11 the document has a key with a control character; "
+                          "expected a name of printable text"})
+        << escape;
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: \"a" + escape + "\"\n")[0],
+              refused("safety", "a control character")[0])
+        << escape;
+  }
+  for (const char* space : {"\\t", "\\n", "\\r"}) {
+    EXPECT_EQ(faultsOf(kPlanarScene + "\"na" + space + "me\": 1\n")[0].find(":11 the document has"),
+              0U);
+    EXPECT_FALSE(has(faultsOf(kPlanarScene + "safety: \"a" + space + "b\"\n")[0], "control"));
+  }
+  for (const char* bytes : {"\xff", "a\xe9", "\xc0\x80", "\xed\xa0\x80", "\xf5\x80\x80\x80", "\xc3",
+                            "\xef\xbf\xbf", "\xef\xb7\x90"}) {
+    EXPECT_EQ(faultsOf(kPlanarScene + "safety: [" + bytes + "]\n")[0],
+              refused("safety[0]", "bytes that are not UTF-8 text")[0])
+        << bytes;
+  }
+  for (const char* text : {"\xc3\xa4", "\xe2\x82\xac", "\xf0\x9f\xa6\xbe", "\xef\xbf\xbd"}) {
+    EXPECT_TRUE(faultsOf(replaced(kPlanarScene, "name: only", std::string("name: only  # ") + text))
+                    .empty());
+    EXPECT_FALSE(has(faultsOf(kPlanarScene + "safety: [" + text + "]\n")[0], "UTF-8"));
+  }
+}
+
+TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
+  const auto said = [](const char* path) {
+    return test::refusal<DocumentError>([path] { loadScene(path); });
+  };
+  EXPECT_EQ(said("/nowhere/arm.yaml"),
+            "/nowhere/arm.yaml cannot be read: No such file or directory");
+  EXPECT_EQ(said("/tmp"), "/tmp cannot be read: Is a directory");
+}
+
+TEST(FaultList, ThrowsAllItsFaultsAtOnce) {
+  FaultList faults("arm.yaml");
+  EXPECT_NO_THROW(faults.throwIfAny());
+  faults.add(14, "muscle.max_pressure_kpa is -5; expected a finite value > 0");
+  faults.add(0, "has no name");
+  EXPECT_EQ(test::refusal<DocumentError>([&faults] { faults.throwIfAny(); }),
+            "arm.yaml:14 muscle.max_pressure_kpa is -5; expected a finite value > 0\narm.yaml "
+            "has no name");
 }
 
 }  // namespace

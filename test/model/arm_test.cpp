@@ -1,5 +1,6 @@
 #include "helix_arm/model/arm.hpp"
 
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
@@ -7,11 +8,13 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/taper.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/apart.hpp"
 #include "support/expect_refusal.hpp"
 #include "support/high_precision.hpp"
 #include "support/linked_arm.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -214,6 +217,289 @@ TEST(Helix, OfAnArcHasNoPitchAndOfALineNoTurns) {
 
 TEST(Curvature, LeavesTwistOut) {
   EXPECT_DOUBLE_EQ(curvatureOf(twist({0.4, 0, 0}, {5, 0.3, -0.4}).col(0)), 0.5);
+}
+
+// ---- Tapered sections: g(s) = A(s)+ D(s) l, X' = X g --------------------------------------------
+
+constexpr double kDegree = test::kPi / 180, kTilt = 15 * kDegree;
+
+// The definition: the equilibrium solved at s.
+Equilibrium<lie::SE3> equilibriumAt(const Section& section, double s) {
+  std::vector<Strand<lie::SE3>> strands;
+  for (const Actuator& actuator : section.actuators) {
+    strands.push_back({poseAlong(actuator, s), actuator.stiffness.diagonal<lie::SE3>()});
+  }
+  return solveEquilibrium(strands);
+}
+lie::Vector6 twistAt(const Section& section, double s, const Eigen::VectorXd& lengths) {
+  return equilibriumAt(section, s).map * lengths;
+}
+
+// Of exponentials of so many pieces.
+template <class PieceAt>
+Eigen::Vector3d tipOfPieces(int count, const PieceAt& pieceAt) {
+  lie::SE3 X;
+  for (int j = 0; j < count; ++j) X = X * lie::SE3::exp(pieceAt(j));
+  return X.translation;
+}
+
+// The tip by very many steps of order 2, extrapolated (Richardson): independent of Magnus steps.
+Eigen::Vector3d tipByMidpoints(const Section& section, const Eigen::VectorXd& lengths) {
+  const auto with = [&](int steps) {
+    return tipOfPieces(steps, [&](int j) {
+      return lie::Vector6(twistAt(section, (j + 0.5) / steps, lengths) / steps);
+    });
+  };
+  const Eigen::Vector3d coarse = with(200), fine = with(400);
+  return fine + (fine - coarse) / 3.0;
+}
+
+Eigen::Vector3d tipBySteps(const TaperOf<lie::SE3>& taper, const Eigen::VectorXd& lengths,
+                           int steps) {
+  return tipOfPieces(steps, [&](int j) {
+    return taper.step(static_cast<double>(j) / steps, (j + 1.0) / steps).twist(lengths);
+  });
+}
+
+TEST(Bracket, IsTheDerivativeOfTheAdjoint) {
+  test::Random random(91);
+  for (int i = 0; i < 20; ++i) {
+    lie::Vector6 a, b;
+    for (int k = 0; k < 6; ++k) {
+      a[k] = random.normal();
+      b[k] = random.normal();
+    }
+    constexpr double kStep = 1e-6;
+    const lie::Vector6 expected =
+        (lie::SE3::exp(kStep * a).adjoint() * b - lie::SE3::exp(-kStep * a).adjoint() * b) /
+        (2 * kStep);
+    EXPECT_LT((bracket(a, b) - expected).norm(), 1e-8);
+    const lie::SE2::Tangent c = a.head<3>(), d = b.head<3>();
+    EXPECT_LT((lie::embed(bracket(c, d)) - bracket(lie::embed(c), lie::embed(d))).norm(), 1e-14);
+  }
+}
+
+TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
+  const Section section =
+      test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 0.5 * kTilt});
+  const TaperOf<lie::SE3> taper(section.actuators);
+  ASSERT_EQ(taper.cells(), 2);
+  for (int i = 0; i <= 50; ++i) {
+    const double s = i / 50.0;
+    const Equilibrium<lie::SE3> expected = equilibriumAt(section, s);
+    EXPECT_LT((taper.mapAt(s) - expected.map).norm(), 1e-7 * expected.map.norm()) << s;
+    EXPECT_LT((taper.complianceAt(s) - expected.compliance).norm(),
+              1e-7 * expected.compliance.norm())
+        << s;
+  }
+}
+
+TEST(Taper, ConstantListsHaveTheSameBits) {
+  for (const double tilt : {0.0, kTilt}) {
+    const test::Ring ring{3, 0.0254, tilt, {100.0, 0.0, 9.8e-5}};
+    const Arm plain = test::ringArm(ring);
+    const Arm listed({test::taperedSection(ring, {0.0254, 0.0254, 0.0254}, {tilt, tilt, tilt})});
+    EXPECT_FALSE(listed.tapered());
+    const Eigen::VectorXd q = plain.inputAt(Eigen::VectorXd(Eigen::Vector3d(0.9, 0.1, 0.4)));
+    EXPECT_EQ(listed.tip(q).translation, plain.tip(q).translation);
+    EXPECT_EQ(listed.tip(q).rotation, plain.tip(q).rotation);
+    EXPECT_EQ(listed.twists(q), plain.twists(q));
+  }
+}
+
+TEST(Taper, MagnusStepsConvergeWithOrderSix) {
+  for (const double tilt : {0.0, kTilt}) {
+    const Section section = test::taperedSection(
+        tilt == 0.0 ? test::straightRing() : test::helicalRing(), {0.05, 0.025}, {tilt, tilt});
+    const TaperOf<lie::SE3> taper(section.actuators);
+    const Arm arm({section});
+    const Eigen::VectorXd lengths = arm.lengths(Eigen::Vector3d(3e5, 0, 5e4));
+    const auto tipWith = [&](int steps) { return tipBySteps(taper, lengths, steps); };
+    const Eigen::Vector3d reference = tipWith(64);
+    double before = (tipWith(2) - reference).norm();
+    EXPECT_GT(before, 1e-7);
+    for (const int steps : {4, 8}) {
+      const double error = (tipWith(steps) - reference).norm();
+      EXPECT_GT(before / error, 40.0) << steps;  // 64 by the order
+      EXPECT_LT(before / error, 90.0) << steps;
+      before = error;
+    }
+    EXPECT_LT((reference - tipByMidpoints(section, lengths)).norm(), 1e-8);
+  }
+}
+
+TEST(Taper, TheDerivativeOfAStepIsThatOfDifferences) {
+  const Section section =
+      test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 2 * kTilt});
+  const TaperOf<lie::SE3> taper(section.actuators);
+  const Eigen::VectorXd lengths = Arm({section}).lengths(Eigen::Vector3d(3e5, 0, 5e4));
+  const auto step = taper.step(0.1, 0.9);
+  const auto by = step.byLengths(lengths);
+  const TaperTwist<lie::SE3> profile(taper, lengths);
+  EXPECT_LT((profile.step(0.1, 0.9) - step.twist(lengths)).norm(), 1e-13);
+  constexpr double kStep = 1e-6;
+  for (int i = 0; i < lengths.size(); ++i) {
+    const Eigen::VectorXd change = kStep * Eigen::VectorXd::Unit(lengths.size(), i);
+    const lie::Vector6 expected =
+        (step.twist(lengths + change) - step.twist(lengths - change)) / (2 * kStep);
+    EXPECT_LT((by.col(i) - expected).norm(), 1e-7 * expected.norm()) << i;
+  }
+}
+
+// Where the arm is, by very many steps of order 2 of the equilibria: (3 x steps + 1) positions
+// along each section.
+std::vector<Eigen::Matrix3Xd> curveByMidpoints(const std::vector<Section>& sections, const Arm& arm,
+                                               const Eigen::VectorXd& lengths, int steps) {
+  std::vector<Eigen::Matrix3Xd> out;
+  lie::SE3 X;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const Eigen::VectorXd own =
+        lengths.segment(arm.firstActuator(k), arm.firstActuator(k + 1) - arm.firstActuator(k));
+    out.emplace_back(3, steps + 1);
+    out.back().col(0) = X.translation;
+    for (int j = 0; j < steps; ++j) {
+      X = X * lie::SE3::exp(twistAt(sections[k], (j + 0.5) / steps, own) / steps);
+      out.back().col(j + 1) = X.translation;
+    }
+  }
+  return out;
+}
+
+// Mild tapers of 1 to 16 sections, with lists of 2 to 9 values of which neighbours have different
+// numbers: all are taken, and they are where the equilibria are.
+TEST(Taper, MildTapersAreTakenAtTheStatedError) {
+  constexpr int kFine = 168;  // a multiple of all numbers of cells below
+  const std::pair<double, double> tilts[] = {
+      {0.0, 0.0}, {kTilt, kTilt}, {0.0, kTilt}, {10 * kDegree, 30 * kDegree}};
+  double worst_tip = 0.0, worst_curve = 0.0;
+  int most_steps = 0;
+  test::Random random(98);
+  for (const int count : {1, 2, 3, 6, 11, 16}) {
+    for (const double ratio : {0.9, 0.5}) {
+      for (const auto& [from, to] : tilts) {
+        std::vector<Section> sections;
+        for (int k = 0; k < count; ++k) {
+          const int cells = std::array{8, 7, 3, 1}[k % 4];
+          std::vector<double> radius, tilt;
+          for (int i = 0; i <= cells; ++i) {
+            const double s = static_cast<double>(i) / cells;
+            radius.push_back(0.04 * (1 - (1 - ratio) * s * std::sqrt(s)));
+            tilt.push_back(from + (to - from) * s);
+          }
+          sections.push_back(test::taperedSection(
+              to == 0.0 ? test::straightRing() : test::helicalRing(), radius, tilt));
+        }
+        SCOPED_TRACE(testing::Message()
+                     << count << " sections, ratio " << ratio << ", tilt " << from << " to " << to);
+        const Arm arm(sections);
+        most_steps = std::max(most_steps, arm.piecesPerSection());
+        for (int sample = 0; sample < 2; ++sample) {
+          Eigen::VectorXd q = test::randomInput(arm, random);
+          if (sample > 0) q = arm.inputAt((q / test::kMaxPressure).array().round().matrix());
+          const Shape shape = shapeOf(arm, arm.unloaded(q));
+          const auto coarse = curveByMidpoints(sections, arm, arm.lengths(q), kFine),
+                     fine = curveByMidpoints(sections, arm, arm.lengths(q), 2 * kFine);
+          const auto truth = [&](int k, int j) -> Eigen::Vector3d {
+            return fine[k].col(2 * j) + (fine[k].col(2 * j) - coarse[k].col(j)) / 3;
+          };
+          const double length = arm.restLength();
+          worst_tip = std::max(worst_tip,
+                               (arm.tip(q).translation - truth(count - 1, kFine)).norm() / length);
+          for (int k = 0; k < count; ++k) {
+            for (int j = 0; j < kFine; ++j) {
+              const double off =
+                  (poseAt(shape, k, static_cast<double>(j) / kFine).translation - truth(k, j))
+                      .norm();
+              worst_curve = std::max(worst_curve, off / length);
+            }
+          }
+          EXPECT_LT(worst_tip, 1e-5);
+          EXPECT_LT(worst_curve, 2e-4);
+        }
+      }
+    }
+  }
+  std::printf("mild tapers: tip within %.1e of the length, curve within %.1e, at most %d steps\n",
+              worst_tip, worst_curve, most_steps);
+}
+
+// The table of docs/accuracy.md: tip errors at 300, 0, 50 kPa.
+TEST(Taper, MagnusStepsAreWorthMoreThanConstantPieces) {
+  struct Case {
+    const char* name;
+    double tilt, from, to;
+  };
+  std::printf("tip error, %% of length\n%-28s %-33s %s\n", "", "constant pieces 1, 2, 4, 8, 16",
+              "Magnus steps 1, 2, 4");
+  for (const Case& one : {Case{"straight, 50 to 25 mm", 0.0, 0.05, 0.025},
+                          Case{"straight, 40 to 30 mm", 0.0, 0.04, 0.03},
+                          Case{"helical 15 deg, 50 to 25 mm", kTilt, 0.05, 0.025}}) {
+    const Section section =
+        test::taperedSection(one.tilt == 0.0 ? test::straightRing() : test::helicalRing(),
+                             {one.from, one.to}, {one.tilt, one.tilt});
+    const Arm arm({section});
+    const Eigen::VectorXd lengths = arm.lengths(Eigen::Vector3d(3e5, 0, 5e4));
+    const TaperOf<lie::SE3> taper(section.actuators);
+    const Eigen::Vector3d truth = tipBySteps(taper, lengths, 256);
+    std::vector<double> constant, magnus;
+    std::printf("%-28s", one.name);
+    for (const int count : {1, 2, 4, 8, 16}) {
+      const Eigen::Vector3d tip = tipOfPieces(count, [&](int j) {
+        return lie::Vector6(twistAt(section, (j + 0.5) / count, lengths) / count);
+      });
+      constant.push_back(100 * (tip - truth).norm() / arm.restLength());
+      std::printf(" %-6.2g", constant.back());
+    }
+    for (const int count : {1, 2, 4}) {
+      const Eigen::Vector3d tip = tipBySteps(taper, lengths, count);
+      magnus.push_back(100 * (tip - truth).norm() / arm.restLength());
+      std::printf(" %-6.2g", magnus.back());
+    }
+    std::printf("\n");
+    EXPECT_GT(constant[0], 0.5);
+    EXPECT_GT(constant[3], magnus[1]);  // 8 pieces against 2 steps
+    EXPECT_LT(magnus[2], 1e-3);
+  }
+}
+
+TEST(Taper, ShapeTipAndMeanTwistsAgree) {
+  Section uniform = test::ringSection(test::helicalRing(), test::fig3Muscle());
+  Section tapered = test::taperedSection(test::helicalRing(), {0.04, 0.025}, {kTilt, 0.0});
+  tapered.plate = 0.02;
+  const Arm arm({tapered, uniform});
+  test::Random random(93);
+  for (int i = 0; i < 50; ++i) {
+    const Eigen::VectorXd q = test::randomInput(arm, random);
+    const Shape shape = shapeOf(arm, arm.unloaded(q));
+    EXPECT_EQ(shape.piecesPerSection(), arm.piecesPerSection());
+    EXPECT_LT((shape.twists() - arm.twists(q)).norm(), 1e-13);
+    EXPECT_LT((tipPose(shape).translation - arm.tip(q).translation).norm(), 1e-13);
+    EXPECT_LT((arm.tipOfLengths(arm.lengths(q)).translation - arm.tip(q).translation).norm(),
+              1e-13);
+    EXPECT_LT((arm.twistsOfLengths(arm.lengths(q)) - arm.twists(q)).norm(), 1e-12);
+  }
+}
+
+TEST(Taper, ThePlaneAgreesWithSpace) {
+  const PlanarArm flat = test::taperedPlanarArm(2);
+  const Arm arm = embed(flat);
+  ASSERT_TRUE(flat.tapered() && arm.tapered());
+  test::Random random(94);
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::VectorXd q = test::randomInput(arm, random);
+    EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(),
+              1e-5 * arm.restLength());
+    if (flat.piecesPerSection() != arm.piecesPerSection()) continue;
+    EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(), 1e-9);
+  }
+}
+
+TEST(Taper, StiffnessKeepsTheSteps) {
+  const Arm arm = test::taperedArm();
+  const Arm soft = arm.scaledStiffness({1, 1, 0.01});
+  EXPECT_EQ(soft.piecesPerSection(), arm.piecesPerSection());
+  const Eigen::Vector3d q(3e5, 0, 0);
+  EXPECT_GT((soft.tip(q).translation - arm.tip(q).translation).norm(), 1e-3);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 
@@ -15,6 +16,7 @@ namespace helix_arm::test {
 namespace {
 
 using namespace estimation;
+using namespace procedures;
 using Parameters = std::set<FitParameter>;
 
 std::string contentOf(const std::string& name) {
@@ -115,6 +117,84 @@ TEST(FitWords, AreInTheDocumentation) {
   for (const std::string& word : estimation::fitWords()) {
     EXPECT_TRUE(has(contentOf("docs/calibration.md"), "`" + word + "`")) << word;
   }
+}
+
+// ---- Results in words ---------------------------------------------------------------------------
+
+CalibrationOutcome outcome() {
+  CalibrationOutcome out;
+  out.success = true;
+  out.tip_error_before = 0.01432;
+  out.tip_error_after = 0.00098;
+  estimation::Calibration calibration;
+  calibration.parameters = {
+      {"K_gamma", "", 100, 61.6593, 9.22846, true},
+      {"K_kappa", "m^2", 9.8e-5, 9.8e-5, 1.078e-4, false},
+      {"length_scale", "", 1, 1.00916, 0.00189865, true},
+      {"base_x", "m", 0, 8.2e-5, 2.3e-4, true},
+      {"base_rx", "rad", 0, 3.5e-4, 1.2e-3, true},
+      {"tag_13_along", "m", 0, 1.5e-4, 6.1e-4, true},
+      {"tag_13_y", "m", 0, 3.1e-5, 1.6e-3, false},
+      {"tag_4_along", "m", 0, 0, 2e-3, false},
+      {"tag_2_rz", "rad", 0, 4.8e-4, 1.5e-3, true},
+  };
+  out.calibration = calibration;
+  return out;
+}
+
+TEST(CalibrationWords, WhatWasNotDeterminedIsLeftOut) {
+  const Determined found = determinedOf(outcome());
+  ASSERT_EQ(found.parameters.size(), 4u);
+  EXPECT_EQ(found.parameters[1].name, "length_scale");
+  EXPECT_EQ(found.tags, (std::vector<int>{2, 13}));
+  EXPECT_EQ(found.omitted, 3);
+}
+
+TEST(CalibrationWords, AValueHasTheDigitsThatItsErrorLeaves) {
+  EXPECT_EQ(textOf({"K_gamma", "", 100, 61.6593, 9.22846, true}), "K_gamma = 61.7 +- 9.2");
+  EXPECT_EQ(textOf({"length_scale", "", 1, 1.00916, 0.00189865, true}),
+            "length_scale = 1.0092 +- 0.0019");
+  EXPECT_EQ(textOf({"K_kappa", "m^2", 0, 1.17012e-4, 2.1e-6, true}),
+            "K_kappa = 0.000117 +- 2.1e-06 m^2");
+  EXPECT_EQ(textOf({"base_x", "m", 0, 0, 0.002, true}), "base_x = 0 +- 0.002 m");
+  EXPECT_EQ(textOf({"K_gamma", "", 100, 61.6593, 0, true}), "K_gamma = 61.6593 +- 0");
+}
+
+TEST(CalibrationWords, TheResultLeadsWithTheTipError) {
+  EXPECT_EQ(resultText("demo", outcome()),
+            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
+            "length_scale = 1.0092 +- 0.0019, pose of the base, places of 2 tags");
+}
+
+TEST(CalibrationWords, WhatIsKnownOfACombinationIsSaid) {
+  CalibrationOutcome tilted = outcome();
+  tilted.calibration->parameters.resize(2);
+  tilted.calibration->combinations = {
+      {"K_gamma^0.97 K_kappa^0.25", {{"K_gamma", 0.97}, {"K_kappa", 0.243}}, 6.1, 0.01234, true},
+      {"K_kappa^0.97 K_gamma^-0.25", {{"K_kappa", 0.97}, {"K_gamma", -0.243}}, 5e-5, 0.61, false}};
+  EXPECT_EQ(textOf(tilted.calibration->combinations.front()), "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
+  EXPECT_EQ(textOf(tilted.calibration->combinations.back()), "K_kappa^0.97 K_gamma^-0.25 +- 61 %");
+  tilted.calibration->combinations.back().relative_error = 2.7;
+  EXPECT_EQ(textOf(tilted.calibration->combinations.back()),
+            "K_kappa^0.97 K_gamma^-0.25 +- a factor of 15");
+  EXPECT_EQ(resultText("demo", tilted),
+            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
+            "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
+}
+
+TEST(CalibrationWords, WithoutTagsOrDeterminedParametersItSaysSo) {
+  CalibrationOutcome blind = outcome();
+  blind.tip_error_before.reset();
+  EXPECT_EQ(tipErrorText(blind), "");
+  EXPECT_EQ(resultText("demo", blind).rfind("calibrated demo: K_gamma", 0), 0u);
+  for (estimation::Parameter& one : blind.calibration->parameters) one.identifiable = false;
+  EXPECT_EQ(resultText("demo", blind), "calibrated demo: the data determined no parameter");
+  CalibrationOutcome curve;
+  curve.contractions.emplace_back("muscle", estimation::ContractionFit{});
+  EXPECT_EQ(resultText("demo", curve), "calibrated demo: contraction muscle");
+  curve.response = FittedResponse{{"muscle"}, {}, {}, {{"play_1", "Pa", 0, 40123, 812, true}}};
+  EXPECT_EQ(resultText("demo", curve),
+            "calibrated demo: contraction muscle, play_1 = 40.12 +- 0.81 kPa");
 }
 
 }  // namespace

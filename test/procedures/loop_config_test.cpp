@@ -1,10 +1,16 @@
 #include "helix_arm/procedures/loop_config.hpp"
 
 #include <cmath>
+#include <cstdio>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
+#include "helix_arm/procedures/contact_proof.hpp"
+#include "helix_arm/procedures/follow_run.hpp"
+#include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
@@ -187,6 +193,167 @@ TEST(LoopConfig, AnArmWithoutPressuresIsRefused) {
   EXPECT_EQ(
       test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
       "scene flat has actuators that are not driven by pressure; the closed loop needs pressures");
+}
+
+// ---- Proof of contacts --------------------------------------------------------------------------
+
+using follow::OnContact;
+using test::has;
+
+const std::string kDemo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
+
+io::Scene demo(const std::vector<io::Override>& changes = {}) {
+  return io::loadScene(kDemo, changes);
+}
+
+ContactProof proofOf(const estimation::QuietScore& quiet, const io::Scene& scene = demo()) {
+  return contactProof(scene, quiet);
+}
+
+// Of the scene, and as the loop has learnt it of the rig.
+TEST(QuietPath, IsAPathThatModelAndTrueArmCanFollowWithRests) {
+  const io::Scene scene = demo(), truth = demo({{"arm.stiffness.K_gamma", "60"},
+                                                {"arm.stiffness.K_kappa_m2", "1.176e-4"},
+                                                {"arm.sections[0].ring.length_scale", "1.01"}});
+  for (const std::uint32_t seed : {1, 2, 3}) {
+    const control::TipPath path = quietPath(scene, 400, seed);
+    const auto refusal = checkPath(scene, path);
+    EXPECT_FALSE(refusal) << (refusal ? refusal->reason : "");
+    statics::InverseSolver solver(truth.model);
+    const Eigen::VectorXd slew = Eigen::VectorXd::Constant(3, truth.follow.slew);
+    const auto refused =
+        follow::checkPath(path, truth.arm, solver, truth.arm.inputAt(0.3), {0.05, slew});
+    EXPECT_FALSE(refused) << (refused ? refused->reason : "");
+    EXPECT_GE(path.lastTime(), 400);
+    double rests = 0, fastest = 0;
+    for (double time = 0; time < path.lastTime(); time += 0.01) {
+      const double speed = path.at(time).velocity.norm();
+      fastest = std::max(fastest, speed);
+      if (speed == 0) rests += 0.01;
+    }
+    EXPECT_GT(rests, 0.6 * path.lastTime());
+    EXPECT_GT(fastest, 0.08) << "slow moves prove nothing";
+  }
+  EXPECT_NE(quietPath(scene, 9, 1).at(0).position, quietPath(scene, 9, 2).at(0).position);
+}
+
+TEST(ContactProof, TheLimitIsTwiceTheHighestScoreAndAtLeastTheDefault) {
+  EXPECT_EQ(proofOf({16.0, 200, 0.03}).limit, 32);
+  EXPECT_EQ(proofOf({16.1, 200, 0.03}).limit, 33);
+  EXPECT_EQ(proofOf({50, 200, 0.03}).limit, 100);
+  EXPECT_EQ(proofOf({1, 200, 0.03}, demo({{"follow.contact_limit", "90"}})).limit, 32);
+}
+
+TEST(ContactProof, AnArmYieldsIfItWasWatchedForLongAndFindsAForceOfANewton) {
+  const estimation::QuietScore quiet{10, 60, 0.05};
+  EXPECT_EQ(proofOf(quiet).on_contact, OnContact::kYield);
+  EXPECT_EQ(proofOf(quiet).doubt, "");
+  EXPECT_NEAR(proofOf(quiet).force, 0.05 * (std::sqrt(32) + 1.28), 1e-12);
+  EXPECT_EQ(proofOf(quiet, demo({{"follow.on_contact", "stop"}})).on_contact, OnContact::kStop);
+  const ContactProof brief = proofOf({10, 59, 0.05});
+  EXPECT_EQ(brief.on_contact, OnContact::kReport);
+  EXPECT_TRUE(has(brief.doubt, "for 59 s; expected at least 60 s")) << brief.doubt;
+  const ContactProof blind = proofOf({150, 200, 0.06}, demo({{"follow.on_contact", "stop"}}));
+  EXPECT_EQ(blind.on_contact, OnContact::kReport);
+  EXPECT_TRUE(has(blind.doubt, "a force of 1.1 N across the resting tip")) << blind.doubt;
+}
+
+TEST(ContactProof, AnArmOfUnknownStiffnessHasForcesPerStiffness) {
+  const io::Scene scene =
+      io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/spatial_50.yaml");
+  ASSERT_FALSE(scene.model.load());
+  const ContactProof proof = contactProof(scene, {10, 200, 0.05});
+  EXPECT_TRUE(proof.normalised);
+  EXPECT_NEAR(900 * proof.force, proofOf({10, 200, 0.05}).force, 1e-12);
+}
+
+// The rig's true arm, which its model does not describe: pushes of the force that the proof says.
+TEST(ContactProof, TheForceThatItSaysIsFoundInNineOfTenPushes) {
+  const io::Scene scene = demo({{"simulation.arm.K_eps_scale", "0.9"}});
+  FollowPlan plan;
+  plan.seconds = 120;
+  plan.path = quietPath(scene, plan.seconds, 3);
+  plan.ignore_contacts = true;
+  const FollowResult result = runFollow(scene, plan);
+  EXPECT_TRUE(result.alarms.empty());
+  const ContactProof proof = contactProof(scene, result.quiet);
+  EXPECT_LT(proof.quiet.highest, 20);
+  EXPECT_NEAR(proof.quiet.seconds, 70, 15);
+  int found = 0;
+  constexpr int kPushes = 20;
+  for (int k = 0; k < kPushes; ++k) {
+    FollowPlan push;
+    push.seed = 100 + k;
+    push.seconds = 13;
+    const Eigen::VectorXd pressure = scene.arm.inputAt(
+        Eigen::Vector3d(0.3 + 0.02 * k, 0.5 + 0.2 * std::sin(k), 0.5 + 0.3 * std::cos(3 * k)));
+    const lie::SE3 tip = scene.model.tip(pressure).tip;
+    push.tips = {tip.translation};
+    const Eigen::Vector3d along = tip.rotation.col(0), side = along.unitOrthogonal();
+    push.force =
+        TimedForce{12, proof.force * (std::cos(k) * side + std::sin(k) * along.cross(side))};
+    const FollowResult pushed = runFollow(scene, push);
+    if (!pushed.alarms.empty() && pushed.alarms[0].time <= 12.5 + 0.06) ++found;
+  }
+  std::printf("[  FIGURE  ] %.2f N by the proof: %d of %d pushes found within 0.5 s\n", proof.force,
+              found, kPushes);
+  EXPECT_GE(found, 16);
+  EXPECT_LT(proof.force, 0.5);
+}
+
+// ---- The error budget as a table ----------------------------------------------------------------
+
+using estimation::BudgetPart;
+
+// Standard deviations of 1 to 5 mm along x, y and z, parts in their order.
+estimation::TipErrorBudget sample() {
+  estimation::TipErrorBudget out;
+  for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
+    const double mm = 1e-3 * (i + 1);
+    out.parts[static_cast<std::size_t>(i)].covariance = mm * mm * Eigen::Matrix3d::Identity();
+  }
+  out.parts[static_cast<std::size_t>(BudgetPart::kUnexplained)].covariance.diagonal() << -4e-8,
+      9e-8, 0;
+  out.predicted.covariance = Eigen::Vector3d(1e-6, 4e-6, 9e-6).asDiagonal();
+  out.open_loop.covariance = 1e-4 * Eigen::Matrix3d::Identity();
+  out.error = Eigen::Vector3d(3e-3, 0, -4e-3);
+  out.distance2 = 6.25;
+  out.limit = 16.0;
+  return out;
+}
+
+TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
+  EXPECT_EQ(budgetTable(sample()),
+            "error budget of the tip, standard deviations in mm, seen from the base\n"
+            "                       x       y       z   worst\n"
+            "calibration         1.00    1.00    1.00    1.00\n"
+            "unexplained        -0.20    0.30    0.00    0.30\n"
+            "both together       0.98    1.04    1.00    1.04\n"
+            "pressure            3.00    3.00    3.00    3.00\n"
+            "placement           4.00    4.00    4.00    4.00\n"
+            "camera              5.00    5.00    5.00    5.00\n"
+            "predicted           1.00    2.00    3.00    3.00\n"
+            "open loop          10.00   10.00   10.00   10.00\n"
+            "negative: a variance that is taken from the rows above, in both together\n"
+            "measured - model    3.00    0.00   -4.00    5.00\n"
+            "the measured tip is inside: 2.5 of 4.0 sd of open loop and camera\n");
+}
+
+TEST(BudgetTable, ItsWorstIsAlongAnyDirection) {
+  estimation::TipErrorBudget budget = sample();
+  budget.predicted.covariance << 1e-6, 1e-6, 0, 1e-6, 1e-6, 0, 0, 0, 0;
+  EXPECT_TRUE(test::has(budgetTable(budget), "predicted           1.00    1.00    0.00    1.41\n"));
+}
+
+TEST(BudgetTable, TheTextHasALineAndItsUnitForEachRow) {
+  estimation::TipErrorBudget budget = sample();
+  budget.state = estimation::BudgetState::kOutside;
+  budget.distance2 = 36;
+  EXPECT_EQ(budgetText(budget),
+            "1.00 mm calibration\n0.30 mm unexplained\n1.04 mm both together\n3.00 mm "
+            "pressure\n4.00 mm placement\n"
+            "5.00 mm camera\n3.00 mm predicted\n10.00 mm open loop\n5.00 mm measured - model\n"
+            "outside: 6.0 of 4.0 sd");
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
-"""Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads."""
+"""Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads. Inverse, curve, Jacobian and
+workspace: each against the forward model."""
 import copy
+import itertools
 import os
 import pathlib
 import pickle
@@ -173,6 +175,148 @@ class ForwardTest(unittest.TestCase):
         arm = numpy_model.RingArm(tilt=np.radians(15), gamma=10.0, kappa=9.8e-5)
         np.testing.assert_allclose(soft.tips(p), arm.tips(p)[0], atol=1e-11)
         self.assertGreater(np.linalg.norm(soft.tips(p) - self.scene.tips(p)), 1e-3)
+
+
+def difference(function, x, step):
+    """Derivative of an array by each entry of x, of sixth order: (..., n)."""
+    columns = []
+    for i in range(len(x)):
+        unit = np.zeros(len(x))
+        unit[i] = step
+        columns.append(sum(weight / step * (function(x + k * unit) - function(x - k * unit))
+                           for k, weight in [(1, 0.75), (2, -0.15), (3, 1 / 60)]))
+    return np.stack(columns, axis=-1)
+
+
+class InverseTest(unittest.TestCase):
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("spatial_50")
+
+    def test_reaches_tips_of_the_forward_model(self):
+        tips = self.scene.tips(pressures_of(self.scene, 40))
+        found = self.scene.inverse(tips, threads=2)
+        self.assertTrue(found.reached.all())
+        self.assertEqual(set(found.status), {"reached"})
+        np.testing.assert_allclose(self.scene.tips(found.pressures_pa), tips, atol=2e-6)
+        one = self.scene.inverse(tip=tips[3])
+        np.testing.assert_array_equal(one.pressures_pa, found.pressures_pa[3])
+        self.assertIs(one.reached, True)
+        self.assertEqual(one.status, "reached")
+
+    def test_poses_and_twists_are_targets_too(self):
+        p = pressures_of(self.scene, 5)
+        shapes = self.scene.forward(p)
+        by_twists = self.scene.inverse(twists=shapes.twists)
+        np.testing.assert_allclose(by_twists.pressures_pa, p, rtol=1e-4, atol=10)
+        pose = np.hstack([shapes.tips, shapes.quaternions_xyzw])
+        np.testing.assert_allclose(self.scene.inverse(pose=pose).pressures_pa, p, rtol=1e-3, atol=100)
+
+    def test_out_of_reach_is_said(self):
+        found = self.scene.inverse(np.array([5.0, 0, 0]))
+        self.assertEqual(found.status, "unreachable")
+        self.assertFalse(found.reached)
+        self.assertGreater(found.position_error_m, 4)
+
+    def test_the_stiffest_pressures_need_a_known_stiffness(self):
+        scene = helix_arm.Scene.load("loaded")
+        tip = scene.tips(np.mean(scene.limits_pa, axis=1))
+        self.assertTrue(scene.inverse(tip, prefer="stiff").reached)
+        with self.assertRaisesRegex(ValueError, "K_eps_n"):
+            helix_arm.Scene.load("spatial_50").inverse(tip, prefer="stiff")
+
+    def test_no_rows_are_no_results(self):
+        found = self.scene.inverse(np.zeros((0, 3)))
+        self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))
+        self.assertEqual(found.status.shape, (0,))
+        self.assertEqual(found.status.dtype.kind, "U")
+        self.assertEqual(self.scene.inverse(np.zeros((1, 3))).status.dtype.kind, "U")
+
+
+class CurveTest(unittest.TestCase):
+    def test_ends_at_base_and_tip(self):
+        for name in ["helical_50", "loaded"]:
+            scene = helix_arm.Scene.load(name)
+            p = pressures_of(scene, 3)
+            curve, ends = scene.curve(p, points=11), scene.forward(p)
+            self.assertEqual(curve.positions.shape, (3, 11, 3))
+            np.testing.assert_allclose(curve.positions[:, 0], 0, atol=1e-15)
+            np.testing.assert_allclose(curve.positions[:, -1], ends.tips, atol=1e-12)
+            np.testing.assert_allclose(curve.quaternions_xyzw[:, -1], ends.quaternions_xyzw, atol=1e-12)
+            self.assertEqual(scene.curve(p[0], points=2).positions.shape, (2, 3))
+
+
+class JacobianTest(unittest.TestCase):
+    # The accuracy of differences of sixth order, relative to the largest entry.
+    def check(self, found, expected, tolerance=1e-8):
+        self.assertEqual(found.shape, expected.shape)
+        np.testing.assert_allclose(found, expected, atol=tolerance * np.abs(expected).max())
+
+    def test_by_pressures_is_the_derivative_of_the_forward_model(self):
+        for name, tier in [("helical_50", {}), ("planar_76", {}), ("loaded", {"tier": "loaded", "order": 5})]:
+            scene = helix_arm.Scene.load(name, tier)
+            for p in 2e4 + 0.85 * pressures_of(scene, 2):
+                found = scene.jacobian(p)
+                self.assertTrue(found.converged)
+                self.check(found.tip_by_pressures[:3], difference(lambda q: scene.forward(q).tips, p, 3e3))
+                self.check(found.twists_by_pressures, difference(lambda q: scene.forward(q).twists, p, 3e3))
+
+    def test_batches_are_rows_of_single_calls(self):
+        scene = helix_arm.Scene.load("demo")
+        p = pressures_of(scene, 6)
+        batch = scene.jacobian(p, threads=2)
+        for i, row in enumerate(p):
+            for name, value in scene.jacobian(row).to_dict().items():
+                np.testing.assert_array_equal(getattr(batch, name)[i], value, err_msg=name)
+
+    # That the rest is the same is tested of the library.
+    def test_what_is_left_out_is_none(self):
+        words = ["pressures", "lengths", "stiffness", "load"]
+        for name in ["demo", "loaded"]:
+            scene = helix_arm.Scene.load(name)
+            for p in [pressures_of(scene, 1)[0], pressures_of(scene, 3)]:
+                whole = scene.jacobian(p).to_dict()
+                for by in itertools.chain.from_iterable(itertools.combinations(words, count) for count in range(1, 5)):
+                    found = scene.jacobian(p, by=by, threads=2).to_dict()
+                    self.assertEqual(list(found), list(whole))
+                    for field, value in found.items():
+                        wanted = field == "converged" or field.split("_by_")[1] in by
+                        self.assertEqual(value is not None, wanted and whole[field] is not None, (name, by, field))
+
+    def test_by_is_one_word_or_several(self):
+        scene = helix_arm.Scene.load("demo")
+        p = pressures_of(scene, 2)
+        expected = scene.jacobian(p, by=["lengths"]).to_dict()
+        for by in ["lengths", ("lengths",), {"lengths"}, ["lengths", "lengths"], np.array(["lengths"])]:
+            for field, value in scene.jacobian(p, 2, by=by).to_dict().items():
+                np.testing.assert_array_equal(value, expected[field])
+
+    def test_load_needs_the_extensional_stiffness(self):
+        for by in ["load", ["load", "pressures"]]:
+            self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3), by=by).tip_by_load)
+        self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3)).tip_by_load)
+        compliance = helix_arm.Scene.load("demo").jacobian(np.zeros(3)).tip_by_load
+        self.assertEqual(compliance.shape, (6, 6))
+        self.assertTrue((np.linalg.eigvalsh(compliance) > -1e-12).all(), "energy would be negative")
+
+
+class WorkspaceTest(unittest.TestCase):
+    def test_tips_are_those_of_the_pressures(self):
+        scene = helix_arm.Scene.load("helical_50")
+        found = scene.workspace(50_000, seed=3, threads=2)
+        self.assertEqual(found.tips.shape, (50_000, 3))
+        np.testing.assert_allclose(scene.tips(found.pressures_pa), found.tips, atol=1e-14)
+        again = scene.workspace(20_000, seed=3, threads=1)
+        np.testing.assert_array_equal(again.tips, found.tips[:20_000])
+        self.assertGreater(np.abs(scene.workspace(10, seed=4).tips - found.tips[:10]).max(), 1e-3)
+
+    def test_extremes_are_farther_than_samples(self):
+        scene = helix_arm.Scene.load("spatial_50")
+        found = scene.workspace(2_000, extremes=True, sensitivity=True)
+        self.assertEqual(found.extreme_tips.shape, (7, 3))
+        self.assertGreaterEqual(found.extreme_bounds_m[6], np.linalg.norm(found.extreme_tips[6]))
+        np.testing.assert_allclose(scene.tips(found.extreme_pressures_pa), found.extreme_tips, atol=1e-9)
+        self.assertGreaterEqual(found.extreme_tips[5, 2] + 1e-12, found.tips[:, 2].max())
+        np.testing.assert_array_less(0, found.moved_per_kpa_m)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,20 @@
 #include "helix_arm/regulator/guard_process.hpp"
 
 #include <csignal>
+#include <thread>
 
+#include <gtest/gtest.h>
+#include <sched.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
+#include "helix_arm/regulator/realtime.hpp"
+#include "regulator/tcp_link.hpp"
+#include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
+#include "support/modbus_profiles.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -16,12 +24,13 @@ namespace {
 
 namespace fs = std::filesystem;
 using control::Guard;
+using namespace test;
 
 // A guard that answers, and notes what it was told, beats aside, until its input ended.
 class Noting : public ::testing::Test {
  protected:
   std::string told() const {
-    std::string words = test::contentOf(note());
+    std::string words = contentOf(note());
     words.erase(std::remove(words.begin(), words.end(), GuardProcess::kBeat), words.end());
     return words;
   }
@@ -41,7 +50,7 @@ class Noting : public ::testing::Test {
     return number;
   }
 
-  test::TemporaryFolder folder_;
+  TemporaryFolder folder_;
 };
 
 TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
@@ -51,13 +60,13 @@ TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
     guard.dismiss();
     EXPECT_EQ(guard.state(), Guard::kEnded);
   }
-  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_TRUE(eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
 }
 
 TEST_F(Noting, GuardsOnUnlessDismissed) {
   { const GuardProcess guard(command()); }
-  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_TRUE(eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), "");
 }
 
@@ -70,26 +79,26 @@ TEST_F(Noting, OutlivesAKilledProcessGroupAndNoticesIt) {
     while (true) pause();
   }
   setpgid(ward, ward);
-  ASSERT_TRUE(test::eventually([&] { return fs::exists(note()); }));
+  ASSERT_TRUE(eventually([&] { return fs::exists(note()); }));
   EXPECT_FALSE(fs::exists(done()));
   ASSERT_EQ(kill(-ward, SIGKILL), 0);
   int status = 0;
   ASSERT_EQ(waitpid(ward, &status, 0), ward);
   ASSERT_TRUE(WIFSIGNALED(status));
-  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_TRUE(eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), "");
 }
 
 TEST_F(Noting, SendsBeatsByItself) {
   const GuardProcess guard(command());
-  EXPECT_TRUE(test::eventually([&] { return beats() >= 3; }));
+  EXPECT_TRUE(eventually([&] { return beats() >= 3; }));
   EXPECT_EQ(told(), "");
 }
 
 TEST_F(Noting, ThatHasEndedNeverStood) {
   const GuardProcess guard({"/bin/true"});
   bool stood = false;
-  EXPECT_TRUE(test::eventually([&] {
+  EXPECT_TRUE(eventually([&] {
     stood = stood || guard.state() == Guard::kStands;
     return guard.state() == Guard::kEnded;
   }));
@@ -99,7 +108,7 @@ TEST_F(Noting, ThatHasEndedNeverStood) {
 // Silence takes ten beats to be known, an end takes none.
 TEST_F(Noting, ThatIsKilledIsKnownToHaveEndedBeforeItMissesABeat) {
   const GuardProcess guard(single());
-  ASSERT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
+  ASSERT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGKILL), 0);
   ASSERT_EQ(waitid(P_PID, static_cast<id_t>(numberOfSingle()), nullptr, WEXITED | WNOWAIT), 0);
   EXPECT_EQ(guard.state(), Guard::kEnded);
@@ -113,29 +122,29 @@ TEST_F(Noting, IsReadyOnlyAfterItsFirstAnswer) {
   EXPECT_EQ(guard.state(), Guard::kStarting);
   EXPECT_EQ(beats(), 0U);
   std::ofstream(go).put('\n');
-  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
 TEST_F(Noting, IsNotReadyWhileStopped) {
   GuardProcess guard(single());
-  ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
-  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
+  ASSERT_TRUE(eventually([&] { return beats() >= 3; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
-  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStandsStill; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
-  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
 TEST_F(Noting, ThatIsStoppedFindsItsDismissalWhenItWakesUp) {
   GuardProcess guard(single());
-  ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
+  ASSERT_TRUE(eventually([&] { return beats() >= 3; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
-  ASSERT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
+  ASSERT_TRUE(eventually([&] { return guard.state() == Guard::kStandsStill; }));
   guard.dismiss();
   EXPECT_EQ(guard.state(), Guard::kEnded);
   EXPECT_EQ(told(), "");
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
-  EXPECT_TRUE(test::eventually([&] { return told() == std::string(1, GuardProcess::kDismissal); }));
+  EXPECT_TRUE(eventually([&] { return told() == std::string(1, GuardProcess::kDismissal); }));
 }
 
 TEST_F(Noting, HasMoreTimeForItsFirstAnswerThanForOthers) {
@@ -143,21 +152,158 @@ TEST_F(Noting, HasMoreTimeForItsFirstAnswerThanForOthers) {
   GuardProcess guard({"/bin/sh", "-c",
                       "sleep " + std::to_string(late) + "; exec tee \"$0\" >&0 2>/dev/null",
                       note()});
-  EXPECT_TRUE(test::eventually([&] { return guard.state() != Guard::kStarting; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() != Guard::kStarting; }));
   EXPECT_EQ(guard.state(), Guard::kStands);
 }
 
 TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
   GuardProcess guard({"/bin/sh", "-c", "exec cat > \"$0\"", note()});
   EXPECT_EQ(guard.state(), Guard::kStarting);
-  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
+  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStandsStill; }));
   EXPECT_GT(beats(), 0U);
 }
 
 TEST(GuardProcess, ThatCannotBeStartedIsNamed) {
-  EXPECT_TRUE(test::has(
-      test::refusal<std::runtime_error>([] { const GuardProcess guard({"/no/such/program"}); }),
-      "/no/such/program"));
+  EXPECT_TRUE(
+      has(refusal<std::runtime_error>([] { const GuardProcess guard({"/no/such/program"}); }),
+          "/no/such/program"));
+}
+
+// ---- One program of a machine drives a device at a time -----------------------------------------
+
+// A name that is unique to this test process.
+std::string deviceName(pid_t process = getpid()) {
+  return "test of process " + std::to_string(process);
+}
+
+TEST(DeviceLock, IsHeldByOneAtATime) {
+  DeviceLock one, other;
+  EXPECT_FALSE(one.take(deviceName()));
+  EXPECT_FALSE(one.take(deviceName())) << "it is the holder's already";
+  const auto holder = other.take(deviceName());
+  ASSERT_TRUE(holder);
+  EXPECT_EQ(holder->find("process " + std::to_string(getpid()) + " ("), 0U) << *holder;
+  EXPECT_FALSE(other.take(deviceName() + ", another device"));
+  one.release();
+  EXPECT_FALSE(other.take(deviceName()));
+  EXPECT_FALSE(one.take(deviceName() + ", another device")) << "what it held before is free";
+}
+
+TEST(DeviceLock, IsFreeOnceItsHolderIsKilled) {
+  HoldingChild holder([] {
+    static DeviceLock held;
+    return held.take(deviceName(getppid())).value_or("");
+  });
+  ASSERT_EQ(holder.text(), "");
+  DeviceLock lock;
+  // Asked more often than the holder's queue of callers is long.
+  for (int k = 0; k < 10000; ++k) {
+    const auto told = lock.take(deviceName());
+    ASSERT_TRUE(told);
+    if (k == 0) {
+      EXPECT_EQ(told->find("process " + std::to_string(holder.id())), 0U) << *told;
+    }
+  }
+  holder.kill();
+  EXPECT_FALSE(lock.take(deviceName()));
+}
+
+TEST(DeviceLock, ALongNameIsCutAndTakenAllTheSame) {
+  DeviceLock one, other;
+  EXPECT_FALSE(one.take(deviceName() + std::string(5000, 'x')));
+  EXPECT_TRUE(other.take(deviceName() + std::string(4000, 'x')));
+}
+
+class TwoDrivers : public ::testing::Test {
+ protected:
+  ModbusConfig config(const std::string& host = "127.0.0.1") const {
+    return {vtemProfile(), host, device_.port(), {0, 1}};
+  }
+  simulation::EmulatedDevice device_{quietDevice(vtemProfile(), 2)};
+};
+
+TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
+  const auto first = config().makeDriver(2), second = config().makeDriver(2),
+             by_name = config("localhost").makeDriver(2);
+  first->connect();
+  const std::uint64_t writes = device_.taken();
+  for (const auto* driver : {&second, &by_name}) {
+    EXPECT_TRUE(
+        has(refusal<LinkError>([&] { (*driver)->connect(); }),
+            std::to_string(device_.port()) + " is driven by process " + std::to_string(getpid())));
+  }
+  EXPECT_EQ(device_.taken(), writes);
+  first->connect();  // again: it stays its own
+  EXPECT_THROW(second->connect(), LinkError);
+  first->close();
+  second->connect();
+  EXPECT_THROW(first->connect(), LinkError);
+}
+
+// A guard vents immediately, whichever program drives the device.
+TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
+  const auto ward = config().makeDriver(2), guard = config().makeDriver(2),
+             third = config().makeDriver(2);
+  ward->connect();
+  guard->ignoreOthers();
+  guard->connect();
+  guard->vent();
+  ward->close();
+  guard->connect();
+  EXPECT_THROW(third->connect(), LinkError);
+}
+
+// What is not reached is not held.
+TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
+  ModbusConfig nowhere = config();
+  nowhere.port = 1;
+  const auto lost = nowhere.makeDriver(2);
+  EXPECT_THROW(lost->connect(), LinkError);
+  DeviceLock lock;
+  EXPECT_FALSE(lock.take("modbus_tcp 127.0.0.1 port 1"));
+}
+
+// ---- Real-time priority and locked memory are never required ------------------------------------
+
+constexpr uid_t kNobody = 65534;
+
+// The answer in a process that may have neither.
+std::string refusalOf(std::string (*ask)()) {
+  const auto run = runInChild([ask]() -> std::string {
+    const rlimit none{0, 0};
+    const bool limited = setrlimit(RLIMIT_RTPRIO, &none) == 0 &&
+                         setrlimit(RLIMIT_MEMLOCK, &none) == 0 &&
+                         (geteuid() != 0 || setuid(kNobody) == 0);
+    return limited ? ask() : "the limits cannot be set";
+  });
+  EXPECT_EQ(run.signal, 0);
+  return run.text;
+}
+
+TEST(Realtime, ARefusalNamesTheLimitAndItsRemedy) {
+  const std::string priority = refusalOf([] { return tryRealtime(kRealtimePriority); });
+  EXPECT_EQ(priority.find("real-time priority 40 is refused ("), 0U) << priority;
+  EXPECT_TRUE(has(priority, "`@realtime - rtprio 40` in /etc/security/limits.conf"));
+  const std::string memory = refusalOf([] { return lockMemory(); });
+  EXPECT_EQ(memory.find("locked memory is refused ("), 0U) << memory;
+  EXPECT_TRUE(has(memory, "`@realtime - memlock unlimited`"));
+}
+
+TEST(Realtime, NoneIsAskedForWithPriority0) {
+  EXPECT_EQ(refusalOf([] { return scheduleRealtime(0); }), "");
+}
+
+TEST(Realtime, ItIsTheCallingThreadsAlone) {
+  if (!tryRealtime(1).empty()) GTEST_SKIP() << "this user has no real-time priority";
+  int mine = -1, childs = -1;
+  std::thread([&] {
+    scheduleRealtime(1);
+    mine = sched_getscheduler(0) & ~SCHED_RESET_ON_FORK;
+    std::thread([&] { childs = sched_getscheduler(0); }).join();
+  }).join();
+  EXPECT_EQ(mine, SCHED_FIFO);
+  EXPECT_EQ(childs, SCHED_OTHER);
+  EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <Eigen/QR>
 #include <algorithm>
-#include <cstdint>
 #include <limits>
 #include <random>
 #include <vector>

@@ -7,7 +7,6 @@
 #include <limits>
 #include <random>
 #include <sstream>
-#include <stdexcept>
 
 #include "basics/fraction.hpp"
 #include "helix_arm/basics/median.hpp"
