@@ -1,5 +1,6 @@
 #include "helix_arm/calibration/suspects.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -65,6 +66,8 @@ struct Trial {
   std::vector<double> sizes = {0.0};  // coarse grid, ascending; then halved about the best one
   bool corrects_captures = true;
   int numbers = 0;  // that it fits beyond the request
+  // From the tags of the scene to those on the arm, where the captures are corrected instead.
+  std::function<void(TagLayout&)> place = [](TagLayout&) {};
 };
 
 // Of noise alone, the mean square of the readings without the largest tenth, each of so many
@@ -289,15 +292,25 @@ std::vector<Row> rowsOf(const TagLayout& layout) {
 
 void addPermutation(std::string cause, std::string where, std::vector<int> to,
                     const std::string& remedy, std::vector<Trial>& trials) {
-  const auto change = [to = std::move(to)](auto& seen) {
-    seen.tag = to[static_cast<std::size_t>(seen.tag)];
+  const auto change = [to](auto& seen) { seen.tag = to[static_cast<std::size_t>(seen.tag)]; };
+  const auto place = [to = std::move(to)](TagLayout& layout) {
+    const std::vector<TagPlacement> before = layout.tags;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      layout.tags[i] = before[static_cast<std::size_t>(to[i])];
+      layout.tags[i].id = before[i].id;
+    }
   };
-  trials.push_back({std::move(cause), std::move(where),
+  trials.push_back({std::move(cause),
+                    std::move(where),
                     [change](double, Case& one) {
                       changeObservations<Poses>(one, change);
                       changeObservations<CornersSeen>(one, change);
                     },
-                    [remedy](double, const Calibration&) { return remedy; }});
+                    [remedy](double, const Calibration&) { return remedy; },
+                    {0.0},
+                    true,
+                    0,
+                    place});
 }
 
 void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
@@ -344,6 +357,12 @@ void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
   }
 }
 
+// Of a tag about its normal, counterclockwise as one reads it.
+Eigen::Matrix3d quarterTurns(int quarters) {
+  return Eigen::AngleAxisd(0.5 * basics::kPi * quarters, Eigen::Vector3d::UnitZ())
+      .toRotationMatrix();
+}
+
 void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOptions& options,
               std::vector<Trial>& trials) {
   // Positions alone do not show how a tag is turned.
@@ -358,15 +377,13 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
       const auto turned = [tags = row.tags](int tag) {
         return std::find(tags.begin(), tags.end(), tag) != tags.end();
       };
+      const Eigen::Matrix3d turn = quarterTurns(quarters);
       trials.push_back(
-          {"tags_turned", row.name,
-           [turned, quarters](double, Case& one) {
+          {"tags_turned",
+           row.name,
+           [turned, turn, quarters](double, Case& one) {
              changeObservations<Poses>(one, [&](PoseObservation& seen) {
-               if (!turned(seen.tag)) return;
-               const double angle = -0.5 * basics::kPi * quarters;
-               seen.X_BT.rotation =
-                   seen.X_BT.rotation *
-                   lie::SE3::exp((lie::Vector6() << 0, 0, 0, 0, 0, angle).finished()).rotation;
+               if (turned(seen.tag)) seen.X_BT.rotation *= turn.transpose();
              });
              changeObservations<CornersSeen>(one, [&](CornerObservation& seen) {
                if (!turned(seen.tag)) return;
@@ -377,6 +394,14 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
            [quarters](double, const Calibration&) {
              return text("they are glued turned by ", 90 * quarters,
                          " degrees counterclockwise: turn them in the scene's tags, or on the arm");
+           },
+           {0.0},
+           true,
+           0,
+           [tags = row.tags, turn](TagLayout& on_arm) {
+             for (const int tag : tags) {
+               on_arm.tags[static_cast<std::size_t>(tag)].X_ST.rotation *= turn;
+             }
            }});
     }
   }
@@ -387,6 +412,9 @@ void addPictureTrials(std::vector<Trial>& trials) {
   const auto scale = [](double factor, Case& one) {
     changeObservations<CornersSeen>(one,
                                     [&](CornerObservation& seen) { seen.direction *= factor; });
+    // The noise is of the picture as it is.
+    one.options.corner_noise *= std::abs(factor);
+    one.options.corner_floor *= std::abs(factor);
     if (one.options.base) return;
     one.options.base = true;
     one.options.base_prior = {kAbout, kAboutTurn};
@@ -597,8 +625,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     if (out.size() == kMostNamed) break;
     // Pressures outside the limits are wrong, however little that shows.
     const double most = !inside ? kLoweredInside : one.misfit < kAsNoise ? kLowered : kLoweredFar;
-    if (lowered > most) continue;
-    if (inside && gain < kLeastGain) continue;
+    if (lowered > most || (inside && gain < kLeastGain)) continue;
     const double beyond = before.mean - std::min(1.0, one.misfit);
     const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
     if (explains < kLeastShare) continue;
@@ -611,7 +638,11 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                     one.trial->where.empty() ? oddMuscle(read.front().arm, fit) : one.trial->where,
                     explains,
                     one.trial->remedy(one.size, fit),
+                    {},
                     {}};
+    TagLayout layout = corrected.arms.front().layout;
+    one.trial->place(layout);
+    if (one.trial->cause.rfind("tag", 0) == 0) suspect.layout = std::move(layout);
     if (one.trial->corrects_captures) suspect.corrected = std::move(corrected.arms);
     out.push_back(std::move(suspect));
   }
