@@ -288,7 +288,8 @@ SimulatedSet simulate(SimulateOptions options, const GlobalOptions& global) {
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && (options.rest || options.walk)) {
-    throw CallerError("--rest is of the arm, and --board shows none; leave out either");
+    throw CallerError(std::string(options.walk ? "--walk" : "--rest") +
+                      " is of the arm, and --board shows none; leave out either");
   }
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
@@ -336,8 +337,10 @@ Subcommand addSimulate(CLI::App& app) {
   addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
             kShowDefault);
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
-  command->add_flag("--walk", options->walk,
-                    "the steps of the walk of helix_arm commission, in place of --count");
+  command
+      ->add_flag("--walk", options->walk,
+                 "the steps of the walk of helix_arm commission, in place of --count")
+      ->excludes("--rest");
   addBoardFlag(*command, options->board,
                "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
                "of a person, by the scene's camera: tags (default) or charuco");
