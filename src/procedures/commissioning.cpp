@@ -212,8 +212,9 @@ std::vector<int> exchangedIn(const std::vector<WalkedChannel>& channels) {
 }
 
 std::string placeText(const Eigen::Vector2d& tip) {
+  const double angle = std::atan2(tip.y(), tip.x()) * 180 / basics::kPi;
   return basics::format("%.1f mm towards %.0f degrees", 1e3 * tip.norm(),
-                        std::atan2(tip.y(), tip.x()) * 180 / basics::kPi);
+                        std::round(angle) + 0.0);  // never "-0"
 }
 
 std::string textOf(const WalkedChannel& one, const std::vector<WalkedChannel>& all) {
@@ -390,12 +391,22 @@ Correction correct(const std::string& path, const std::vector<io::Override>& ove
   const Suspect one = by_direction
                           ? Suspect{"channels_exchanged", "", 1, "", {}, {}}
                           : found.suspects[static_cast<std::size_t>(std::max(suspect, 1) - 1)];
-  const auto calibrated = [&](const std::vector<std::string>& words) -> Correction {
-    CalibrationOutcome outcome = runCalibration(path, overrides, requestOf(words), data);
+  const auto calibrated = [&](const std::vector<std::string>& words) {
+    return runCalibration(path, overrides, requestOf(words), data);
+  };
+  const auto written = [](const CalibrationOutcome& outcome) -> Correction {
     return {outcome.scene_text, outcome.success ? "" : outcome.message};
   };
-  if (one.cause == "camera_moved" || one.cause == "base_moved") return calibrated({"base"});
-  if (one.cause == "muscle_length") return calibrated({"stiffness", "length_scale_each"});
+  if (one.cause == "base_moved") return written(calibrated({"base"}));
+  if (one.cause == "muscle_length") return written(calibrated({"stiffness", "length_scale_each"}));
+  if (one.cause == "camera_moved") {
+    // The few tags near the base tell its place less well than the arm does.
+    const CalibrationOutcome outcome = calibrated({"stiffness", "length_scale", "base"});
+    if (!outcome.success) return written(outcome);
+    const io::Scene scene = io::loadScene(path, overrides);
+    const lie::SE3 X_CB = scene.X_CB() * outcome.calibration->X_B0B;
+    return {io::sceneTextWithCamera(path, overrides, {{}, scene.X_WB * X_CB.inverse()}), ""};
+  }
   const bool exchanged = one.cause == "channels_exchanged" && !channels.empty();
   if (!exchanged && !one.layout) {
     return {"", "no scene can say " + one.cause + " (" + one.where + "): " + one.remedy};
