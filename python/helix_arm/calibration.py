@@ -34,8 +34,8 @@ BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
 SCENE_NOISES = (0.0, 0.0, 0.0, 0.0, REST_OFFSET)
 # What a walk does not find.
-NO_FIT = {"held_out_error": None, "tip_error_before_m": None, "tip_error_after_m": None, "parameters": (), "response_rms_m": None,
-          "rms": None, "next_pressures_pa": None}
+NO_FIT: Dict[str, Any] = {"held_out_error": None, "tip_error_before_m": None, "tip_error_after_m": None, "parameters": (),
+                          "response_rms_m": None, "rms": None, "next_pressures_pa": None}
 
 # Jobs of JobSlot, as another one is refused.
 RUN = "run_calibration is running; wait for it, or cancel it first"

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from suspect_table import HEIGHT, WIDTH, corners, pressures, turned
+from suspect_table import HEIGHT, WIDTH, corners, pressures, tags, turned
 
 NEW = ["--defaults", "--regulator", "festo_vtem", "--length-m", "0.3"]
 SETS = {"demo": (None, (3,)), "four": ([*NEW, "--muscles", "4"], (4,)), "two": ([*NEW, "--sections", "2"], (3, 3))}
@@ -57,16 +57,6 @@ def each(change):
     return apply
 
 
-def rows_exchanged(row):
-    column, place = divmod(int(row["tag"]), 7)
-    row["tag"] = str(7 * column + {2: 4, 4: 2}.get(place, place))
-
-
-def reversed_rows(row):
-    column, place = divmod(int(row["tag"]), 7)
-    row["tag"] = str(7 * column + 6 - place)
-
-
 SOUND = each(lambda row: None)
 # Mistake, changes of the scene, and what tells it: the cause that comes first, or (list, index, verdict). All sets, then one section.
 HOSES = (
@@ -75,13 +65,15 @@ HOSES = (
     (hoses(lambda p: [p[-1], *p[1:-1], p[0]]), [], ("channels", -1, "answers_as")),
     (hoses(lambda p: [p[2], p[0], p[1], *p[3:]]), [], ("channels", 2, "answers_as")),
     (hoses(lambda p: [0, *p[1:]]), [], ("channels", 0, "dead")), (hoses(lambda p: [p[0], 0, *p[2:]]), [], ("channels", 1, "dead")),
+    (hoses(lambda p: [p[0] / 2, *p[1:]]), [], ("channels", 0, "weak")),
     (each(pressures(lambda p: [p[1], p[0], *p[2:]])), [], ("sensors", 0, "reads_as")),
     (each(pressures(lambda p: [one / 6.894757 for one in p])), [], ("sensors", 2, "gain")),
     (each(pressures(lambda p: [0.7 * p[0], *p[1:]])), [], ("sensors", 0, "gain")),
     (each(pressures(lambda p: [p[0], p[1] + 20, *p[2:]])), [], ("sensors", 1, "offset")),
 )
 VIEWS = (
-    (each(rows_exchanged), [], "tag_rows_exchanged"), (each(reversed_rows), [], "tag_rows_reversed"),
+    (each(tags(lambda column, place: (column, {2: 4, 4: 2}.get(place, place)))), [], "tag_rows_exchanged"),
+    (each(tags(lambda column, place: (column, 6 - place))), [], "tag_rows_reversed"),
     (each(turned(2, range(7))), [], "tags_turned"), (each(turned(1, [1])), [], "tags_turned"),
     (SOUND, ["tags.size_m=0.0395"], "tag_size"), (SOUND, ["tags.size_m=0.025"], "tag_size"),
     (each(corners(lambda row, at: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at])), [], "picture_turned"),
