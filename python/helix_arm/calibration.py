@@ -116,7 +116,7 @@ class Calibrator:
         return self._keep(self._fit_scene(data, *request), out, cancelled)
 
     def commission(self, data: Any, out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
-        """Judges the captures of a walk; writes the scene without the leading mistake where there is a path, as calibrate() does."""
+        """Judges the captures of a walk; with a path, writes the scene without the leading mistake, as calibrate() does."""
         self._require_unchanged()
         with self._reload.lock:
             scene = self._reload.scene
