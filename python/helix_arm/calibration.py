@@ -33,6 +33,9 @@ USUAL_CAPTURES = 3  # per pressure
 BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
 SCENE_NOISES = (0.0, 0.0, 0.0, 0.0, REST_OFFSET)
+# What a walk does not find.
+NO_FIT: Dict[str, Any] = {"held_out_error": None, "tip_error_before_m": None, "tip_error_after_m": None, "parameters": (),
+                          "response_rms_m": None, "rms": None, "next_pressures_pa": None}
 
 # Jobs of JobSlot, as another one is refused.
 RUN = "run_calibration is running; wait for it, or cancel it first"
@@ -47,7 +50,7 @@ def fill(out: Any, found: Dict[str, Any], path: str) -> None:
     out.success, out.message, out.warnings = found["success"], found["message"], found["warnings"]
     out.held_out_error = known(found["held_out_error"])
     out.tip_error_before, out.tip_error_after = known(found["tip_error_before_m"]), known(found["tip_error_after_m"])
-    out.out = path if found["success"] else ""
+    out.out = path if found["success"] and found["scene_text"] else ""
     for one in found["parameters"]:
         out.names.append(one["name"])
         out.units.append(one["unit"])
@@ -109,11 +112,24 @@ class Calibrator:
         out: as scene_path() returned it; checked again before the scene is written. cancelled: asked once, after the fit. request:
         as of _fit_scene().
         """
+        self._require_unchanged()
+        return self._keep(self._fit_scene(data, *request), out, cancelled)
+
+    def commission(self, data: Any, out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
+        """Judges the captures of a walk; with a path, writes the scene without the leading mistake, as calibrate() does."""
+        self._require_unchanged()
+        with self._reload.lock:
+            scene = self._reload.scene
+        return self._keep({**NO_FIT, **scene._commission(data, bool(out))}, out, cancelled)
+
+    def _require_unchanged(self) -> None:
         with self._reload.lock:
             path, sha256 = self._reload.scene.path, self._reload.scene._sha256
         require(_core._sha256(path) == sha256, f"{path} changed on disk since it was loaded; call reload first")
-        found = self._fit_scene(data, *request)
-        if not found["success"]:
+
+    def _keep(self, found: Dict[str, Any], out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
+        """Keeps and writes the scene of a result that has one."""
+        if not found["success"] or not found["scene_text"]:
             return found
         if cancelled():
             found["success"], found["message"] = False, "cancelled"
@@ -216,7 +232,9 @@ class RunAction:
         require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
         require(not end.made(), "the node is shutting down")
         require(scene._has_vision, f"scene {scene.name} has no `camera` or no `tags`, so nothing can be recorded; add them to it")
-        plan = scene._plan(goal.plan, goal.loop)
+        require(not goal.walk or not (goal.fit or goal.plan or goal.loop),
+                "walk has a plan of its own and fits nothing; leave out fit, plan and loop")
+        plan = scene._walk_plan() if goal.walk else scene._plan(goal.plan, goal.loop)
         _, _, state = self._recorder.observe()
         require(not state.stale, state.reason)
         require(state.set_point is not None, "no pressure_command was received yet; is its node running?")
@@ -321,7 +339,9 @@ class RunAction:
             self._server.publish_feedback(RunCalibrationFeedback(step=run.steps, steps=run.steps, state="fitting",
                                                                  samples=len(recording.samples)))
             out = self._calibrator.scene_path(goal.out)
-            fill(result, self._calibrator.calibrate(data, out, self._server.is_preempt_requested, goal.fit), out)
+            cancelled = self._server.is_preempt_requested
+            fill(result, self._calibrator.commission(data, out, cancelled) if goal.walk else
+                 self._calibrator.calibrate(data, out, cancelled, goal.fit), out)
 
         answer("run_calibration", result, fit)
         return self._server.is_preempt_requested()

@@ -1,5 +1,6 @@
 #include "helix_arm/calibration/suspects.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -60,6 +61,8 @@ struct Case {
   CalibrationOptions options;
 };
 
+constexpr auto kSamePlaces = [](TagLayout&) {};
+
 // One mistake that may have been made. Some have a size, of which the best is found.
 struct Trial {
   std::string cause, where;
@@ -67,7 +70,9 @@ struct Trial {
   std::function<std::string(double size, const Calibration&)> remedy;
   std::vector<double> sizes = {0.0};  // coarse grid, ascending; then halved about the best one
   bool corrects_captures = true;
-  double numbers = 0;              // that it fits beyond the request
+  double numbers = 0;  // that it fits beyond the request
+  // From the tags of the scene to those on the arm, where the captures are corrected instead.
+  std::function<void(TagLayout&)> place = kSamePlaces;
   double neutral = 0, least = -1;  // a size closer than this to the neutral one is no mistake
   // Whether a fit without the mistake shows that it was one; null: it does.
   std::function<bool(const Calibration&)> shows = nullptr;
@@ -241,6 +246,7 @@ void addGains(const model::Arm& arm, int channel, std::vector<Trial>& trials) {
        {0.35, 0.5, 0.7, 0.9, 1.15, 1.4, 2.0, 2.8},
        true,
        1,
+       kSamePlaces,
        1.0,
        kLeastGainError});
   trials.push_back({"pressure_offset",
@@ -257,6 +263,7 @@ void addGains(const model::Arm& arm, int channel, std::vector<Trial>& trials) {
                     {-80e3, -40e3, -20e3, 20e3, 40e3, 80e3},
                     true,
                     1,
+                    kSamePlaces,
                     0.0,
                     kLeastOffset});
   if (all) return;
@@ -321,15 +328,25 @@ std::vector<Row> rowsOf(const TagLayout& layout) {
 
 void addPermutation(std::string cause, std::string where, std::vector<int> to,
                     const std::string& remedy, std::vector<Trial>& trials) {
-  const auto change = [to = std::move(to)](auto& seen) {
-    seen.tag = to[static_cast<std::size_t>(seen.tag)];
+  const auto change = [to](auto& seen) { seen.tag = to[static_cast<std::size_t>(seen.tag)]; };
+  const auto place = [to = std::move(to)](TagLayout& layout) {
+    const std::vector<TagPlacement> before = layout.tags;
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      layout.tags[i] = before[static_cast<std::size_t>(to[i])];
+      layout.tags[i].id = before[i].id;
+    }
   };
-  trials.push_back({std::move(cause), std::move(where),
+  trials.push_back({std::move(cause),
+                    std::move(where),
                     [change](double, Case& one) {
                       changeObservations<Poses>(one, change);
                       changeObservations<CornersSeen>(one, change);
                     },
-                    [remedy](double, const Calibration&) { return remedy; }});
+                    [remedy](double, const Calibration&) { return remedy; },
+                    {0.0},
+                    true,
+                    0,
+                    place});
 }
 
 void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
@@ -376,6 +393,12 @@ void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
   }
 }
 
+// Of a tag about its normal, counterclockwise as one reads it.
+Eigen::Matrix3d quarterTurns(int quarters) {
+  return Eigen::AngleAxisd(0.5 * basics::kPi * quarters, Eigen::Vector3d::UnitZ())
+      .toRotationMatrix();
+}
+
 void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOptions& options,
               std::vector<Trial>& trials) {
   // Positions alone do not show how a tag is turned.
@@ -390,15 +413,13 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
       const auto turned = [tags = row.tags](int tag) {
         return std::find(tags.begin(), tags.end(), tag) != tags.end();
       };
+      const Eigen::Matrix3d turn = quarterTurns(quarters);
       trials.push_back(
-          {"tags_turned", row.name,
-           [turned, quarters](double, Case& one) {
+          {"tags_turned",
+           row.name,
+           [turned, turn, quarters](double, Case& one) {
              changeObservations<Poses>(one, [&](PoseObservation& seen) {
-               if (!turned(seen.tag)) return;
-               const double angle = -0.5 * basics::kPi * quarters;
-               seen.X_BT.rotation =
-                   seen.X_BT.rotation *
-                   lie::SE3::exp((lie::Vector6() << 0, 0, 0, 0, 0, angle).finished()).rotation;
+               if (turned(seen.tag)) seen.X_BT.rotation *= turn.transpose();
              });
              changeObservations<CornersSeen>(one, [&](CornerObservation& seen) {
                if (!turned(seen.tag)) return;
@@ -409,6 +430,14 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
            [quarters](double, const Calibration&) {
              return text("they are glued turned by ", 90 * quarters,
                          " degrees counterclockwise: turn them in the scene's tags, or on the arm");
+           },
+           {0.0},
+           true,
+           0,
+           [tags = row.tags, turn](TagLayout& on_arm) {
+             for (const int tag : tags) {
+               on_arm.tags[static_cast<std::size_t>(tag)].X_ST.rotation *= turn;
+             }
            }});
     }
   }
@@ -438,6 +467,9 @@ void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
                         changePixels(one, [&](const Eigen::Vector2d& pixel) {
                           return Eigen::Vector2d(factor * (pixel + half) - half);
                         });
+                        // The noise is of the picture as it is.
+                        one.options.corner_noise *= factor;
+                        one.options.corner_floor *= factor;
                       },
                       [side, width = camera.width](double, const Calibration&) {
                         return text("the pictures are ", side,
@@ -470,6 +502,7 @@ void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
                     {0.6, 0.8, 1.25, 1.6},
                     false,
                     1,
+                    kSamePlaces,
                     1.0,
                     kLeastTagError});
 }
@@ -508,6 +541,7 @@ void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, Rea
                       {0.0},
                       false,
                       kPlace,
+                      kSamePlaces,
                       0.0,
                       -1.0,
                       [](const Calibration& fit) {
@@ -535,6 +569,7 @@ void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, Rea
                       {0.0},
                       false,
                       static_cast<double>(count),
+                      kSamePlaces,
                       0.0,
                       -1.0,
                       [](const Calibration& fit) {
@@ -659,7 +694,10 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   if (where.empty()) {
     where = evidence.read.front().arm.actuator(static_cast<int>(oddMuscle(fit.length_scale))).name;
   }
-  Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}};
+  Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}, {}};
+  TagLayout layout = corrected.arms.front().layout;
+  trial.place(layout);
+  if (trial.cause.rfind("tag", 0) == 0) suspect.layout = std::move(layout);
   if (trial.corrects_captures) suspect.corrected = std::move(corrected.arms);
   return suspect;
 }
@@ -711,6 +749,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                   0.0,
                   "no single mistake explains them: check that captures and scene are of the same "
                   "arm, and look for several mistakes",
+                  {},
                   {}};
     out.insert(out.begin(), std::move(other));
   }

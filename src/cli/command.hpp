@@ -45,6 +45,7 @@ Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
 Subcommand addCamera(CLI::App& app);
+Subcommand addCommission(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addNew(CLI::App& app);

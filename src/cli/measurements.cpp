@@ -25,6 +25,17 @@ Eigen::VectorXd halfWidths(const model::Arm& arm) {
 
 }  // namespace
 
+nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
+  nlohmann::json out = nlohmann::json::array();
+  for (const estimation::Suspect& one : suspects) {
+    out.push_back({{"cause", one.cause},
+                   {"where", one.where},
+                   {"explains", one.explains},
+                   {"remedy", one.remedy}});
+  }
+  return out;
+}
+
 void requirePressureDriven(const io::Scene& scene) {
   if (!hasTendon(scene.arm)) return;
   throw CallerError("scene " + scene.name +

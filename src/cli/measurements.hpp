@@ -40,6 +40,9 @@ inline constexpr char kHistoryHelp[] =
 /// The history of a file. @throws CallerError if the arm has tendons, io::DocumentError on faults.
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
 
+/// Suspects as an array of {cause, where, explains, remedy}.
+nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
+
 /// What a result without history leaves out; empty for an arm without responses.
 std::string noteOnResponse(const model::Arm& arm);
 

@@ -16,6 +16,7 @@
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
@@ -36,7 +37,7 @@ struct SimulateOptions {
   std::string scene, out;
   int count = 20;
   std::uint32_t seed = 1;
-  bool rest = false;
+  bool rest = false, walk = false;
   BoardArguments board;
 };
 
@@ -126,15 +127,11 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-// For a scene without a simulated regulator: one that reaches all limits.
-regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene) {
-  if (scene.regulator) {
-    const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
-    if (simulated != nullptr) return *simulated;
-  }
-  regulator::SimulatedRegulatorConfig config;
-  config.supply_pressure = scene.arm.inputAt(1).maxCoeff();
-  return config;
+// @param capture  counted from 1.
+Eigen::VectorXd pressureOf(int capture, const SimulateOptions& options, const model::Arm& arm,
+                           std::mt19937_64& generator) {
+  if (options.walk) return procedures::walkPlan(arm).row(capture - 1);
+  return options.rest ? arm.inputAt(0) : drawPressure(arm, generator);
 }
 
 void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& row) {
@@ -228,12 +225,14 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
   return {directory, number, tags, true};
 }
 
-SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
+SimulatedSet simulate(SimulateOptions options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
+  if (options.walk) options.count = static_cast<int>(procedures::walkPlan(scene.arm).rows());
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
-  simulation::SimulatedRig rig(scene.model, simulatedConfigOf(scene), scene.simulation.arm, camera);
+  simulation::SimulatedRig rig(scene.model, procedures::simulatedRegulatorOf(scene),
+                               scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);
   std::normal_distribution<double> normal;
@@ -252,7 +251,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 
   const lie::SE3 X_FB = scene.X_BF.inverse();
   for (int capture = 1; capture <= options.count; ++capture) {
-    rig.command(options.rest ? scene.arm.inputAt(0) : drawPressure(scene.arm, generator));
+    rig.command(pressureOf(capture, options, scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
@@ -288,8 +287,9 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
-  if (options.board.given() && options.rest) {
-    throw CallerError("--rest is of the arm, and --board shows none; leave out either");
+  if (options.board.given() && (options.rest || options.walk)) {
+    throw CallerError(std::string(options.walk ? "--walk" : "--rest") +
+                      " is of the arm, and --board shows none; leave out either");
   }
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
@@ -337,6 +337,10 @@ Subcommand addSimulate(CLI::App& app) {
   addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
             kShowDefault);
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
+  command
+      ->add_flag("--walk", options->walk,
+                 "the steps of the walk of helix_arm commission, in place of --count")
+      ->excludes("--rest");
   addBoardFlag(*command, options->board,
                "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
                "of a person, by the scene's camera: tags (default) or charuco");

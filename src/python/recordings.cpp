@@ -11,11 +11,13 @@
 #include "bag/bag_captures.hpp"
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
@@ -80,6 +82,28 @@ CalibrationData measuredOf(const Scene& self, const std::vector<Sample>& samples
                            " rows; expected a run of fewer steps");
   }
   return out;
+}
+
+// @param corrects  also gives the scene without the leading mistake, where it can say that.
+py::dict commissionOf(const Scene& self, const CalibrationData& data, bool corrects) {
+  procedures::Commissioning found;
+  procedures::Correction correction;
+  {
+    const OthersRun others_run;
+    const Eigen::MatrixXd plan = procedures::walkPlan(self.arm());
+    found = procedures::commission(self.path(), self.overrides(), data, plan);
+    if (corrects && !found.findings.empty()) {
+      correction = procedures::correct(self.path(), self.overrides(), data, found, 0);
+    }
+  }
+  std::vector<std::string>& findings = found.findings;
+  if (!correction.reason.empty()) findings.push_back("not corrected: " + correction.reason);
+  const std::string message = findings.empty()
+                                  ? "every hose, sensor and tag is where the scene says"
+                                  : basics::joined(findings, "; ");
+  return py::dict("success"_a = findings.empty() || !correction.scene_text.empty(),
+                  "message"_a = message, "warnings"_a = findings,
+                  "scene_text"_a = correction.scene_text);
 }
 
 std::vector<std::string> tendonsOf(const Scene& scene) {
@@ -164,6 +188,8 @@ void bindRecordings(py::module_& module, py::class_<Scene>& scene) {
            [](const Scene& self, const std::vector<double>& rows, bool loop) {
              return accepted(procedures::checkPlan(self.arm(), rows, loop));
            })
+      .def("_walk_plan", [](const Scene& self) { return procedures::walkPlan(self.arm()); })
+      .def("_commission", &commissionOf)
       .def_property_readonly("_tendons", &tendonsOf)
       .def_property_readonly(
           "_rest_time_s",

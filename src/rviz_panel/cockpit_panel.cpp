@@ -58,8 +58,8 @@ class CalibrationBox : public QGroupBox {
     fit_->setObjectName("fit");
     // The first one is usual: what a built arm and the places of its tags differ in from a scene.
     fit_->addItems({"stiffness length_scale placement", "stiffness", "stiffness length_scale",
-                    "response stiffness length_scale"});
-    fit_->setToolTip("What is fitted");
+                    "response stiffness length_scale", kWalk});
+    fit_->setToolTip("What is fitted; walk: one muscle at a time, is all where the scene says?");
     fit_->setFocusPolicy(Qt::ClickFocus);
     start_ = makeButton(this, "calibration_start", "Start", [this, run] {
       std::vector<std::string> words;

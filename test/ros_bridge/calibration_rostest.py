@@ -111,6 +111,16 @@ class WholeCalibration(Runs):
         self.assertAlmostEqual(length, 1.02 * np.polyval(quintic["coefficients_m"][::-1], 100 / reference), delta=1e-7)
 
 
+class Walk(Runs):
+    RIG = {"mounts": {"camera_translation_m": 0.02, "seed": 11}}
+
+    def test_names_the_camera_that_was_knocked_and_leaves_a_scene_with_its_place(self):
+        result, corrected = self.run_plan(11, captures_per_pressure=1, walk=True)
+        self.assertIn("camera_moved", result.message)
+        moved = np.subtract(corrected["camera"]["position_m"], read(SOURCE + "/config/scenes/demo.yaml")["camera"]["position_m"])
+        self.assertGreater(np.linalg.norm(moved), 0.005)
+
+
 class LoopCalibration(Runs):
     RIG = {"arm.response": {"rise_time_constant_s": 0.3, "fall_time_constant_s": 0.6, "play_kpa": [8], "play_weight": [0.6]}}
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,8 @@ struct Suspect {
   /// The captures as they would be without the mistake, for a calibration with them. Empty if that
   /// takes another scene or another fit, as the remedy says.
   std::vector<ArmCaptures> corrected;
+  /// The tags as they would be on the arm, if the mistake is one of them: to write into the scene.
+  std::optional<TagLayout> layout;
 };
 
 /// Of a pressure beyond its limit, which counts as at it: regulators and their sensors are not more

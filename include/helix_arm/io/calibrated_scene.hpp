@@ -83,6 +83,17 @@ struct CameraChange {
 std::string sceneTextWithCamera(const std::string& path, const std::vector<Override>& overrides,
                                 const CameraChange& change);
 
+/// The text of a scene file with what of a rig is otherwise. The comments of the file are not kept.
+/// @param tags      size and placements of the same tags; absent: as they are.
+/// @param channels  (actuators) index of the actuator whose channel of the regulator each of them
+/// has; empty: its own.
+/// @throws DocumentError if the file cannot be read or breaks its rules before or after the change.
+/// @throws std::invalid_argument with the remedy where a scene cannot say it: a regulator without
+/// addresses or slots, a tag on another section.
+std::string sceneTextWithRig(const std::string& path, const std::vector<Override>& overrides,
+                             const std::optional<estimation::TagLayout>& tags,
+                             const std::vector<int>& channels);
+
 /// The text of a scene file with follow.contact_limit and follow.on_contact. The comments of the
 /// file are not kept.
 /// @param title  lines of comment to begin with.

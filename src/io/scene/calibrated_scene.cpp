@@ -554,6 +554,39 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
                      document, path + ", with the new camera,");
 }
 
+namespace {
+
+// Gives each actuator the address or slot of another one.
+void putChannels(const Scene& scene, const std::vector<int>& channels, Value& document) {
+  const auto facts =
+      scene.regulator ? regulator::factsOf(*scene.regulator) : regulator::DeviceFacts{};
+  basics::require(facts.channels.size() == channels.size(), "the regulator of scene ", scene.name,
+                  " has no addresses or slots to exchange: exchange the hoses at the regulator");
+  std::vector<Value> list;
+  for (const int channel : channels) {
+    list.push_back(plainValue(facts.channels[static_cast<std::size_t>(channel)]));
+  }
+  Value& device = *findValue(*findValue(document, "regulator"), facts.kind);
+  setValue(device, facts.channel_word, listValue(list));
+}
+
+}  // namespace
+
+std::string sceneTextWithRig(const std::string& path, const std::vector<Override>& overrides,
+                             const std::optional<estimation::TagLayout>& tags,
+                             const std::vector<int>& channels) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  const Scene scene = makeScene(document, faults);
+  if (tags) {
+    setValue(tagsOf(scene, document), "size_m", numberValue(tags->size));
+    putTags(scene, *tags, document);
+  }
+  if (!channels.empty()) putChannels(scene, channels, document);
+  return checkedText("# A walk of helix_arm commission corrected this scene.\n", document,
+                     path + ", once corrected,");
+}
+
 std::string sceneTextWithContacts(const std::string& path, const std::vector<Override>& overrides,
                                   double limit, follow::OnContact reaction,
                                   const std::string& title) {

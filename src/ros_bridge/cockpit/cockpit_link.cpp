@@ -366,7 +366,8 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   const std::uint64_t run = ++runs_;
   start.unlock();
   RunCalibrationGoal goal;
-  goal.fit = fit;
+  goal.walk = fit == std::vector<std::string>{kWalk};
+  if (!goal.walk) goal.fit = fit;
   goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();
   client_->sendGoal(
       goal,

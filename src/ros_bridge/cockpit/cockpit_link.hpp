@@ -38,6 +38,9 @@ bool isReady(const std::future<Result>& result) {
   return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
+/// What CockpitLink::startCalibration() takes for a walk, in the place of words of a fit.
+inline constexpr char kWalk[] = "walk";
+
 /// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
 /// those that do not answer in time.
 ///
@@ -231,7 +234,7 @@ class CockpitLink {
     held_.holdTip(now(), position);
     send();
   }
-  /// @param fit  as in RunCalibration.
+  /// @param fit  as in RunCalibration; kWalk alone: its walk.
   void startCalibration(const std::vector<std::string>& fit) HELIX_ARM_EXCLUDES(mutex_);
   void cancelCalibration() { client_->cancelGoal(); }
   /// Saves the calibrated scene and loads it in all nodes of the arm.
