@@ -94,12 +94,16 @@ double clampPressures(std::vector<ArmCaptures>& arms) {
 // Fits the requested parameters; nothing if no fit is possible.
 class Misfit {
  public:
-  explicit Misfit(const CalibrationOptions& options) : options_(options) {
+  Misfit(const CalibrationOptions& options, const std::function<bool()>& stop)
+      : options_(options), stop_(stop) {
     options_.errors = options_.held_out = false;
   }
 
+  bool stopped() const { return stop_ && stop_(); }
+
   // Pressures far beyond the limits are refused, or taken as at them.
   std::optional<Square> of(Case& one, bool clamp = false) const {
+    if (stopped()) return std::nullopt;
     if (clampPressures(one.arms) > kBeyondLimit && !clamp) return std::nullopt;
     const std::vector<ArmCaptures> read = withReadings(one.arms);
     if (unsound(read)) return std::nullopt;
@@ -128,6 +132,7 @@ class Misfit {
 
  private:
   CalibrationOptions options_;
+  std::function<bool()> stop_;
 };
 
 void changePressures(Case& one, const std::function<void(Eigen::VectorXd&)>& change) {
@@ -561,14 +566,15 @@ std::optional<bool> isOutside(std::vector<ArmCaptures> arms) {
 }  // namespace
 
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
-                                const CalibrationOptions& options) {
+                                const CalibrationOptions& options,
+                                const std::function<bool()>& stop) {
   options.validate();
   const std::vector<ArmCaptures> read = withReadings(arms);
   // Shapes that are free follow any pressures.
   if (read.empty() || read.front().captures.empty() || options.free_shapes) return {};
   const std::optional<bool> outside = isOutside(read);
   if (!outside) return {};
-  Misfit misfit(options);
+  Misfit misfit(options, stop);
   Case given{read, misfit.options()};
   const std::optional<Square> fitted = misfit.of(given, true);
   // What cannot be fitted for another reason than its pressures has no suspects.
@@ -578,7 +584,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   // A wrong tag size is taken up by the bleeding, as far as it is fitted.
   if (std::abs(before.bleed) > kMostBleed * options.bleed_prior) {
     given.options.bleed = false;
-    misfit = Misfit(given.options);
+    misfit = Misfit(given.options, stop);
     before = misfit.of(given, true).value_or(before);
   }
   if (inside && before.mean < kAsNoise) return {};
@@ -594,6 +600,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   for (const Found& one : found) {
     const double lowered = one.price * one.misfit / before.mean;
     const double gain = -0.5 * before.residuals * std::log(lowered);
+    if (misfit.stopped()) return {};
     if (out.size() == kMostNamed) break;
     // Pressures outside the limits are wrong, however little that shows.
     const double most = !inside ? kLoweredInside : one.misfit < kAsNoise ? kLowered : kLoweredFar;
