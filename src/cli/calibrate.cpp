@@ -261,17 +261,6 @@ json combinationsJson(const std::vector<estimation::Combination>& combinations) 
   return out;
 }
 
-json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
-  json out = json::array();
-  for (const estimation::Suspect& one : suspects) {
-    out.push_back({{"cause", one.cause},
-                   {"where", one.where},
-                   {"explains", one.explains},
-                   {"remedy", one.remedy}});
-  }
-  return out;
-}
-
 json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
               const CalibrateOptions& options) {
   json result{{"scene", scene.name},
