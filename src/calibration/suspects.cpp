@@ -106,13 +106,17 @@ double clampPressures(std::vector<ArmCaptures>& arms) {
 // Fits the requested parameters; nothing if no fit is possible.
 class Misfit {
  public:
-  explicit Misfit(const CalibrationOptions& options) : options_(options) {
+  Misfit(const CalibrationOptions& options, const std::function<bool()>& stop)
+      : options_(options), stop_(stop) {
     options_.errors = options_.held_out = false;
   }
+
+  bool stopped() const { return stop_ && stop_(); }
 
   // Pressures far beyond the limits are refused, or taken as at them.
   // @param usual  whether to ask for Square::usual as well.
   std::optional<Square> of(Case& one, bool clamp = false, bool usual = false) const {
+    if (stopped()) return std::nullopt;
     if (clampPressures(one.arms) > kBeyondLimit && !clamp) return std::nullopt;
     const std::vector<ArmCaptures> read = withReadings(one.arms);
     if (unsound(read)) return std::nullopt;
@@ -161,6 +165,7 @@ class Misfit {
   }
 
   CalibrationOptions options_;
+  std::function<bool()> stop_;
 };
 
 void changePressures(Case& one, const std::function<void(Eigen::VectorXd&)>& change) {
@@ -702,40 +707,13 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   return suspect;
 }
 
-}  // namespace
-
-std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
-                                const CalibrationOptions& options) {
-  options.validate();
-  const std::vector<ArmCaptures> read = withReadings(arms);
-  if (read.empty() || read.front().captures.empty()) return {};
-  const std::optional<bool> outside = isOutside(read);
-  if (!outside) return {};
-  Misfit misfit(options);
-  Case given{read, misfit.options()};
-  const std::optional<Square> fitted = misfit.of(given, true, true);
-  // What cannot be fitted for another reason than its pressures has no suspects.
-  if (!fitted && !*outside && groupByPressure(read).pressure.size() > 1) return {};
-  Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
-                    fitted && !*outside};
-  // A wrong tag size is taken up by the bleeding, as far as it is fitted.
-  if (std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
-    given.options.bleed = false;
-    misfit = Misfit(given.options);
-    evidence.before = misfit.of(given, true).value_or(evidence.before);
-  }
-  if (evidence.inside && evidence.before.mean < kAsNoise) return {};
-  const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
-  std::vector<Found> found;
-  for (const Trial& trial : trials) {
-    if (std::optional<Found> one = best(trial, read, misfit)) found.push_back(*one);
-  }
-  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
-    return a.price * a.misfit < b.price * b.misfit;
-  });
+// The suspects of all trials, the best first.
+std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& evidence,
+                             const Misfit& misfit) {
   std::vector<Suspect> out;
   double least = evidence.inside ? evidence.before.mean : 0.0;
   for (const Found& one : found) {
+    if (misfit.stopped()) return {};
     if (out.size() == kMostNamed) break;
     if (std::optional<Suspect> suspect = named(one, evidence, misfit)) {
       least = std::min(least, one.misfit);
@@ -754,6 +732,41 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     out.insert(out.begin(), std::move(other));
   }
   return out;
+}
+
+}  // namespace
+
+std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
+                                const CalibrationOptions& options,
+                                const std::function<bool()>& stop) {
+  options.validate();
+  const std::vector<ArmCaptures> read = withReadings(arms);
+  if (read.empty() || read.front().captures.empty()) return {};
+  const std::optional<bool> outside = isOutside(read);
+  if (!outside) return {};
+  Misfit misfit(options, stop);
+  Case given{read, misfit.options()};
+  const std::optional<Square> fitted = misfit.of(given, true, true);
+  // What cannot be fitted for another reason than its pressures has no suspects.
+  if (!fitted && !*outside && groupByPressure(read).pressure.size() > 1) return {};
+  Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
+                    fitted && !*outside};
+  // A wrong tag size is taken up by the bleeding, as far as it is fitted.
+  if (std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
+    given.options.bleed = false;
+    misfit = Misfit(given.options, stop);
+    evidence.before = misfit.of(given, true).value_or(evidence.before);
+  }
+  if (evidence.inside && evidence.before.mean < kAsNoise) return {};
+  const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
+  std::vector<Found> found;
+  for (const Trial& trial : trials) {
+    if (std::optional<Found> one = best(trial, read, misfit)) found.push_back(*one);
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+    return a.price * a.misfit < b.price * b.misfit;
+  });
+  return namedOf(found, evidence, misfit);
 }
 
 }  // namespace helix_arm::estimation

@@ -14,6 +14,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/contact_proof.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
@@ -154,6 +155,17 @@ std::string failureOf(const FollowReport& report) {
   return {};
 }
 
+// The same after the first suspect, which is told as well where the loop is not closed at the end.
+std::string reasonOf(const FollowReport& report) {
+  const FollowResult& result = report.result;
+  const std::string failure = failureOf(report);
+  const bool closed =
+      !result.states.empty() && result.states.back().state == follow::LoopState::kClosed;
+  if (result.suspects.empty() || (failure.empty() && closed)) return failure;
+  const std::string suspect = procedures::textsOf(result.suspects).front();
+  return failure.empty() ? suspect : suspect + "; " + failure;
+}
+
 json movedJson(const std::optional<FollowResult::Move>& moved) {
   if (!moved) return nullptr;
   return {{"time_s", moved->time},
@@ -186,7 +198,7 @@ json reportOf(const FollowReport& report) {
            {"open", report.plan.open},
            {"seconds", report.plan.seconds},
            {"pictures", report.result.pictures},
-           {"reason", textOrNull(failureOf(report))},
+           {"reason", textOrNull(reasonOf(report))},
            {"path_rms_m", toJson(figures.path_rms)},
            {"path_max_m", toJson(figures.path_max)},
            {"last_turn_rms_m", toJson(figures.last_turn_rms)},
@@ -195,6 +207,7 @@ json reportOf(const FollowReport& report) {
            {"unreachable", figures.unreachable},
            {"states", states},
            {"alarms", alarmsJson(report.result)},
+           {"suspects", suspectsJson(report.result.suspects)},
            {"base_moved", movedJson(report.result.moved)},
            {"uncalibrated_tags", report.result.uncalibrated_tags},
            {"contact_blind_s", report.result.contact_blind},
@@ -234,7 +247,9 @@ json shownOf(const FollowReport& report, json shown) {
                     {"steady_rms_m", shown["steady_rms_m"][k]},
                     {"settled_s", shown["settle_s"][k]}});
   }
-  for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s"}) shown.erase(key);
+  for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s", "suspects"}) {
+    shown.erase(key);
+  }
   if (report.result.uncalibrated_tags.empty()) shown.erase("uncalibrated_tags");
   if (!report.plan.path) shown = without(shown, {"path_rms_m", "path_max_m"});
   shown["tips"] = tips;
@@ -402,7 +417,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     const json tree = reportOf(report);
     printResult(global.format, tree, {}, shownOf(report, tree));
   }
-  if (result.moved) std::cerr << result.moved->base.message() << "\n";
+  for (const std::string& text : procedures::textsOf(result.suspects)) std::cerr << text << "\n";
   if (!result.uncalibrated_tags.empty()) {
     std::cerr << procedures::uncalibratedText(result.uncalibrated_tags) << "\n";
   }
@@ -481,11 +496,13 @@ where the model misses it by more than 2 mm or a pressure needs more than 80 % o
 safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and one
 every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
 json: scene, rig (file, or null), plant (command, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
-figures), path_rms_m and path_max_m (from the path's start to its end; null without),
+figures, and first the first suspect, also where the loop is not closed at the end), path_rms_m and path_max_m (from the path's start to its end; null without),
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
-[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], base_moved (null, or when, how
+[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}] (contacts that no suspect explains), suspects
+[{cause, where, explains, remedy}] (why the arm does not move as the scene says, best first: channels
+exchanged or dead, wrong pressures, a camera that has moved), base_moved (null, or when, how
 far and in how many standard deviations camera or base were found away from their place in the
 scene), uncalibrated_tags (ids of fitted tags that no capture of the calibration
 shows), contact_blind_s (time in which contacts may not be found: the model balances no force

@@ -25,17 +25,6 @@ Eigen::VectorXd halfWidths(const model::Arm& arm) {
 
 }  // namespace
 
-nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
-  nlohmann::json out = nlohmann::json::array();
-  for (const estimation::Suspect& one : suspects) {
-    out.push_back({{"cause", one.cause},
-                   {"where", one.where},
-                   {"explains", one.explains},
-                   {"remedy", one.remedy}});
-  }
-  return out;
-}
-
 void requirePressureDriven(const io::Scene& scene) {
   if (!hasTendon(scene.arm)) return;
   throw CallerError("scene " + scene.name +
@@ -122,17 +111,6 @@ Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string
     }
   }
   if (!missing.empty()) throw CallerError(data.path + " has no column " + missing);
-  return out;
-}
-
-nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
-  nlohmann::json out = nlohmann::json::array();
-  for (const estimation::Suspect& one : suspects) {
-    out.push_back({{"cause", one.cause},
-                   {"where", one.where},
-                   {"explains", one.explains},
-                   {"remedy", one.remedy}});
-  }
   return out;
 }
 

@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
@@ -29,9 +28,6 @@ lie::SE3 measuredTip(const estimation::TwistFit& fit);
 /// @param needed  tags that each section should have.
 std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags, int needed);
 
-/// [{cause, where, explains, remedy}], best first.
-nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
-
 /// The text of an option `--history` of a subcommand.
 inline constexpr char kHistoryHelp[] =
     "data set with the measured pressures in the order taken: pressure_1_kpa, .., and optionally "
@@ -39,9 +35,6 @@ inline constexpr char kHistoryHelp[] =
 
 /// The history of a file. @throws CallerError if the arm has tendons, io::DocumentError on faults.
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
-
-/// Suspects as an array of {cause, where, explains, remedy}.
-nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
 
 /// What a result without history leaves out; empty for an arm without responses.
 std::string noteOnResponse(const model::Arm& arm);

@@ -110,6 +110,17 @@ json toJson(const lie::SE3& pose) {
           {"quaternion_xyzw", toJson(lie::quaternionXyzw(pose.rotation))}};
 }
 
+json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
+  json out = json::array();
+  for (const estimation::Suspect& one : suspects) {
+    out.push_back({{"cause", one.cause},
+                   {"where", one.where},
+                   {"explains", one.explains},
+                   {"remedy", one.remedy}});
+  }
+  return out;
+}
+
 json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
 
 std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "command.hpp"
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "nlohmann/json.hpp"
 
@@ -31,6 +32,8 @@ nlohmann::json toJson(const std::optional<double>& number);
 nlohmann::json finite(double number);
 /// null where it is empty.
 nlohmann::json textOrNull(const std::string& text);
+/// [{cause, where, explains, remedy}].
+nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
 /// One array of six a section: [v; w].
 nlohmann::json toJson(const model::Twists& twists);
 

@@ -1,7 +1,6 @@
 #include "helix_arm/follow/visual_servo.hpp"
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,13 +12,12 @@
 #include "aim.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
-#include "helix_arm/localization/twist_fit.hpp"
-#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
-#include "helix_arm/tracking/load_forks.hpp"
 #include "helix_arm/tracking/response_estimator.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
+#include "loop_watches.hpp"
+#include "response_tracker.hpp"
 
 namespace helix_arm::follow {
 namespace {
@@ -33,9 +31,8 @@ constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediat
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
-// Error of the swing in a picture, relative to its peak, and of the lag, in standard errors. They
-// persist.
-constexpr double kSwingError = 2.0, kLagError = 4.0;
+// Error of the lag in a picture, in standard errors. It persists.
+constexpr double kLagError = 4.0;
 // Root mean square of a swing, relative to its peak.
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
@@ -47,324 +44,6 @@ const VisualServoConfig& checked(const VisualServoConfig& config) {
   config.validate();
   return config;
 }
-
-/// Values by ascending time; the oldest of too many are forgotten. Does not allocate.
-template <class Value, int kMost>
-class TimeRing {
- public:
-  void clear() { count_ = 0; }
-  /// @param time  not before the last one, or everything earlier is forgotten.
-  void add(double time, const Value& value) {
-    if (count_ > 0 && time < at(0).time) clear();
-    newest_ = (newest_ + 1) % kMost;
-    Entry& entry = entries_[static_cast<std::size_t>(newest_)];
-    entry.time = time;
-    entry.value = value;
-    if (count_ < kMost) ++count_;
-  }
-  /// The last value at or before a time; null if all are later. Valid until the next change.
-  const Value* find(double time) const {
-    for (int age = 0; age < count_; ++age) {
-      if (at(age).time <= time) return &at(age).value;
-    }
-    return nullptr;
-  }
-  /// The same as a copy.
-  std::optional<Value> before(double time) const {
-    const Value* const found = find(time);
-    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
-  }
-
- private:
-  struct Entry {
-    double time;
-    Value value;
-  };
-  const Entry& at(int age) const {
-    return entries_[static_cast<std::size_t>((newest_ - age + kMost) % kMost)];
-  }
-
-  std::array<Entry, kMost> entries_ = {};
-  int newest_ = -1;
-  int count_ = 0;
-};
-
-/// Effective pressures of actuators with lag or play while an observer estimates their pressures.
-/// Of an arm whose scene tells neither, they are what an estimator learns.
-///
-/// All memory is allocated in the constructor.
-class ResponseTracker {
- public:
-  explicit ResponseTracker(const model::Arm& arm)
-      : arm_(arm),
-        response_(arm_),
-        learns_(!isKnown(arm_)),
-        effective_(arm_.inputAt(0.0)),
-        beyond_(Eigen::VectorXd::Zero(effective_.size())),
-        lower_(lowestPressures(arm_)),
-        upper_(highestPressures(arm_)),
-        pressure_(effective_),
-        asked_(effective_),
-        then_{effective_, effective_} {
-    release();
-    // Each entry of the ring gets its memory.
-    for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
-    history_.clear();
-  }
-
-  /// Whether the scene tells lag or play of an actuator.
-  static bool isKnown(const model::Arm& arm) {
-    for (int i = 0; i < arm.actuatorCount(); ++i) {
-      if (!arm.actuator(i).response.instant()) return true;
-    }
-    return false;
-  }
-
-  /// From now on the actuators follow so, if the scene tells nothing.
-  void learn(const estimation::ResponseEstimator& found) {
-    if (!learns_) return;
-    dead_ = found.deadTime();
-    lag_ = found.lag().value - dead_;
-    sure_ = sureOf(found.lag());
-    response_.set(lag_, sureOf(found.play()) * found.play().value);
-  }
-  /// To lead paths by, of actuators whose scene tells nothing.
-  Aim::Late late() const { return {sure_ * dead_, sure_ * lag_}; }
-  bool learns() const { return learns_; }
-
-  /// Follows the newest estimate, if there is one.
-  void follow(const control::PressureObserver& observer) {
-    if (!observer.started()) return;
-    const Eigen::VectorXd& pressure = observer.newest().pressure;
-    then_.pressure = pressure;
-    if (dead_ > 0) observer.at(observer.time() - dead_, then_);
-    if (response_.follow(observer.time(), then_.pressure)) history_.clear();
-    effective_ = response_.effective();
-    beyond_ = effective_ - pressure;
-    history_.add(observer.time(), beyond_);
-    response_.effectiveLimits(arm_, lower_, upper_);
-  }
-
-  /// Effective pressures (n) at the newest estimate, if there is one [Pa].
-  const Eigen::VectorXd& effective() const { return effective_; }
-
-  /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
-  /// start adds to their variance.
-  void apply(double time, control::PressureObserver::Estimate& estimate) const {
-    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
-    // Evenly distributed between its bounds.
-    estimate.variance += response_.uncertainty(arm_).cwiseAbs2() / 3.0;
-  }
-
-  /// Limits an aim to effective pressures that are attainable from here.
-  void limit(Aim& aim) const { aim.limit(lower_, upper_); }
-
-  /// Pressures (n) with these effective pressures [Pa].
-  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
-    // Within a learnt play, noise of the readings would move a command that holds.
-    if (learns_ && (effective - asked_).cwiseAbs().maxCoeff() < kHeld) return pressure_;
-    asked_ = effective;
-    response_.inputsFor(arm_, effective, pressure_);
-    return pressure_;
-  }
-  /// Nothing is commanded: the next command is no held one.
-  void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
-
- private:
-  static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
-  static constexpr double kHeld = 1.0;    // an effective pressure that changes by less [Pa]
-
-  // The part of an estimate to reckon with: what the pictures hardly show is not made up for.
-  static double sureOf(const estimation::Estimated& found) {
-    const double value2 = found.value * found.value;
-    return value2 > 0 ? value2 / (value2 + found.deviation * found.deviation) : 0.0;
-  }
-
-  const model::Arm arm_;
-  model::ArmResponse response_;
-  const bool learns_;
-  double lag_ = 0.0, dead_ = 0.0;  // [s]
-  double sure_ = 0.0;              // part of these
-  Eigen::VectorXd effective_;
-  Eigen::VectorXd beyond_;  // the pressures (n) [Pa]
-  Eigen::VectorXd lower_, upper_, pressure_, asked_;
-  control::PressureObserver::Estimate then_;  // a dead time ago
-  TimeRing<Eigen::VectorXd, kMostTurns> history_;
-};
-
-// Pictures with other tags until these are the usual ones.
-constexpr int kUsual = 15;
-
-// The arm counts as still while the tip is this close to where it settles, swinging included, as at
-// 8 mm/s: what moves it later or sooner than the model looks like a force [m].
-constexpr double kStillTip = 0.0025;
-
-estimation::TipCompliance complianceOf(const statics::ArmModel& model,
-                                       const VisualServoConfig& config) {
-  if (!config.placed) return estimation::TipCompliance(model);
-  return {model, config.placed->view, config.placed->fit};
-}
-
-double largestDeviation(const Eigen::Matrix3d& covariance) {
-  return std::sqrt(
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
-}
-
-/// Finds loads on the arm, and drifts, from the pictures of a filter that watches it.
-class ContactWatch {
- public:
-  ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config)
-      : arm_(model.arm()),
-        placed_(config.placed),
-        compliance_(complianceOf(model, config)),
-        forks_(config.contact) {}
-
-  /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  /// @param settled  as for LoadForks::see().
-  /// @param swing  what the known mode adds at most to each of the watch's rows.
-  /// @param possible  likewise one that is not known yet.
-  void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
-           bool settled, const Eigen::VectorXd& swing, const Eigen::VectorXd& possible,
-           estimation::ArmFilter& watch) {
-    // A picture that is not used, such as a repeated one, says nothing of the tags either.
-    if (watch.check(picture) != estimation::ObservationFault::kNone) return;
-    if (tags) takeTags(*tags, picture, watch);
-    addInertia(swing, picture, watch);
-    const estimation::Observation observation = watch.see(picture);
-    if (!observation.accepted() && observation.fault != estimation::ObservationFault::kOutlier)
-      return;
-    compliance_.moveTo(picture.pressure, watch.correction(), tags);
-    by_force_ = compliance_.atTip()(watch.rows(), Eigen::all);
-    const model::Shape measured = model::shapeOf(arm_, picture.twists);
-    const Eigen::Matrix3d tip = estimation::tipCovariance(measured, watch.twistCovariance(0.0));
-    const auto tipMotion = [&](const Eigen::VectorXd& moved) {
-      model::Twists at_rest = picture.twists;
-      at_rest.reshaped()(watch.rows()) -= moved;
-      const model::Shape rest = measured.about(at_rest);
-      return (model::tipPose(measured).translation - model::tipPose(rest).translation).norm();
-    };
-    const double motion =
-        std::hypot(tipMotion(watch.lastStep()->swing.cwiseAbs()), tipMotion(swing + possible)) /
-        kStillTip;
-    forks_.see(picture.time, largestDeviation(tip), measured, settled, motion, watch, compliance_);
-  }
-
-  /// Forgets the pictures.
-  void reset() {
-    forks_.reset();
-    usual_tags_.reset();
-    unusual_ = 0;
-  }
-
-  estimation::LoadForks& forks() { return forks_; }
-  const estimation::ExternalLoad& load() const { return forks_.load(); }
-  const estimation::Drift& drift() const { return forks_.drift(); }
-
- private:
-  // The inertial load of a swing shears and stretches the arm as a force at the tip does that bends
-  // it by as much.
-  void addInertia(const Eigen::VectorXd& swing, estimation::ArmFilter::Input& picture,
-                  const estimation::ArmFilter& watch) const {
-    if (swing.isZero(0) || by_force_.size() == 0) return;
-    Eigen::MatrixXd others = by_force_;
-    double bend2 = 0.0;  // of 1 N across the arm, on average
-    for (Eigen::Index i = 0; i < others.rows(); ++i) {
-      if (!estimation::bends(watch.rows()[static_cast<std::size_t>(i)])) continue;
-      bend2 += others.row(i).squaredNorm() / 2;
-      others.row(i).setZero();
-    }
-    if (bend2 == 0) return;
-    picture.covariance(watch.rows(), watch.rows()) +=
-        kSwingError * kSwingError * swing.squaredNorm() / bend2 * others * others.transpose();
-  }
-
-  // Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at
-  // the edge of sight come and go: until others stay, what they err differently is an error of
-  // single pictures, which persists until then. It must not add to the bias at each change.
-  void takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,
-                estimation::ArmFilter& watch) {
-    if (!usual_tags_) usual_tags_ = tags;
-    unusual_ = tags == *usual_tags_ ? 0 : unusual_ + 1;
-    if (unusual_ == 0 || !placed_) return;
-    const auto shape = watch.shape(picture.pressure);
-    if (!shape) return;
-    const auto difference =
-        estimation::placementDifference(*placed_, arm_, *shape, *usual_tags_, tags);
-    if (!difference) return;
-    if (unusual_ < kUsual) {
-      picture.covariance += kUsual * *difference;
-      return;
-    }
-    forks_.growBias((*difference)(watch.rows(), watch.rows()), watch);
-    usual_tags_ = tags;
-    unusual_ = 0;
-  }
-
-  const model::Arm arm_;
-  const std::optional<estimation::PlacedView> placed_;
-  estimation::TipCompliance compliance_;
-  estimation::LoadForks forks_;
-  Eigen::MatrixXd by_force_;  // (d x 3) change of the watch's rows with a force at the tip [1/N]
-  // The tags whose error by placements is part of the watch's bias.
-  std::optional<std::vector<int>> usual_tags_;
-  int unusual_ = 0;  // pictures in a row with others
-};
-
-/// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
-/// the model bends in the wrong direction. The error is averaged, so that an arm which swings about
-/// its target is none.
-class DivergenceWatch {
- public:
-  /// @param correction  time constant with which the loop corrects an error [s].
-  explicit DivergenceWatch(double correction) : patience_(correction + 2 * kAveraged) {}
-
-  void clear() {
-    errors_.clear();
-    suspicion_.reset();
-    mean_.reset();
-  }
-
-  /// @param offset  of the measured tip from the target [m]. @param corrected  whether the loop
-  ///     corrects it, at a constant target within the model's reach.
-  /// @return whether the arm diverges.
-  bool add(double now, const Eigen::Vector3d& offset, bool corrected) {
-    if (!mean_) mean_ = {now, offset};
-    mean_->second -= std::expm1((mean_->first - now) / kAveraged) * (offset - mean_->second);
-    mean_->first = now;
-    const double error = mean_->second.norm();
-    errors_.add(now, error);
-    const auto earlier = errors_.before(now - kDoublingTime);
-    const bool grows = earlier && error > kDiverged && error > 2 * *earlier;
-    if (!corrected) {
-      suspicion_.reset();
-    } else if (!suspicion_) {
-      if (grows) suspicion_ = Suspicion{now, error};
-    } else if (error < kCorrectedPart * suspicion_->error) {
-      suspicion_.reset();
-    } else {
-      return now - suspicion_->since >= patience_;
-    }
-    return false;
-  }
-
- private:
-  static constexpr double kDiverged = 0.02;     // [m]
-  static constexpr double kDoublingTime = 1.0;  // within which the error doubles [s]
-  static constexpr double kAveraged = 0.7;  // time constant of the mean; of 1.5 Hz 15 % stay [s]
-  // An error that a load causes at once shrinks to this part while the loop corrects it.
-  static constexpr double kCorrectedPart = 0.75;
-  static constexpr int kMostErrors = 512;  // of pictures
-
-  // A divergence, unless the error shrinks.
-  struct Suspicion {
-    double since, error;  // [s], [m]
-  };
-
-  double patience_;
-  TimeRing<double, kMostErrors> errors_;
-  std::optional<std::pair<double, Eigen::Vector3d>> mean_;  // at the last time [s]
-  std::optional<Suspicion> suspicion_;
-};
 
 }  // namespace
 
@@ -709,6 +388,7 @@ struct VisualServo::Workspace {
   bool within_reach = false;  // it did when the target was set
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
+  estimation::ArmFilter::Input seen;
   std::vector<int> bending;  // of the tracker's rows, which are bends
   estimation::ResponseEstimator dynamics;
   Eigen::VectorXd swing_peak;            // largest swing, which fades as the mode does (n) [m]
@@ -799,6 +479,9 @@ void VisualServo::reset() {
 
 void VisualServo::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
 void VisualServo::ignoreContacts(bool ignores) { work_->contact.forks().ignoreContacts(ignores); }
+void VisualServo::distrustModel(bool distrusts) {
+  if (work_->contact.distrust(distrusts) && distrusts) work_->forgetContact();
+}
 double VisualServo::contactLimit() const { return work_->config.contact.limit; }
 
 const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
@@ -869,9 +552,9 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
     if (w.on_contact == OnContact::kStop) hold();
   }
   // The watch has none of the lag's noise, in which a camera that slips would hide.
-  estimation::ArmFilter::Input late = input;
-  late.covariance += w.lagNoise();
-  out = w.tracker.see(late);
+  w.seen = input;
+  w.seen.covariance += w.lagNoise();
+  out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
   w.learnMode(twists);
   if (!w.contact.load().contact || w.doubts()) {
@@ -888,6 +571,8 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   w.compare(stamp, now, input.pressure, twists);
   return out;
 }
+
+const estimation::ArmFilter::Input& VisualServo::seen() const { return work_->seen; }
 
 std::optional<Prediction> VisualServo::prediction() const {
   const Workspace& w = *work_;

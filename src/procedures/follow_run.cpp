@@ -12,6 +12,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/procedures/suspect_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::procedures {
@@ -121,6 +122,7 @@ class Lockstep {
     simulation::SimulatedVision vision;
     control::SafetyCore core;
     follow::VisualServo loop;
+    SuspectWatch suspects;
   };
 
   // @param latency  from a picture to its measurement [s].
@@ -168,6 +170,7 @@ class Lockstep {
   simulation::SimulatedRig& rig() { return parts_.rig; }
   simulation::SimulatedVision& vision() { return parts_.vision; }
   follow::VisualServo& loop() { return parts_.loop; }
+  const SuspectWatch& suspects() const { return parts_.suspects; }
   const control::SafetyCore& core() const { return parts_.core; }
   // Last measured tip, with the time of its picture; nothing before the first.
   struct MeasuredTip {
@@ -205,6 +208,7 @@ class Lockstep {
       const Waiting& next = waiting_.front();
       const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                                    next.shape.covariance, next.shape.tags);
+      parts_.suspects.see(parts_.loop, observation, true);
       if (observation.accepted()) ++accepted_;
       fitted_.insert(next.shape.tags.begin(), next.shape.tags.end());
       measured_ = MeasuredTip{next.stamp, next.shape.tip};
@@ -276,7 +280,7 @@ Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPl
   return {{scene.model, std::move(true_rig),
            simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
            control::SafetyCore(scene.safety.channels, scene.safety.rules),
-           follow::VisualServo(scene.model, loopConfigOf(scene))},
+           follow::VisualServo(scene.model, loopConfigOf(scene)), SuspectWatch(scene)},
           plan.latency,
           plan.blind};
 }
@@ -312,6 +316,14 @@ class FollowRun {
   }
 
   FollowResult take(const std::function<bool(double)>& progress) {
+    run(progress);
+    out_.suspects = lockstep_.suspects().suspects();
+    if (out_.moved) out_.suspects.insert(out_.suspects.begin(), suspectOf(out_.moved->base));
+    return std::move(out_);
+  }
+
+ private:
+  void run(const std::function<bool(double)>& progress) {
     double told = 0.0;
     for (std::int64_t k = 0; k < turns_; ++k) {
       aim(k);
@@ -320,11 +332,11 @@ class FollowRun {
       record();
       if (lockstep_.core().state() != control::SafetyState::kEnabled) {
         out_.vented = lockstep_.core().reason();
-        return std::move(out_);
+        return;
       }
       if (progress && (!plan_.plant.empty() || lockstep_.time() >= told + kProgressPeriod)) {
         told = lockstep_.time();
-        if (!progress(told)) return std::move(out_);
+        if (!progress(told)) return;
       }
     }
     out_.budget = loop_.budget();
@@ -335,10 +347,8 @@ class FollowRun {
     out_.play = loop_.response().play();
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
-    return std::move(out_);
   }
 
- private:
   void aim(std::int64_t turn) {
     const auto tips = static_cast<std::int64_t>(plan_.tips.size());
     if (tips > 0 && (turn == 0 || turn * tips / turns_ != (turn - 1) * tips / turns_)) {
@@ -370,6 +380,7 @@ class FollowRun {
       out_.alarms.back().covariance = load.covariance;
     }
     touched_ = load.contact;
+    if (!lockstep_.suspects().suspects().empty()) out_.alarms.clear();
     if (load.blind) out_.contact_blind += kTurn;
     const follow::Turn& turn = loop_.turn();
     addRow(turn, load.score);

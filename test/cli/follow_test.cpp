@@ -59,6 +59,7 @@ TEST(Follow, TipsGiveAFigureEach) {
                                       "unreachable",
                                       "states",
                                       "alarms",
+                                      "suspects",
                                       "budget",
                                       "out",
                                       "png",
@@ -239,6 +240,7 @@ TEST(Follow, ACameraThatHasMovedIsNamed) {
   EXPECT_LT(moved["time_s"], 2);
   EXPECT_GT(moved["translation_m"], 0.01);
   EXPECT_GT(moved["deviations"], 5);
+  EXPECT_EQ(outcome.json()["suspects"][0]["cause"], "camera_moved");
   EXPECT_TRUE(has(outcome.err, "the camera or the arm's base is")) << outcome.err;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -38,9 +39,11 @@ constexpr double kBeyondLimit = 10e3;
 ///     are allowed, as in another unit.
 /// @return at most 5, each of which explains 0.3 or more of what is beyond the noise. None if the
 ///     fit is as good as its noise, if shapes are free, or if calibrate() would refuse the captures
-///     for another reason than their pressures.
+///     for another reason than their pressures, or if it was stopped.
+/// @param stop  once it returns true, the search ends within the time of one fit.
 /// @throws std::invalid_argument if the options break their rules.
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
-                                const CalibrationOptions& options);
+                                const CalibrationOptions& options,
+                                const std::function<bool()>& stop = {});
 
 }  // namespace helix_arm::estimation

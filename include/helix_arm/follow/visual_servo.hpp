@@ -102,6 +102,9 @@ class VisualServo {
   /// Whether nothing counts as the begin of a contact, so that quiet() shows what would: see
   /// estimation::LoadForks::ignoreContacts().
   void ignoreContacts(bool ignores);
+  /// Whether the arm is known not to move as its model says: no contact is looked for then, and one
+  /// that was found ends.
+  void distrustModel(bool distrusts);
   /// Score from which on something touches the arm.
   double contactLimit() const;
 
@@ -117,6 +120,10 @@ class VisualServo {
   estimation::Observation picture(double stamp, double now, const model::Twists& twists,
                                   const Eigen::MatrixXd& covariance,
                                   const std::optional<std::vector<int>>& tags = std::nullopt);
+
+  /// The last picture that was not refused for its stamp, with the effective pressures of its time
+  /// and without swinging, whose uncertainty and that of lags are part of its noise.
+  const estimation::ArmFilter::Input& seen() const;
 
   /// As of the last turn; nothing before the first one, or if no shape balances the load.
   std::optional<Prediction> prediction() const;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
@@ -103,13 +104,16 @@ struct FollowResult {
   /// Why the run ended early: the safety core's reason to vent the arm; empty if it did not.
   std::string vented;
   std::vector<FollowState> states;
-  std::vector<FollowAlarm> alarms;
+  std::vector<FollowAlarm> alarms;  ///< except those that the suspects explain
   /// The camera or the arm's base, once the pictures showed that it is not where the scene says.
   struct Move {
     double time;  ///< [s]
     estimation::BaseMove base;
   };
   std::optional<Move> moved;
+  /// Usual mistakes of the rig that explain why the arm does not move as the scene says, best
+  /// first, as last found.
+  std::vector<estimation::Suspect> suspects;
   double contact_blind = 0.0;    ///< time in which contacts may not be found [s]
   estimation::QuietScore quiet;  ///< of all of it, if contacts were ignored
   int pictures = 0;              ///< accepted

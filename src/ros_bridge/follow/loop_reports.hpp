@@ -26,6 +26,7 @@
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
+#include "helix_arm/procedures/suspect_watch.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -80,6 +81,12 @@ class CalibrationWatch {
   std::string advice_;
 };
 
+/// What a contact is, as far as is known.
+inline std::string contactText(const procedures::SuspectWatch& suspects) {
+  const char* const doubt = ", or its muscles do not pull as the scene says";
+  return std::string("contact with the arm") + (suspects.isSound() ? "" : doubt);
+}
+
 /// Counts pictures, and says how the loop is doing.
 class LoopDiagnostics {
  public:
@@ -121,8 +128,9 @@ class LoopDiagnostics {
   /// empty.
   const std::string& wrongStamp() const { return wrong_stamp_; }
 
-  /// The status `<node>: loop`: its state, and pictures by their faults.
-  DiagnosticStatus loop(const follow::VisualServo& loop, const std::string& message) const {
+  /// The status `<node>: loop`: its state, pictures by their faults, and suspects.
+  DiagnosticStatus loop(const follow::VisualServo& loop, const std::string& message,
+                        const std::string& suspects) const {
     DiagnosticStatus out = makeStatus(names::kLoopStatus, levelOf(loop.state()), message,
                                       {{"state", follow::nameOf(loop.state())},
                                        {names::kAcceptedKey, std::to_string(accepted_)},
@@ -137,6 +145,7 @@ class LoopDiagnostics {
     addValue(out, "drift_mm", fixed(1e3 * loop.drift().distance, 2));
     addValue(out, "drift_allowed_mm", fixed(1e3 * loop.drift().allowed, 2));
     addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
+    addValue(out, "suspects", suspects);
     addValue(out, "contact_watch", loop.load().blind ? procedures::kContactBlind : "works");
     return out;
   }
@@ -297,16 +306,18 @@ class LoopPublisher {
     std::string message;                    ///< why it is in its state
   };
 
-  /// @param scene, loop, pictures  Kept by reference.
+  /// @param scene, loop, pictures, suspects  Kept by reference.
   /// @param rate       Maximum of status and estimate [Hz].
   /// @param draw_rate  Of draw() [Hz].
   /// @param on_target  As TipHandle's; empty: no handle.
   LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const follow::VisualServo& loop,
-                const LoopDiagnostics& pictures, std::string base_frame, double rate,
-                double draw_rate, TipHandle::OnTarget on_target)
+                const LoopDiagnostics& pictures,
+                const std::optional<procedures::SuspectWatch>& suspects, std::string base_frame,
+                double rate, double draw_rate, TipHandle::OnTarget on_target)
       : scene_(scene),
         loop_(loop),
         pictures_(pictures),
+        suspects_(suspects),
         base_frame_(std::move(base_frame)),
         period_(kSlack / rate),
         markers_(base_frame_, 1.0 / draw_rate),
@@ -491,7 +502,7 @@ class LoopPublisher {
       out.covariance = toCovarianceMsg(load.covariance);
       out.determined.assign(load.determined.data(),
                             load.determined.data() + load.determined.size());
-      out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
+      out.message = contactText(*suspects_) + "; clear it, or accept the load (on_contact: report)";
     } else if (state == ExternalLoad::OUTSIDE_BUDGET) {
       out.message = loop_.drift().doubtful ? procedures::driftText(loop_.drift()) : kUnexplained;
     } else if (state == ExternalLoad::UNSEEN) {
@@ -504,6 +515,7 @@ class LoopPublisher {
   const io::Scene& scene_;
   const follow::VisualServo& loop_;
   const LoopDiagnostics& pictures_;
+  const std::optional<procedures::SuspectWatch>& suspects_;
   const std::string base_frame_;
   const double period_;  ///< of the status [s]
   LoopMarkers markers_;

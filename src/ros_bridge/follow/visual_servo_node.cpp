@@ -9,6 +9,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/path_check.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -748,6 +749,7 @@ class VisualServoNode : public Node {
         loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
     pictures_.saw(now, secondsBetween(stamp_, seen.stamp), observation, loop_.tracker(),
                   seen.tags.has_value());
+    if (suspects_->see(loop_, observation)) tellSuspect();
     if (!observation.accepted()) return;
     last_picture_ = seen.stamp;
     publisher_.publishLoad(seen.stamp, moved_);
@@ -773,6 +775,8 @@ class VisualServoNode : public Node {
 
   bool onReset(Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
+    loop_.distrustModel(false);
+    suspects_.emplace(scene_);
     publisher_.publishLoad(stamp_, moved_);
     response.success = true;
     response.message =
@@ -800,7 +804,7 @@ class VisualServoNode : public Node {
 
   void onDiagnose(const ros::SteadyTimerEvent&) {
     diagnostics_.publish(ros::this_node::getName(), scene_.name,
-                         {pictures_.loop(loop_, reason()), pictures_.correction(loop_),
+                         {pictures_.loop(loop_, reason(), suspects()), pictures_.correction(loop_),
                           targets_.admission().status()});
   }
 
@@ -818,6 +822,7 @@ class VisualServoNode : public Node {
     }
     scene_ = std::move(next);
     loop_ = std::move(loop);
+    suspects_.emplace(scene_);
     targets_.admission().adopt();
     matcher_.clear();
     publisher_.publishLoad(stamp_, moved_);
@@ -886,7 +891,28 @@ class VisualServoNode : public Node {
             reason()};
   }
 
+  // A camera that has moved comes first: through it the arm seems to move otherwise.
+  std::string suspects() const {
+    std::string out = moved_.empty() ? "" : "camera_moved: " + moved_;
+    for (const std::string& one : procedures::textsOf(suspects_->suspects())) {
+      out += (out.empty() ? "" : "; ") + one;
+    }
+    return out;
+  }
+  // Once, not for each search that finds it again.
+  void tellSuspect() {
+    const std::vector<estimation::Suspect>& found = suspects_->suspects();
+    const std::string first = found.empty() ? "" : found.front().cause + found.front().where;
+    if (std::exchange(suspect_, first) == first || first.empty()) return;
+    logWarning("%s", procedures::textsOf(found).front().c_str());
+  }
+
   std::string reason() {
+    const std::vector<std::string> suspects = procedures::textsOf(suspects_->suspects());
+    return (suspects.empty() ? "" : suspects.front() + "; ") + stateReason();
+  }
+
+  std::string stateReason() {
     const LoopState state = loop_.state();
     const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
     if (loop_.turn().held && unseen) {
@@ -907,7 +933,8 @@ class VisualServoNode : public Node {
       case LoopState::kCoasting:
         return "the arm is not seen for the moment: the correction is held";
       case LoopState::kYielding:
-        return "contact with the arm: path and correction are held; clear the arm";
+        return contactText(*suspects_) + ": path and correction are held; clear the arm" +
+               (suspects_->isSound() ? "" : ", and check its hoses");
       case LoopState::kDoubtful:
         return "the correction is held, since " + procedures::driftText(loop_.drift());
       case LoopState::kDiverging:
@@ -941,6 +968,8 @@ class VisualServoNode : public Node {
   const VisualServoOptions options_{};
   io::Scene scene_ = requirePneumatic(io::loadScene(options_.scene));
   follow::VisualServo loop_{scene_.model, procedures::loopConfigOf(scene_)};
+  std::optional<procedures::SuspectWatch> suspects_{scene_};
+  std::string suspect_;  ///< the first one that was told
   bool closes_ = true;
   ros::Time stamp_;                        ///< of the last turn
   ros::SteadyTime last_reading_;           ///< zero: none yet
@@ -959,6 +988,7 @@ class VisualServoNode : public Node {
       scene_,
       loop_,
       pictures_,
+      suspects_,
       frames_.baseFrame(),
       options_.rate,
       options_.draw_rate,

@@ -1,0 +1,159 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <limits>
+#include <optional>
+
+#include "aim.hpp"
+#include "helix_arm/control/pressure_observer.hpp"
+#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/tracking/response_estimator.hpp"
+
+namespace helix_arm::follow {
+
+/// Values by ascending time; the oldest of too many are forgotten. Does not allocate.
+template <class Value, int kMost>
+class TimeRing {
+ public:
+  void clear() { count_ = 0; }
+  /// @param time  not before the last one, or everything earlier is forgotten.
+  void add(double time, const Value& value) {
+    if (count_ > 0 && time < at(0).time) clear();
+    newest_ = (newest_ + 1) % kMost;
+    Entry& entry = entries_[static_cast<std::size_t>(newest_)];
+    entry.time = time;
+    entry.value = value;
+    if (count_ < kMost) ++count_;
+  }
+  /// The last value at or before a time; null if all are later. Valid until the next change.
+  const Value* find(double time) const {
+    for (int age = 0; age < count_; ++age) {
+      if (at(age).time <= time) return &at(age).value;
+    }
+    return nullptr;
+  }
+  /// The same as a copy.
+  std::optional<Value> before(double time) const {
+    const Value* const found = find(time);
+    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
+  }
+
+ private:
+  struct Entry {
+    double time;
+    Value value;
+  };
+  const Entry& at(int age) const {
+    return entries_[static_cast<std::size_t>((newest_ - age + kMost) % kMost)];
+  }
+
+  std::array<Entry, kMost> entries_ = {};
+  int newest_ = -1;
+  int count_ = 0;
+};
+
+/// Effective pressures of actuators with lag or play while an observer estimates their pressures.
+/// Of an arm whose scene tells neither, they are what an estimator learns.
+///
+/// All memory is allocated in the constructor.
+class ResponseTracker {
+ public:
+  explicit ResponseTracker(const model::Arm& arm)
+      : arm_(arm),
+        response_(arm_),
+        learns_(!isKnown(arm_)),
+        effective_(arm_.inputAt(0.0)),
+        beyond_(Eigen::VectorXd::Zero(effective_.size())),
+        lower_(lowestPressures(arm_)),
+        upper_(highestPressures(arm_)),
+        pressure_(effective_),
+        asked_(effective_),
+        then_{effective_, effective_} {
+    release();
+    // Each entry of the ring gets its memory.
+    for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
+    history_.clear();
+  }
+
+  /// Whether the scene tells lag or play of an actuator.
+  static bool isKnown(const model::Arm& arm) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      if (!arm.actuator(i).response.instant()) return true;
+    }
+    return false;
+  }
+
+  /// From now on the actuators follow so, if the scene tells nothing.
+  void learn(const estimation::ResponseEstimator& found) {
+    if (!learns_) return;
+    dead_ = found.deadTime();
+    lag_ = found.lag().value - dead_;
+    sure_ = sureOf(found.lag());
+    response_.set(lag_, sureOf(found.play()) * found.play().value);
+  }
+  /// To lead paths by, of actuators whose scene tells nothing.
+  Aim::Late late() const { return {sure_ * dead_, sure_ * lag_}; }
+  bool learns() const { return learns_; }
+
+  /// Follows the newest estimate, if there is one.
+  void follow(const control::PressureObserver& observer) {
+    if (!observer.started()) return;
+    const Eigen::VectorXd& pressure = observer.newest().pressure;
+    then_.pressure = pressure;
+    if (dead_ > 0) observer.at(observer.time() - dead_, then_);
+    if (response_.follow(observer.time(), then_.pressure)) history_.clear();
+    effective_ = response_.effective();
+    beyond_ = effective_ - pressure;
+    history_.add(observer.time(), beyond_);
+    response_.effectiveLimits(arm_, lower_, upper_);
+  }
+
+  /// Effective pressures (n) at the newest estimate, if there is one [Pa].
+  const Eigen::VectorXd& effective() const { return effective_; }
+
+  /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
+  /// start adds to their variance.
+  void apply(double time, control::PressureObserver::Estimate& estimate) const {
+    if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
+    // Evenly distributed between its bounds.
+    estimate.variance += response_.uncertainty(arm_).cwiseAbs2() / 3.0;
+  }
+
+  /// Limits an aim to effective pressures that are attainable from here.
+  void limit(Aim& aim) const { aim.limit(lower_, upper_); }
+
+  /// Pressures (n) with these effective pressures [Pa].
+  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+    // Within a learnt play, noise of the readings would move a command that holds.
+    if (learns_ && (effective - asked_).cwiseAbs().maxCoeff() < kHeld) return pressure_;
+    asked_ = effective;
+    response_.inputsFor(arm_, effective, pressure_);
+    return pressure_;
+  }
+  /// Nothing is commanded: the next command is no held one.
+  void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
+
+ private:
+  static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
+  static constexpr double kHeld = 1.0;    // an effective pressure that changes by less [Pa]
+
+  // The part of an estimate to reckon with: what the pictures hardly show is not made up for.
+  static double sureOf(const estimation::Estimated& found) {
+    const double value2 = found.value * found.value;
+    return value2 > 0 ? value2 / (value2 + found.deviation * found.deviation) : 0.0;
+  }
+
+  const model::Arm arm_;
+  model::ArmResponse response_;
+  const bool learns_;
+  double lag_ = 0.0, dead_ = 0.0;  // [s]
+  double sure_ = 0.0;              // part of these
+  Eigen::VectorXd effective_;
+  Eigen::VectorXd beyond_;  // the pressures (n) [Pa]
+  Eigen::VectorXd lower_, upper_, pressure_, asked_;
+  control::PressureObserver::Estimate then_;  // a dead time ago
+  TimeRing<Eigen::VectorXd, kMostTurns> history_;
+};
+
+}  // namespace helix_arm::follow
