@@ -253,10 +253,10 @@ class LoopTargets {
     unanswered_.clear();
   }
 
-  /// Answers them, and forgets the target. After a rest (Fault::kRested), its commander must pause
-  /// for safety.target_timeout before its next target counts, or the arm be enabled (enabled()).
+  /// Answers them, and forgets the target. After a rest (Fault::kRested), whoever commands must
+  /// pause for safety.target_timeout before its next target counts, or the arm be enabled.
   void refuse(const control::Refusal& refusal) {
-    if (refusal.fault == control::Fault::kRested) rested_.hold(commander_, regulator::steadyNow());
+    if (refusal.fault == control::Fault::kRested) rested_.hold("", regulator::steadyNow());
     for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
     unanswered_.clear();
     forget();
@@ -325,7 +325,7 @@ class LoopTargets {
   const io::Scene& scene_;
   const FrameLookup& frames_;
   TargetAdmission admission_;
-  control::RestedCommander rested_;
+  control::RestedCommanders rested_;
   std::optional<follow::Target> target_;
   bool changed_ = false;
   std::string commander_;
