@@ -262,7 +262,7 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
 }
 
 struct FollowArguments {
-  std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
+  std::string scene, rig, tip, path, prefer, vision = "corners", force, blind, out, png;
   std::optional<double> seconds;
   FollowPlan plan;  // with all that needs no scene
 };
@@ -361,7 +361,10 @@ std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string
 }
 
 int run(const FollowArguments& arguments, const GlobalOptions& global) {
-  const io::Scene scene = loadScene(arguments.scene, global);
+  io::Scene scene = loadScene(arguments.scene, global);
+  if (!arguments.prefer.empty()) {
+    scene.follow.preference = statics::preferenceOf(arguments.prefer);
+  }
   const io::Scene rig = arguments.rig.empty() ? scene : io::loadScene(arguments.rig);
   const std::string warning = procedures::loopWarning(procedures::loopConfigOf(scene));
   const FollowPlan plan = planOf(arguments, scene);
@@ -440,6 +443,10 @@ void addGoal(CLI::App& command, FollowArguments& arguments) {
             "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
   addOption(command, "--path", arguments.path, "path file, as `helix_arm path` writes it",
             TypeName{"FILE"});
+  addOption(command, "--prefer", arguments.prefer,
+            "pressures of redundant actuators in motion: min-change or min-pressure, which may "
+            "jump; default: follow.prefer of the scene, or min-change",
+            CLI::IsMember({"min-change", "min-pressure"}));
   command.add_flag("--prove-contact", arguments.plan.ignore_contacts,
                    "nobody touches the arm: moves it, and sets the limit of contacts and what "
                    "follows from them");

@@ -380,7 +380,7 @@ struct VisualServo::Workspace {
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         response(arm),
-        aim(given),
+        aim(given, config.preference),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant),
         dynamics(arm, !response.learns(), config.mode),

@@ -416,7 +416,9 @@ class FollowRun {
 }  // namespace
 
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path) {
-  statics::InverseSolver solver(scene.model);
+  statics::InverseOptions options;
+  options.preference = scene.follow.preference;
+  statics::InverseSolver solver(scene.model, options);
   follow::PathRules rules;
   const auto& channels = scene.safety.channels;
   rules.slew.resize(static_cast<Eigen::Index>(channels.size()));

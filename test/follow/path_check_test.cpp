@@ -220,6 +220,34 @@ TEST_F(PathCheck, EveryPlaceOfAnAcceptedPathIsWithinReach) {
   EXPECT_GT(refused, 10);
 }
 
+// Of the pressures that lead to the same place, the lowest may lie far apart for neighbours.
+TEST(PathCheckOfRedundantArms, PressuresThatChangeLeastFollowWhereTheLowestJump) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  test::Random random(5);
+  int jumps = 0;
+  for (int k = 0; k < 24; ++k) {
+    Eigen::VectorXd fraction(6);
+    for (double& one : fraction) one = random.uniform(0.3, 0.7);
+    control::ShapedPath shape;
+    shape.shape = control::TipShape::kLemniscate;
+    shape.centre = arm.tip(arm.inputAt(fraction)).translation;
+    shape.radius = 0.04;
+    shape.plane = control::kPathPlanes[k % 3];
+    const auto refusal = [&](statics::Preference preference) {
+      statics::InverseOptions options;
+      options.preference = preference;
+      statics::InverseSolver solver(arm, options);
+      return checkPath(TipPath(control::wayPointsOf(shape)), arm, solver, arm.inputAt(0.0),
+                       {kPathTolerance, Eigen::VectorXd::Constant(6, kSlew)});
+    };
+    const auto lowest = refusal(statics::Preference::kMinPressure);
+    if (!lowest || lowest->fault != PathFault::kJump) continue;
+    ++jumps;
+    EXPECT_FALSE(refusal(statics::Preference::kMinChange)) << lowest->reason;
+  }
+  EXPECT_GE(jumps, 3) << "the regime of this test";
+}
+
 TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
   const auto refusal = [&](double tolerance, const Eigen::VectorXd& slew) {
     return test::refusal([&] {

@@ -578,10 +578,12 @@ class FollowAction {
     }
     const Eigen::VectorXd start =
         scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+    statics::InverseOptions options;
+    options.preference = scene_.follow.preference;
+    return [slew, start, options, model = scene_.model, correction = loop_.tracker().correction()](
                const control::TipPath& path, double tolerance,
                const std::atomic<bool>& stop) -> std::string {
-      statics::InverseSolver solver(model);
+      statics::InverseSolver solver(model, options);
       solver.correct(correction);
       const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
                                              [&stop] { return stop.load(); });
