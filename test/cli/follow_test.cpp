@@ -218,6 +218,22 @@ TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
   EXPECT_NE(outcome.json()["reason"].get<std::string>().find("raise --seconds"), std::string::npos);
 }
 
+// A loop that never closed has not followed anything.
+TEST(Follow, AnArmThatIsNeverSeenIsNamedWithTheCause) {
+  const auto why = [](const std::vector<std::string>& more) {
+    const Outcome outcome = runCommand(
+        {"follow", scenePath("demo"), "--format", "json", "--tip", kTips, "--seconds", "2"}, more);
+    EXPECT_EQ(outcome.exit_code, outcome.json()["reason"].is_null() ? 0 : 1) << outcome.err;
+    return outcome.json()["reason"].is_null() ? "" : outcome.json()["reason"].get<std::string>();
+  };
+  EXPECT_TRUE(
+      has(why({"--blind", "0,2"}), "never seen, so the loop did not close: the picture is lost"));
+  EXPECT_TRUE(
+      has(why({"--set", "camera.rpy_deg=[0,0,0]"}), "0 tags of the arm are in the picture"));
+  EXPECT_TRUE(has(why({"--set", "camera.rpy_deg=[0,0,0]", "--sight", "rendered"}), "(no_tags)"));
+  EXPECT_EQ(why({"--blind", "0,2", "--open"}), "");
+}
+
 TEST(Follow, ThePictureShowsTheRun) {
   const TemporaryFolder folder;
   const Outcome outcome = follow({"--path", circle(folder, "4"), "--seconds", "6", "--png",
