@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -255,8 +256,15 @@ CsvTable csvTable(const io::Scene& scene, const json& report) {
 }
 
 // The report without the residuals of single tags, and with what it means.
-json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
+json shownOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+             const json& report) {
   json shown = without(report, {"tags", "base", "model_status", "usual_rms_m", "converged"});
+  if (!report["median_rms_m"].is_null()) {
+    const double noise = 1e3 * scene.vision.fit.position_noise;
+    shown["notes"].push_back(basics::format(
+        "an RMS of about %.1f mm is expected: vision.tag_position_noise_m is %g mm per axis",
+        std::sqrt(scene.vision.fit.planar ? 2.0 : 3.0) * noise, noise));
+  }
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
     const std::string note = noteOnStart(capture.model);
@@ -271,7 +279,8 @@ int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
   const json report = reportOf(scene, captures);
   printResult(
-      global.format, report, [&] { return csvTable(scene, report); }, shownOf(captures, report));
+      global.format, report, [&] { return csvTable(scene, report); },
+      shownOf(scene, captures, report));
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
