@@ -129,6 +129,36 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   return captures;
 }
 
+// Likewise of corners, whose tags are measured where the shape that fits them has them.
+// @throws as procedures::loadCaptures().
+std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet& data) {
+  requirePressureDriven(scene);
+  const procedures::LoadedCaptures read = procedures::loadCaptures(scene, data);
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<FittedCapture> captures;
+  for (const estimation::Capture& measured : read.captures) {
+    FittedCapture capture{
+        measured.number, measured.pressure, {}, read.unknownIds(), {}, {}, {}, {}, {}};
+    capture.model = scene.model.solve(measured.pressure);
+    const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
+    const estimation::TwistFit& fit =
+        fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
+                       statics::startingShape(scene.model, capture.model, measured.pressure));
+    const bool determined = fit.status == estimation::FitStatus::kConverged ||
+                            fit.status == estimation::FitStatus::kNotConverged;
+    if (determined) capture.fit = fit;
+    const auto places =
+        determined ? estimation::tagPoses(*scene.tags, fit.shape) : std::vector<lie::SE3>();
+    for (const estimation::CornerObservation& tag : seen) {
+      capture.seen.push_back({tag.tag, determined ? fit.X_B0B * places[tag.tag] : lie::SE3()});
+    }
+    capture.status = fit.status;
+    capture.reason = reasonOf(scene, capture);
+    captures.push_back(std::move(capture));
+  }
+  return captures;
+}
+
 // What fit and evaluate report alike of a capture.
 json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   return {{"capture", capture.number},
@@ -349,12 +379,20 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
           {"reason", textOrNull(reason)}};
 }
 
-// Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
-// @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
+// Compares the model's tags and tip with measured tag poses or corners, and prints it. @return the
+// exit code. @throws as fitCaptures() or fitCorners() does, and io::DocumentError with every
+// pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
-  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
-  const json report = comparisonOf(scene, captures);
+  const bool corners = data.find("x1_px") >= 0;
+  const std::vector<FittedCapture> captures =
+      corners ? fitCorners(scene, data) : fitCaptures(scene, data);
+  json report = comparisonOf(scene, captures);
+  for (json& one : report["captures"]) {
+    if (!corners) break;
+    one["fit_rms_px"] = one["fit_rms_m"];
+    one.erase("fit_rms_m");
+  }
   json shown = without(report, {"converged", "usual_fit_rms_m"});
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
@@ -377,7 +415,7 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
     throw CallerError(data.path +
                       " has no measurements to compare with; expected the columns pressure_1_kpa "
-                      ".. and curvature_rad, or tag poses");
+                      ".. and curvature_rad, tag poses or tag corners");
   }
   requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
@@ -557,8 +595,10 @@ Subcommand addEvaluate(CLI::App& app) {
   addOption(
       *command, "DATA", options->data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
-      "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, or a "
-      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, optionally qx .. qw, trial; "
+      "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, the "
+      "tag "
+      "corners that simulate writes, or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+      "z_m, optionally qx .. qw, trial; "
       "without time_s the arm rests at each row)",
       kRequired);
   addOption(*command, "--png", options->png,
@@ -566,11 +606,11 @@ Subcommand addEvaluate(CLI::App& app) {
   command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
 measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
 model_rad is null there, exit code 1).
-Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
+Tag poses or corners, json: captures [{capture, pressure_pa, status (of the fit), converged,
 reason, model_status (as that of forward), rms_m (the model's tags against those
 measured that fit one shape; all, if no capture's determine one), tip_error_m and
 tip_error_percent (model against fitted tip, of the arm's length at rest), outlier_tags,
-fit_rms_m, usual_fit_rms_m (only where fit_rms_m is far larger than that of the others),
+fit_rms_m (of corners fit_rms_px), usual_fit_rms_m (only where fit_rms_m is far larger than that of the others),
 unknown_tags}], median_rms_m and
 median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
 reason.

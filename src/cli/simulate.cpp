@@ -11,6 +11,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -33,7 +34,7 @@ constexpr int kMostCaptures = 100000;
 constexpr int kFewestDigits = 4;  // of a picture's number
 
 struct SimulateOptions {
-  std::string scene, out;
+  std::string scene, out, inputs;
   int count = 20;
   std::uint32_t seed = 1;
   bool rest = false;
@@ -111,9 +112,11 @@ class OutputFile {
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
-  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) +
-                       basics::format("\n# Simulated with --count %d --seed %u\n", options.count,
-                                      options.seed));
+  const std::string captures = options.inputs.empty()
+                                   ? basics::format("--count %d", options.count)
+                                   : "--inputs " + basics::printable(options.inputs);
+  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) + "\n# Simulated with " +
+                       captures + basics::format(" --seed %u\n", options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -228,9 +231,18 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
   return {directory, number, tags, true};
 }
 
+// (captures x actuators) [Pa]; empty: drawn.
+Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& scene) {
+  if (!options.inputs.empty()) return inputRowsOf(scene, tableOf(options.inputs));
+  if (!options.rest) return {};
+  return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
+  const Eigen::MatrixXd given = givenPressures(options, scene);
+  const int captures = given.size() > 0 ? static_cast<int>(given.rows()) : options.count;
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
   simulation::SimulatedRig rig(scene.model, simulatedConfigOf(scene), scene.simulation.arm, camera);
@@ -251,8 +263,9 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   vision::TagDetector detector(scene.vision.detector);
 
   const lie::SE3 X_FB = scene.X_BF.inverse();
-  for (int capture = 1; capture <= options.count; ++capture) {
-    rig.command(options.rest ? scene.arm.inputAt(0) : drawPressure(scene.arm, generator));
+  for (int capture = 1; capture <= captures; ++capture) {
+    rig.command(given.size() > 0 ? Eigen::VectorXd(given.row(capture - 1))
+                                 : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
@@ -282,7 +295,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
     OutputFile(directory / "tag_corners.csv",
                io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }
-  return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
+  return {directory, captures, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};
 }
 
@@ -290,6 +303,9 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
   if (options.board.given() && options.rest) {
     throw CallerError("--rest is of the arm, and --board shows none; leave out either");
+  }
+  if (!options.inputs.empty() && (options.board.given() || options.rest)) {
+    throw CallerError("--inputs gives the pressures of the arm; leave out --rest and --board");
   }
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
@@ -336,6 +352,10 @@ Subcommand addSimulate(CLI::App& app) {
             kShowDefault);
   addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
             kShowDefault);
+  addOption(*command, "--inputs", options->inputs,
+            "table of pressures, one capture per row, or stdin where it is -: columns "
+            "pressure_1_kpa .. or pressure_1_pa ..; without it they are random",
+            TypeName{"FILE"});
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
   addBoardFlag(*command, options->board,
                "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
