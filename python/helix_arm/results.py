@@ -93,7 +93,7 @@ class Inverse(Result):
     status: Union[str, np.ndarray]  #: (N,) "reached", "unreachable" (the closest) or "not_converged"
     residual_m: Union[float, np.ndarray]  #: (N,) position error and 0.1 m per rad of rotation [m]
     position_error_m: Union[float, np.ndarray]  #: (N,) distance of the tip from the wanted one [m]
-    limits: np.ndarray  #: (N, n) active limits: -1 lower, 1 upper, 0 none
+    active_limits: np.ndarray  #: (N, n) -1 lower, 1 upper, 0 none
     iterations: Union[int, np.ndarray]  #: (N,)
 
 
