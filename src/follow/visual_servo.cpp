@@ -31,7 +31,7 @@ constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade wi
 constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
 constexpr double kArrived = 3e3;         // of the command, all effective pressures [Pa]
-constexpr double kLongestFade = 2.0;     // of what a lag has left [s]
+constexpr double kFaded = 3.0;           // time constants after which 5 % of a lag are left
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
@@ -383,8 +383,6 @@ struct VisualServo::Workspace {
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         response(arm),
         aim(given, config.preference),
-        longest_wait((highestPressures(arm) - lowestPressures(arm)).maxCoeff() / config.slew +
-                     kLongestFade),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant),
         dynamics(arm, !response.learns(), config.mode),
@@ -464,13 +462,18 @@ struct VisualServo::Workspace {
     }
   }
 
-  // A path waits at its first point for an arm that a slow slew or a lag keeps from it, but not for
-  // a regulator that stays off its set point: no change of the pressures takes longer.
+  // A path waits at its first point for an arm that a slow slew, a lag or a shaped step keeps from
+  // it, but no longer than these last: not for a regulator that stays off its set point.
   bool waits(double dt) {
     if (path_time >= 0 || path_time + dt < 0) return false;
     const double held = mode ? shareHeldBack(observer.time() - begun_at) : 0.0;
     const double behind = (response.effective() - commanded).cwiseAbs().maxCoeff() +
                           held * held_back.cwiseAbs().maxCoeff();
+    if (waited == 0) {
+      const auto [dead_time, lag] = response.late();
+      longest_wait = behind / config.slew + kFaded * (config.time_constant + dead_time + lag) +
+                     (mode ? 1 / (mode->frequency * pace) : 0.0);
+    }
     if (behind <= kArrived || waited >= longest_wait) return false;
     waited += dt;
     return true;
@@ -698,8 +701,7 @@ struct VisualServo::Workspace {
   statics::CorrectedModel estimated;  // with everything the tracker has estimated
   control::PressureObserver observer;
   ResponseTracker response;
-  Aim aim;                    // at effective pressures
-  const double longest_wait;  // for the arm, at a path's first point [s]
+  Aim aim;  // at effective pressures
 
   bool settled = false;            // every pressure is where its regulator usually holds it
   Eigen::VectorXd usual_distance;  // of readings from set points, as long as it stays [Pa]
@@ -714,7 +716,7 @@ struct VisualServo::Workspace {
   std::optional<control::TipPath> path;
   std::optional<control::TipApproach> approach;  // of the path
   double path_time = 0.0;                        // negative during the approach [s]
-  double waited = 0.0;                           // at its first point [s]
+  double waited = 0.0, longest_wait = 0.0;       // at its first point [s]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), acceleration = velocity;
 
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
