@@ -144,16 +144,17 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
     const estimation::TwistFit& fit =
         fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
                        statics::startingShape(scene.model, capture.model, measured.pressure));
-    const bool determined = fit.status == estimation::FitStatus::kConverged ||
-                            fit.status == estimation::FitStatus::kNotConverged;
-    if (determined) capture.fit = fit;
-    const auto places =
-        determined ? estimation::tagPoses(*scene.tags, fit.shape) : std::vector<lie::SE3>();
-    for (const estimation::CornerObservation& tag : seen) {
-      capture.seen.push_back({tag.tag, determined ? fit.X_B0B * places[tag.tag] : lie::SE3()});
-    }
+    for (const estimation::CornerObservation& tag : seen) capture.seen.push_back({tag.tag, {}});
     capture.status = fit.status;
     capture.reason = reasonOf(scene, capture);
+    if (fit.status == estimation::FitStatus::kConverged ||
+        fit.status == estimation::FitStatus::kNotConverged) {
+      capture.fit = fit;
+      const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
+      for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
+    } else {
+      capture.seen.clear();
+    }
     captures.push_back(std::move(capture));
   }
   return captures;

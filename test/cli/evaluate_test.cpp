@@ -79,16 +79,12 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
 TEST(Evaluate, TagCornersTellHowFarTheTipOfTheModelIs) {
   const TemporaryFolder folder;
   const std::string rig = folder / "rig", exact = "simulation.arm={}";
-  ASSERT_EQ(
-      runCommand({"simulate", scenePath("demo"), "--out", rig, "--count", "3", "--set", exact})
-          .exit_code,
-      0);
+  resultOf({"simulate", scenePath("demo"), "--out", rig, "--count", "3", "--set", exact});
   const auto errorOf = [&rig](const std::string& set) {
-    const nlohmann::json result =
+    const auto found =
         resultOf({"evaluate", scenePath("demo"), rig + "/tag_corners.csv", "--set", set});
-    EXPECT_EQ(result["captures"].size(), 3u);
-    EXPECT_LT(result["captures"][0]["fit_rms_px"], 1.0);
-    return result["median_tip_error_percent"].get<double>();
+    EXPECT_LT(found["captures"][2]["fit_rms_px"], 1.0);
+    return found["median_tip_error_percent"].get<double>();
   };
   EXPECT_LT(errorOf(exact), 0.1);
   EXPECT_GT(errorOf("arm.stiffness.K_kappa_m2=3e-4"), 0.5);

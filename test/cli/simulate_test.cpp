@@ -132,13 +132,10 @@ TEST(Simulate, PressuresOfATableAreThoseOfTheCaptures) {
   ASSERT_EQ(simulate(scenePath("demo"), folder / "rig", {"--inputs", table.path()}).exit_code, 0);
   const auto truth = tableOf(folder / "rig/truth.csv");
   ASSERT_EQ(truth.size(), 2u);
-  for (const auto& [name, kpa] : {std::pair{"pressure_2_kpa", 0.0}, {"pressure_3_kpa", 413.0}}) {
-    EXPECT_NEAR(truth[1].at(name), kpa, 1e-9);
-  }
-  const Outcome refused =
-      simulate(scenePath("demo"), folder / "other", {"--inputs", beyond.path()});
-  EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_TRUE(has(refused.err, ":2 is beyond the limits of muscle_1")) << refused.err;
+  EXPECT_EQ(truth[1].at("pressure_2_kpa"), 0);
+  EXPECT_NEAR(truth[1].at("pressure_3_kpa"), 413.0, 1e-9);
+  EXPECT_TRUE(has(simulate(scenePath("demo"), folder / "other", {"--inputs", beyond.path()}).err,
+                  ":2 is beyond the limits of muscle_1"));
 }
 
 TEST(Simulate, TheSeedDecidesEveryFile) {

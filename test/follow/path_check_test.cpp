@@ -223,27 +223,22 @@ TEST_F(PathCheck, EveryPlaceOfAnAcceptedPathIsWithinReach) {
 // Of the pressures that lead to the same place, the lowest may lie far apart for neighbours.
 TEST(PathCheckOfRedundantArms, PressuresThatChangeLeastFollowWhereTheLowestJump) {
   const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  const Eigen::VectorXd start = arm.inputAt(0.0), slew = Eigen::VectorXd::Constant(6, kSlew);
+  statics::InverseOptions least;
+  least.preference = statics::Preference::kMinChange;
   test::Random random(5);
   int jumps = 0;
   for (int k = 0; k < 24; ++k) {
     Eigen::VectorXd fraction(6);
     for (double& one : fraction) one = random.uniform(0.3, 0.7);
-    control::ShapedPath shape;
-    shape.shape = control::TipShape::kLemniscate;
-    shape.centre = arm.tip(arm.inputAt(fraction)).translation;
-    shape.radius = 0.04;
-    shape.plane = control::kPathPlanes[k % 3];
-    const auto refusal = [&](statics::Preference preference) {
-      statics::InverseOptions options;
-      options.preference = preference;
-      statics::InverseSolver solver(arm, options);
-      return checkPath(TipPath(control::wayPointsOf(shape)), arm, solver, arm.inputAt(0.0),
-                       {kPathTolerance, Eigen::VectorXd::Constant(6, kSlew)});
-    };
-    const auto lowest = refusal(statics::Preference::kMinPressure);
+    const TipPath path(control::wayPointsOf({control::TipShape::kLemniscate,
+                                             arm.tip(arm.inputAt(fraction)).translation, 0.04, 20.0,
+                                             1, control::kPathPlanes[k % 3]}));
+    statics::InverseSolver solver(arm), other(arm, least);
+    const auto lowest = checkPath(path, arm, solver, start, {kPathTolerance, slew});
     if (!lowest || lowest->fault != PathFault::kJump) continue;
     ++jumps;
-    EXPECT_FALSE(refusal(statics::Preference::kMinChange)) << lowest->reason;
+    EXPECT_FALSE(checkPath(path, arm, other, start, {kPathTolerance, slew})) << lowest->reason;
   }
   EXPECT_GE(jumps, 3) << "the regime of this test";
 }
