@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Checks what `roslaunch --ros-args` says of every launch file: each argument is documented there, not in another launch file,
-and none that has a default is listed as required, as roslaunch does with a default that is empty.
+and none that has a default is listed as required, as roslaunch does with a default that is empty. No parameter of another launch
+reaches a node.
 
 usage: launch_args_test.py --root PACKAGE
 Exit code: 0 when nothing is wrong; 1 with every fault as file: argument: fault.
@@ -10,13 +11,15 @@ import argparse
 import re
 import sys
 import tempfile
+import xml.etree.ElementTree
 from pathlib import Path
 
 from roslaunch.arg_dump import get_args
 
 PLANTED = '<launch><arg name="empty" default="" doc="d"/><arg name="bare" default="1"/><arg name="value" value=""/>' \
     '<arg name="elsewhere" default="1" doc="of the left arm, as in other.launch"/>' \
-    '<arg name="here" default="1" doc="as false, but starts other.launch"/></launch>'
+    '<arg name="here" default="1" doc="as false, but starts other.launch"/>' \
+    '<node pkg="helix_arm" type="vision" name="vision"/></launch>'
 
 
 def faults_of(path):
@@ -30,6 +33,10 @@ def faults_of(path):
         if default is not None and not default:
             faults.append("%s: %s: its default is empty, so --ros-args lists it as required; take a word for it" %
                           (path.name, name))
+    for node in xml.etree.ElementTree.parse(str(path)).iter("node"):
+        if node.get("pkg") not in ("rviz", "tf2_ros") and node.get("clear_params") != "true":
+            faults.append("%s: %s: it keeps the parameters of an earlier launch; add clear_params=\"true\"" %
+                          (path.name, node.get("name")))
     return faults
 
 
@@ -41,7 +48,7 @@ def main():
         planted.write(PLANTED)
         planted.flush()
         found = faults_of(Path(planted.name))
-    if len(found) != 4:
+    if len(found) != 5:
         print("planted faults were not found: %s" % found)
         return 1
     files = sorted((root / "launch").glob("*.launch"))
@@ -49,7 +56,7 @@ def main():
         print("only %d launch files below %s" % (len(files), root))
         return 1
     faults = [fault for path in files for fault in faults_of(path)]
-    print("\n".join(faults) if faults else "%d launch files: all arguments are documented" % len(files))
+    print("\n".join(faults) if faults else "%d launch files: all arguments are documented, all nodes clear their parameters" % len(files))
     return 1 if faults else 0
 
 

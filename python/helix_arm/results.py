@@ -93,7 +93,7 @@ class Inverse(Result):
     status: Union[str, np.ndarray]  #: (N,) "reached", "unreachable" (the closest) or "not_converged"
     residual_m: Union[float, np.ndarray]  #: (N,) position error and 0.1 m per rad of rotation [m]
     position_error_m: Union[float, np.ndarray]  #: (N,) distance of the tip from the wanted one [m]
-    limits: np.ndarray  #: (N, n) active limits: -1 lower, 1 upper, 0 none
+    active_limits: np.ndarray  #: (N, n) -1 lower, 1 upper, 0 none
     iterations: Union[int, np.ndarray]  #: (N,)
 
 
@@ -251,6 +251,18 @@ class Alarm(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Budget(Result):
+    """The error budget of a picture: where the uncertainty of the tip comes from."""
+
+    time_s: float  #: of the picture
+    covariances_m2: Dict[str, np.ndarray]  #: (3, 3) of the tip, base frame, by part; "predicted" and "open_loop" are sums
+    error_m: np.ndarray  #: (3,) measured tip minus that of the scene, base frame
+    distance2: float  #: squared Mahalanobis distance of the error
+    limit: float  #: of distance2
+    state: str  #: "inside" or "outside"
+
+
+@dataclasses.dataclass(frozen=True)
 class FollowRun(Result):
     """A simulated run, one row per step of 10 ms. Positions in the base frame [m]; NaN where there is none."""
 
@@ -273,3 +285,5 @@ class FollowRun(Result):
     alarms: List[Alarm]
     pictures: int  #: accepted
     vented: str  #: why the safety core vented the arm; empty if it did not
+    reason: str  #: why there are no figures, or none of a closed loop; empty if there are
+    budget: Optional[Budget]  #: at the last accepted picture

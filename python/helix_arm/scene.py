@@ -290,6 +290,7 @@ class Scene(_core.Scene):
         found = self._follow(targets, path, seconds, open, sight == "rendered", push, times, latency_s, seed,
                              self if rig is None else rig, plant)
         numbers, states, unreachable, alarms, others = found
+        others["budget"] = others["budget"] and results.Budget(**others["budget"])
         columns, end = {}, 0
         for name, width in FOLLOW_COLUMNS.items():
             begin, end = end, end + width

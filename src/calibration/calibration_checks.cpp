@@ -133,8 +133,9 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
   const auto nothing = [](const std::string& reason) {
     return Verdict{CalibrationStatus::kNothingToFit, reason};
   };
+  // The others tell the shape without load.
   const bool loaded =
-      std::all_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
+      std::any_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
     return nothing(
@@ -159,6 +160,26 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
     return nothing(rigWords() + " belong to one rig; fit them for one arm at a time");
   }
   if (options.free_shapes && !tags) return nothing("free shapes need captures of tags");
+  return std::nullopt;
+}
+
+// Why an arm cannot share K_eps with the first one.
+std::optional<std::string> unlikeEps(const ArmCaptures& arm, const ArmCaptures& first) {
+  if (!arm.load) {
+    return text(arm.name, ": K_eps is fitted, but unknown; give arm.stiffness.K_eps_n");
+  }
+  if (!arm.load->tables.empty()) {
+    return text(arm.name,
+                ": K_eps depends on pressure; the fit is of one number: give K_eps_n one, or do "
+                "not fit K_eps");
+  }
+  for (std::size_t k = 0; k < arm.load->K_eps.size(); ++k) {
+    const double one = first.load->K_eps.front(), other = arm.load->K_eps[k];
+    if (other == one) continue;
+    return text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
+                " N of the first section of ", first.name,
+                "; one K_eps is fitted for all: give them the same one first");
+  }
   return std::nullopt;
 }
 
@@ -195,19 +216,10 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                           "scales: give K_kappa_m2 one number, or leave out length_scale, "
                           "length_scale_each and stroke_scale_each")};
     }
-    if (options.K_eps && !arm.load->tables.empty()) {
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name,
-                          ": K_eps depends on pressure; the fit is of one number: give "
-                          "K_eps_n one, or do not fit K_eps")};
-    }
-    for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
-      const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
-      if (other == one) continue;
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
-                          " N of the first section of ", arms.front().name,
-                          "; one K_eps is fitted for all: give them the same one first")};
+    if (options.K_eps) {
+      if (const auto reason = unlikeEps(arm, arms.front())) {
+        return Verdict{Status::kNothingToFit, *reason};
+      }
     }
     for (int i = 0; ratios && i < arm.arm.actuatorCount(); ++i) {
       const model::Stiffness& other = arm.arm.actuator(i).stiffness;

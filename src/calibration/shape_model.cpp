@@ -61,7 +61,9 @@ ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
     : arms_(arms), fitted_(fitted), loaded_(arms.size()) {
   const ArmCaptures& first = arms.front();
   initial_.ratios = first.arm.actuator(0).stiffness;
-  if (first.isLoaded()) initial_.K_eps = first.load->K_eps.front();
+  const auto loaded =
+      std::find_if(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
+  if (loaded != arms.end()) initial_.K_eps = loaded->load->K_eps.front();
   reference_ = initial_;
   model::Stiffness& ratios = reference_.ratios;
   double offset = 0;

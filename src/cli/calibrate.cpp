@@ -349,6 +349,7 @@ json shownOf(const procedures::CalibrationOutcome& outcome, const json& report, 
   json shown = without(report, {"arms", "suspects", "samples", "curve", "coefficients_m",
                                 "held_out_error", "error_unit"});
   if (!verbose) shown = without(shown, {"groups"});
+  shown["summary"] = textOrNull(procedures::tipErrorText(outcome));
   const procedures::Determined found = procedures::determinedOf(outcome);
   json& parameters = shown["parameters"] = json::array();
   for (const estimation::Parameter& one : found.parameters) {
@@ -359,7 +360,8 @@ json shownOf(const procedures::CalibrationOutcome& outcome, const json& report, 
     shown["notes"].push_back("places of the tags " + io::listOf(found.tags) +
                              " are fitted, too (--format csv gives their numbers)");
   }
-  if (found.omitted > 0) {
+  // Usual, as of tags that no capture shows; what was asked for has a warning.
+  if (verbose && found.omitted > 0) {
     shown["notes"].push_back(std::to_string(found.omitted) +
                              " parameters that the data do not determine " +
                              (outcome.series ? "are held by their priors" : "keep their values") +

@@ -146,13 +146,8 @@ json runJson(const char* name, const FollowPlan& plan, const FollowResult& resul
           {"error_m", errors}};
 }
 
-// Why there are no figures; empty if there are.
 std::string failureOf(const FollowReport& report) {
-  if (!report.result.vented.empty()) return "the arm was vented: " + report.result.vented;
-  if (report.plan.path && !report.result.figures.path_rms) {
-    return "the time ended before the tip had reached the path's first point; raise --seconds";
-  }
-  return {};
+  return procedures::failureOf(report.plan, report.result);
 }
 
 // The same after the first suspect, which is told as well where the loop is not closed at the end.
@@ -277,7 +272,7 @@ json plotOf(const FollowReport& report, const FollowResult* open) {
 }
 
 struct FollowArguments {
-  std::string scene, rig, tip, path, vision = "corners", force, blind, out, png;
+  std::string scene, rig, tip, path, prefer, vision = "corners", force, blind, out, png;
   std::optional<double> seconds;
   FollowPlan plan;  // with all that needs no scene
 };
@@ -376,7 +371,10 @@ std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string
 }
 
 int run(const FollowArguments& arguments, const GlobalOptions& global) {
-  const io::Scene scene = loadScene(arguments.scene, global);
+  io::Scene scene = loadScene(arguments.scene, global);
+  if (!arguments.prefer.empty()) {
+    scene.follow.preference = statics::preferenceOf(arguments.prefer);
+  }
   const io::Scene rig = arguments.rig.empty() ? scene : io::loadScene(arguments.rig);
   const std::string warning = procedures::loopWarning(procedures::loopConfigOf(scene));
   const FollowPlan plan = planOf(arguments, scene);
@@ -455,6 +453,10 @@ void addGoal(CLI::App& command, FollowArguments& arguments) {
             "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
   addOption(command, "--path", arguments.path, "path file, as `helix_arm path` writes it",
             TypeName{"FILE"});
+  addOption(command, "--prefer", arguments.prefer,
+            "pressures of redundant actuators in motion: min-change or min-pressure, which may "
+            "jump; default: follow.prefer of the scene, or min-change",
+            CLI::IsMember({"min-change", "min-pressure"}));
   command.add_flag("--prove-contact", arguments.plan.ignore_contacts,
                    "nobody touches the arm: moves it, and sets the limit of contacts and what "
                    "follows from them");
@@ -496,7 +498,7 @@ where the model misses it by more than 2 mm or a pressure needs more than 80 % o
 safety.slew_kpa_s, or where it has more than 1,000,000 places to check: its points, and one
 every 10 ms and every 2 mm. A tip out of reach is not an error: the arm goes to the closest position.
 json: scene, rig (file, or null), plant (command, or null), seed, sight, open, seconds, pictures (used), reason (null, or why there are no
-figures, and first the first suspect, also where the loop is not closed at the end), path_rms_m and path_max_m (from the path's start to its end; null without),
+figures, or none of a closed loop; first the first suspect, also where the loop is not closed at the end), path_rms_m and path_max_m (from the path's start to its end; null without),
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
 5 % of the step for good, null if never), unreachable (of each tip: true or false), states
@@ -515,8 +517,8 @@ the scene stops; report if there is a doubt), doubt (null, or why), found_force_
 per step of 10 ms. On stderr: the progress, and at the end the error budget of the last picture:
 standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
-code 1 if the time ends before the path begins, the safety core vents the arm, or the plant
-fails.)");
+code 1 if the time ends before the path begins, no picture is used although the loop is closed,
+the safety core vents the arm, or the plant fails.)");
   return {command,
           [arguments](const GlobalOptions& global) { return runOnPlant(*arguments, global); }};
 }

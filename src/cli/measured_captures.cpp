@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -126,6 +127,37 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     captures.push_back(std::move(capture));
   }
   compareScatter(scene.vision.fit.planar, captures);
+  return captures;
+}
+
+// Likewise of corners, whose tags are measured where the shape that fits them has them.
+// @throws as procedures::loadCaptures().
+std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet& data) {
+  requirePressureDriven(scene);
+  const procedures::LoadedCaptures read = procedures::loadCaptures(scene, data);
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<FittedCapture> captures;
+  for (const estimation::Capture& measured : read.captures) {
+    FittedCapture capture{
+        measured.number, measured.pressure, {}, read.unknownIds(), {}, {}, {}, {}, {}};
+    capture.model = scene.model.solve(measured.pressure);
+    const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
+    const estimation::TwistFit& fit =
+        fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
+                       statics::startingShape(scene.model, capture.model, measured.pressure));
+    for (const estimation::CornerObservation& tag : seen) capture.seen.push_back({tag.tag, {}});
+    capture.status = fit.status;
+    capture.reason = reasonOf(scene, capture);
+    if (fit.status == estimation::FitStatus::kConverged ||
+        fit.status == estimation::FitStatus::kNotConverged) {
+      capture.fit = fit;
+      const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
+      for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
+    } else {
+      capture.seen.clear();
+    }
+    captures.push_back(std::move(capture));
+  }
   return captures;
 }
 
@@ -258,9 +290,16 @@ CsvTable csvTable(const io::Scene& scene, const json& report) {
 }
 
 // The report without the residuals of single tags, and with what it means.
-json shownOf(const std::vector<FittedCapture>& captures, const json& report) {
+json shownOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+             const json& report) {
   json shown =
       without(report, {"tags", "base", "model_status", "usual_rms_m", "converged", "suspects"});
+  if (!report["median_rms_m"].is_null()) {
+    const double noise = 1e3 * scene.vision.fit.position_noise;
+    shown["notes"].push_back(basics::format(
+        "an RMS of about %.1f mm is expected: vision.tag_position_noise_m is %g mm per axis",
+        std::sqrt(scene.vision.fit.planar ? 2.0 : 3.0) * noise, noise));
+  }
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
     const std::string note = noteOnStart(capture.model);
@@ -277,7 +316,7 @@ int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   for (const FittedCapture& one : captures) seen.push_back({one.number, one.pressure, one.seen});
   const std::vector<estimation::Suspect> suspects = procedures::tagSuspectsOf(scene, seen);
   const json report = reportOf(scene, captures, suspects);
-  json shown = shownOf(captures, report);
+  json shown = shownOf(scene, captures, report);
   for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
   printResult(
       global.format, report, [&] { return csvTable(scene, report); }, shown);
@@ -349,12 +388,20 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
           {"reason", textOrNull(reason)}};
 }
 
-// Compares the model's tags and tip with measured tag poses, and prints it. @return the exit code.
-// @throws as fitCaptures() does, and io::DocumentError with every pressure outside the limits.
+// Compares the model's tags and tip with measured tag poses or corners, and prints it. @return the
+// exit code. @throws as fitCaptures() or fitCorners() does, and io::DocumentError with every
+// pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
-  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
-  const json report = comparisonOf(scene, captures);
+  const bool corners = data.find("x1_px") >= 0;
+  const std::vector<FittedCapture> captures =
+      corners ? fitCorners(scene, data) : fitCaptures(scene, data);
+  json report = comparisonOf(scene, captures);
+  for (json& one : report["captures"]) {
+    if (!corners) break;
+    one["fit_rms_px"] = one["fit_rms_m"];
+    one.erase("fit_rms_m");
+  }
   json shown = without(report, {"converged", "usual_fit_rms_m"});
   for (const FittedCapture& capture : captures) {
     if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
@@ -377,7 +424,7 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
     throw CallerError(data.path +
                       " has no measurements to compare with; expected the columns pressure_1_kpa "
-                      ".. and curvature_rad, or tag poses");
+                      ".. and curvature_rad, tag poses or tag corners");
   }
   requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
@@ -558,8 +605,10 @@ Subcommand addEvaluate(CLI::App& app) {
   addOption(
       *command, "DATA", options->data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
-      "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, or a "
-      "series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m, optionally qx .. qw, trial; "
+      "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, the "
+      "tag "
+      "corners that simulate writes, or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+      "z_m, optionally qx .. qw, trial; "
       "without time_s the arm rests at each row)",
       kRequired);
   addOption(*command, "--png", options->png,
@@ -567,11 +616,11 @@ Subcommand addEvaluate(CLI::App& app) {
   command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
 measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
 model_rad is null there, exit code 1).
-Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,
+Tag poses or corners, json: captures [{capture, pressure_pa, status (of the fit), converged,
 reason, model_status (as that of forward), rms_m (the model's tags against those
 measured that fit one shape; all, if no capture's determine one), tip_error_m and
 tip_error_percent (model against fitted tip, of the arm's length at rest), outlier_tags,
-fit_rms_m, usual_fit_rms_m (only where fit_rms_m is far larger than that of the others),
+fit_rms_m (of corners fit_rms_px), usual_fit_rms_m (only where fit_rms_m is far larger than that of the others),
 unknown_tags}], median_rms_m and
 median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
 reason.

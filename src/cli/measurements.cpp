@@ -99,6 +99,34 @@ io::DataSet tableOf(const std::string& path) {
                      : io::loadDataSet(path, kPrinted);
 }
 
+Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
+  const model::Arm& arm = scene.arm;
+  std::vector<std::string> names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
+    const std::string number = std::to_string(i + 1);
+    names.push_back("input_" + number);
+    const std::string printed = std::string(unit.quantity) + "_" + number + "_" + unit.si_suffix;
+    if (hasTendon(arm) && data.find(printed) >= 0) names.back() = printed;
+  }
+  const bool in_si = hasTendon(arm) || data.find(names.front()) >= 0;
+  Eigen::MatrixXd inputs =
+      in_si ? columnsOf(data, names) : io::pressuresOf(data, arm.actuatorCount());
+  for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::Actuator& actuator = arm.actuator(i);
+      if (actuator.limits.contains(inputs(row, i))) continue;
+      throw CallerError(data.path + ":" +
+                        std::to_string(data.lines[static_cast<std::size_t>(row)]) +
+                        " is beyond the limits of " + actuator.name + ": " +
+                        inputText(actuator, actuator.limits.lower) + " to " +
+                        inputText(actuator, actuator.limits.upper));
+    }
+  }
+  if (in_si || data.find("pressure_1_pa") >= 0) warnOfKilopascals(data.path, arm, inputs);
+  return inputs;
+}
+
 Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string>& names) {
   Eigen::MatrixXd out(data.values.rows(), static_cast<Eigen::Index>(names.size()));
   std::string missing;

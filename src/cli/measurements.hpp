@@ -50,6 +50,13 @@ void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eige
 /// @throws io::DocumentError on a table with faults.
 io::DataSet tableOf(const std::string& path);
 
+/// Inputs (rows x actuators) [Pa or rad] of the columns pressure_1_kpa or pressure_1_pa and so on
+/// (a missing one is 0), or, where the table has one of them, of all of input_1 and so on in SI
+/// units.
+/// @throws CallerError naming the line, the actuator and its limits; io::DocumentError
+/// on missing columns.
+Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data);
+
 /// Numbers (rows x names) of the named columns. @throws CallerError naming those that are missing.
 Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string>& names);
 

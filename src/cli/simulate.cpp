@@ -11,6 +11,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
@@ -34,7 +35,7 @@ constexpr int kMostCaptures = 100000;
 constexpr int kFewestDigits = 4;  // of a picture's number
 
 struct SimulateOptions {
-  std::string scene, out;
+  std::string scene, out, inputs;
   int count = 20;
   std::uint32_t seed = 1;
   bool rest = false, walk = false;
@@ -112,9 +113,11 @@ class OutputFile {
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
-  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) +
-                       basics::format("\n# Simulated with --count %d --seed %u\n", options.count,
-                                      options.seed));
+  const std::string captures = options.inputs.empty()
+                                   ? basics::format("--count %d", options.count)
+                                   : "--inputs " + basics::printable(options.inputs);
+  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) + "\n# Simulated with " +
+                       captures + basics::format(" --seed %u\n", options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -125,13 +128,6 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
     pressure[i] = std::uniform_real_distribution<double>(limits.lower, limits.upper)(generator);
   }
   return pressure;
-}
-
-// @param capture  counted from 1.
-Eigen::VectorXd pressureOf(int capture, const SimulateOptions& options, const model::Arm& arm,
-                           std::mt19937_64& generator) {
-  if (options.walk) return procedures::walkPlan(arm).row(capture - 1);
-  return options.rest ? arm.inputAt(0) : drawPressure(arm, generator);
 }
 
 void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& row) {
@@ -225,10 +221,19 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
   return {directory, number, tags, true};
 }
 
-SimulatedSet simulate(SimulateOptions options, const GlobalOptions& global) {
+// (captures x actuators) [Pa]; empty: drawn.
+Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& scene) {
+  if (!options.inputs.empty()) return inputRowsOf(scene, tableOf(options.inputs));
+  if (options.walk) return procedures::walkPlan(scene.arm);
+  if (!options.rest) return {};
+  return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
+}
+
+SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
-  if (options.walk) options.count = static_cast<int>(procedures::walkPlan(scene.arm).rows());
+  const Eigen::MatrixXd given = givenPressures(options, scene);
+  const int captures = given.size() > 0 ? static_cast<int>(given.rows()) : options.count;
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
   simulation::SimulatedRig rig(scene.model, procedures::simulatedRegulatorOf(scene),
@@ -250,8 +255,9 @@ SimulatedSet simulate(SimulateOptions options, const GlobalOptions& global) {
   vision::TagDetector detector(scene.vision.detector);
 
   const lie::SE3 X_FB = scene.X_BF.inverse();
-  for (int capture = 1; capture <= options.count; ++capture) {
-    rig.command(pressureOf(capture, options, scene.arm, generator));
+  for (int capture = 1; capture <= captures; ++capture) {
+    rig.command(given.size() > 0 ? Eigen::VectorXd(given.row(capture - 1))
+                                 : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
@@ -281,7 +287,7 @@ SimulatedSet simulate(SimulateOptions options, const GlobalOptions& global) {
     OutputFile(directory / "tag_corners.csv",
                io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }
-  return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
+  return {directory, captures, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};
 }
 
@@ -290,6 +296,10 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   if (options.board.given() && (options.rest || options.walk)) {
     throw CallerError(std::string(options.walk ? "--walk" : "--rest") +
                       " is of the arm, and --board shows none; leave out either");
+  }
+  if (!options.inputs.empty() && (options.board.given() || options.rest || options.walk)) {
+    throw CallerError(
+        "--inputs gives the pressures of the arm; leave out --rest, --walk and --board");
   }
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
@@ -336,6 +346,10 @@ Subcommand addSimulate(CLI::App& app) {
             kShowDefault);
   addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
             kShowDefault);
+  addOption(*command, "--inputs", options->inputs,
+            "table of pressures, one capture per row, or stdin where it is -: columns "
+            "pressure_1_kpa .. or pressure_1_pa ..; without it they are random",
+            TypeName{"FILE"});
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
   command
       ->add_flag("--walk", options->walk,

@@ -14,8 +14,9 @@ namespace {
 constexpr double kLeadDamping = 1e-3;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-statics::InverseOptions nearby() {
+statics::InverseOptions nearbyWith(statics::Preference preference) {
   statics::InverseOptions out;
+  out.preference = preference;
   out.max_starts = 1;
   return out;
 }
@@ -47,11 +48,11 @@ lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
   return arm.tipOf(std::get<model::Twists>(target));
 }
 
-Aim::Aim(const statics::ArmModel& model)
+Aim::Aim(const statics::ArmModel& model, statics::Preference nearby)
     : arm_(model.arm()),
       model_(model),
       everywhere_(model_),
-      nearby_(model_, nearby()),
+      nearby_(model_, nearbyWith(nearby)),
       corrected_(model_),
       now_(arm_),
       goal_(now_.offset),

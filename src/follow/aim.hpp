@@ -18,7 +18,8 @@ Eigen::VectorXd highestPressures(const model::Arm& arm);
 /// From a wanted tip to pressures: the inverse of a corrected model whose correction never jumps.
 class Aim {
  public:
-  explicit Aim(const statics::ArmModel& model);
+  /// @param nearby  preference of searches near the last pressures.
+  Aim(const statics::ArmModel& model, statics::Preference nearby);
 
   /// A new goal of the correction. Its factors hold at once; the offset makes up for them at the
   /// last pressures, and goes to the goal's by approach().

@@ -14,6 +14,7 @@ namespace {
 constexpr char kCulprit[] = "path check";
 constexpr double kLeastWindow = kCheckStep / 2;  // of a rate [s]
 constexpr int kPlacesBeyond = 200;               // examined after the first one out of reach
+constexpr double kMostApproachPlaces = 1000;     // of a first point that may be far away
 constexpr int kHalvings = 6;                     // of a step in which pressures change too fast
 constexpr double kJumpPart = 0.5;  // of that change within 1 / 2^kHalvings of the step: a jump
 
@@ -30,6 +31,17 @@ class Walk {
                        : solver_.toPosition(place.position, input_);
     input_ = result.input;
     return result;
+  }
+  // Along the line on which a loop approaches the path: what redundant actuators do on the path
+  // depends on where they begin. @return false if it was stopped.
+  bool approach(const Eigen::Vector3d& from, const std::function<bool()>& stops) {
+    const Eigen::Vector3d line = path_.at(path_.firstTime()).position - from;
+    const double places = std::min(std::ceil(line.norm() / kCheckSpacing), kMostApproachPlaces);
+    for (double k = 0; k < places; ++k) {
+      if (stops && stops()) return false;
+      input_ = solver_.toPosition(from + k / places * line, input_).input;
+    }
+    return true;
   }
   const Eigen::VectorXd& input() const { return input_; }
 
@@ -182,6 +194,9 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
   validate(rules, arm);
   if (const auto refusal = tooLong(path)) return refusal;
   Walk walk(path, solver, start);
+  if (!path.hasRotations() && !walk.approach(arm.tip(start).translation, stops)) {
+    return std::nullopt;
+  }
   Fastest fastest;
   double since = path.firstTime();
   Eigen::VectorXd before;  // inputs at that time

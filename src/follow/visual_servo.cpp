@@ -28,6 +28,8 @@ constexpr double kSureTip = 0.01;        // largest uncertainty at which the loo
 constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kArrived = 3e3;         // of the command, all effective pressures [Pa]
+constexpr double kFaded = 3.0;           // time constants after which 5 % of a lag are left
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
@@ -59,7 +61,7 @@ struct VisualServo::Workspace {
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         response(arm),
-        aim(given),
+        aim(given, config.preference),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant),
         dynamics(arm, !response.learns(), config.mode),
@@ -120,13 +122,14 @@ struct VisualServo::Workspace {
     acceleration.setZero();
     turn.path_time.reset();
     if (!path) return;
-    if (!turn.held) path_time += dt;
+    const bool stands = turn.held || waits(dt);
+    if (!stands) path_time += dt;
     turn.path_time = path_time;
     const auto at = [&](double time) {
       return time < 0 ? approach->at(time + approach->duration()) : path->at(time);
     };
     const control::TipReference reference = at(path_time);
-    if (!turn.held) {
+    if (!stands) {
       velocity = reference.velocity;
       acceleration =
           (at(path_time + kAhead).velocity - at(path_time - kAhead).velocity) / (2 * kAhead);
@@ -136,6 +139,23 @@ struct VisualServo::Workspace {
     } else {
       target = reference.position;
     }
+  }
+
+  // A path waits at its first point for an arm that a slow slew, a lag or a shaped step keeps from
+  // it, but no longer than these last: not for a regulator that stays off its set point.
+  bool waits(double dt) {
+    if (path_time >= 0 || path_time + dt < 0) return false;
+    const double held = mode ? shareHeldBack(observer.time() - begun_at) : 0.0;
+    const double behind = (response.effective() - commanded).cwiseAbs().maxCoeff() +
+                          held * held_back.cwiseAbs().maxCoeff();
+    if (waited == 0) {
+      const auto [dead_time, lag] = response.late();
+      longest_wait = behind / config.slew + kFaded * (config.time_constant + dead_time + lag) +
+                     (mode ? 1 / (mode->frequency * pace) : 0.0);
+    }
+    if (behind <= kArrived || waited >= longest_wait) return false;
+    waited += dt;
+    return true;
   }
 
   void command() {
@@ -375,6 +395,7 @@ struct VisualServo::Workspace {
   std::optional<control::TipPath> path;
   std::optional<control::TipApproach> approach;  // of the path
   double path_time = 0.0;                        // negative during the approach [s]
+  double waited = 0.0, longest_wait = 0.0;       // at its first point [s]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), acceleration = velocity;
 
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
@@ -424,7 +445,8 @@ void VisualServo::follow(control::TipPath path) {
   w.approach = first.rotation ? control::TipApproach(from, to)
                               : control::TipApproach(from.translation, first.position);
   const bool there = w.approach->duration() <= kShortApproach;
-  w.path_time = there ? 0.0 : -w.approach->duration();
+  w.path_time = -(there ? control::kShortestStep : w.approach->duration());
+  w.waited = 0.0;
   if (!w.target) w.begin(from.translation);
   w.divergence.clear();
   w.within_reach = true;  // of the path's last point, which then stays the target

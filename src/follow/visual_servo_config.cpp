@@ -44,6 +44,9 @@ void VisualServoConfig::validate() const {
                                      {"the regulator's time constant [s]", time_constant},
                                      {"the noise of a reading [Pa]", reading_noise}});
   basics::requireNotNegative(kCulprit, "the creep of the watch [s^-1/2]", watch_creep);
+  basics::require(preference == statics::Preference::kMinChange ||
+                      preference == statics::Preference::kMinPressure,
+                  kCulprit, ": expected the preference kMinChange or kMinPressure");
 }
 
 double smoothingFor(double frequency, double damping, double time_constant) {

@@ -179,6 +179,8 @@ class Lockstep {
   };
   const std::optional<MeasuredTip>& measuredTip() const { return measured_; }
   int picturesAccepted() const { return accepted_; }
+  // Why the last picture that was not accepted was not.
+  const std::string& whyUnseen() const { return why_unseen_; }
   // Indices of the tags in those pictures, ascending.
   const std::set<int>& fittedTags() const { return fitted_; }
 
@@ -190,7 +192,10 @@ class Lockstep {
 
   void takePicture() {
     const double now = time();
-    if (blind_ && blind_->contains(now)) return;
+    if (blind_ && blind_->contains(now)) {
+      why_unseen_ = "the picture is lost, as in the interval without pictures";
+      return;
+    }
     const Eigen::VectorXd pressure = parts_.model.arm().clamped(reading_);
     const model::Shape nominal =
         statics::startingShape(parts_.model, parts_.model.solve(pressure), pressure);
@@ -199,6 +204,8 @@ class Lockstep {
     const model::Shape expected = corrected ? corrected->about(nominal.twists()) : nominal;
     if (auto seen = parts_.vision.look(parts_.rig.shape(), expected)) {
       waiting_.push_back({now, now + latency_, std::move(*seen)});
+    } else {
+      why_unseen_ = parts_.vision.whyUnseen();
     }
   }
 
@@ -209,7 +216,11 @@ class Lockstep {
       const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                                    next.shape.covariance, next.shape.tags);
       parts_.suspects.see(parts_.loop, observation, true);
-      if (observation.accepted()) ++accepted_;
+      if (observation.accepted()) {
+        ++accepted_;
+      } else {
+        why_unseen_ = std::string("the picture is refused: ") + nameOf(observation.fault);
+      }
       fitted_.insert(next.shape.tags.begin(), next.shape.tags.end());
       measured_ = MeasuredTip{next.stamp, next.shape.tip};
       waiting_.pop_front();
@@ -224,6 +235,7 @@ class Lockstep {
   Eigen::VectorXd reading_;
   std::optional<MeasuredTip> measured_;
   int accepted_ = 0;
+  std::string why_unseen_ = "no picture arrived in the time";
   std::set<int> fitted_;
 };
 
@@ -340,6 +352,7 @@ class FollowRun {
       }
     }
     out_.budget = loop_.budget();
+    if (out_.pictures == 0) out_.why_unseen = lockstep_.whyUnseen();
     out_.quiet = loop_.quiet();
     const std::set<int>& fitted = lockstep_.fittedTags();
     out_.uncalibrated_tags = uncalibratedTags(*scene_.tags, {fitted.begin(), fitted.end()});
@@ -426,8 +439,22 @@ class FollowRun {
 
 }  // namespace
 
+std::string failureOf(const FollowPlan& plan, const FollowResult& result) {
+  if (!result.vented.empty()) return "the arm was vented: " + result.vented;
+  if (plan.path && !result.figures.path_rms) {
+    return "the time ended before the tip had reached the path's first point; raise --seconds";
+  }
+  if (!plan.open && !result.why_unseen.empty()) {
+    return "the arm was never seen, so the loop did not close: " + result.why_unseen +
+           "; check camera and tags by helix_arm check, or give --open";
+  }
+  return {};
+}
+
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path) {
-  statics::InverseSolver solver(scene.model);
+  statics::InverseOptions options;
+  options.preference = scene.follow.preference;
+  statics::InverseSolver solver(scene.model, options);
   follow::PathRules rules;
   const auto& channels = scene.safety.channels;
   rules.slew.resize(static_cast<Eigen::Index>(channels.size()));

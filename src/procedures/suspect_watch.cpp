@@ -176,7 +176,7 @@ void SuspectWatch::search() {
 estimation::Suspect suspectOf(const estimation::BaseMove& move) {
   // Of the square of its distance from where it should be, all but what chance explains.
   const double by_chance = 6.0 / (move.deviations * move.deviations);
-  return {"camera_moved", "the camera or the base", 1.0 - by_chance, move.message(), {}};
+  return {"camera_moved", "the camera or the base", 1.0 - by_chance, move.message(), {}, {}};
 }
 
 }  // namespace helix_arm::procedures

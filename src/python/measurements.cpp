@@ -318,6 +318,21 @@ Eigen::MatrixXd numbersOf(const std::vector<FollowRow>& rows, int actuators) {
   return out;
 }
 
+// None without one; covariances (3, 3) [m^2] by their names.
+py::object budgetOf(const std::optional<estimation::TipErrorBudget>& budget) {
+  if (!budget) return py::none();
+  py::dict spreads;
+  for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
+    const auto part = static_cast<estimation::BudgetPart>(i);
+    spreads[nameOf(part)] = arrayOf(budget->part(part).covariance);
+  }
+  spreads["predicted"] = arrayOf(budget->predicted.covariance);
+  spreads["open_loop"] = arrayOf(budget->open_loop.covariance);
+  return py::dict("time_s"_a = budget->time, "covariances_m2"_a = spreads,
+                  "error_m"_a = arrayOf(budget->error), "distance2"_a = budget->distance2,
+                  "limit"_a = budget->limit, "state"_a = nameOf(budget->state));
+}
+
 // @param path   (N, 4) times [s] and positions [m].
 // @param force  its time [s], then the force [N].
 // @return the numbers of all rows, as of numbersOf(); states and reach of these; other fields.
@@ -375,7 +390,8 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
       py::dict("path_rms_m"_a = figures.path_rms, "path_max_m"_a = figures.path_max,
                "last_turn_rms_m"_a = figures.last_turn_rms, "steady_rms_m"_a = figures.steady_rms,
                "settle_s"_a = figures.settle, "pictures"_a = result.pictures,
-               "vented"_a = result.vented));
+               "vented"_a = result.vented, "reason"_a = failureOf(plan, result),
+               "budget"_a = budgetOf(result.budget)));
 }
 
 // @return rows of a time [s], a position [m] and a velocity [m/s].

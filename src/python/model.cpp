@@ -288,7 +288,8 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
   return py::dict("pressures_pa"_a = found.inputs.result(), "status"_a = found.status.result(),
                   "residual_m"_a = found.residual.result(),
                   "position_error_m"_a = found.position_error.result(),
-                  "limits"_a = found.limits.result(), "iterations"_a = found.iterations.result());
+                  "active_limits"_a = found.limits.result(),
+                  "iterations"_a = found.iterations.result());
 }
 
 }  // namespace

@@ -110,8 +110,9 @@ class CalibrationBox : public QGroupBox {
   QLabel *text_, *warnings_;
 };
 
-constexpr double kStep = 100;  // of a slider [Pa]
-constexpr double kKilo = 1e3;  // Pa per kPa
+constexpr double kStep = 100;            // of a slider [Pa]
+constexpr int kKeyed = 10, kPage = 100;  // of its arrow and page keys [kStep]
+constexpr double kKilo = 1e3;            // Pa per kPa
 
 /// One row per actuator: name, slider, its limits, number [kPa], reading.
 class PressureBox : public QGroupBox {
@@ -205,7 +206,9 @@ class PressureBox : public QGroupBox {
     row.slider->setObjectName(("slider_" + number).c_str());
     row.value->setObjectName(("value_" + number).c_str());
     row.value->setDecimals(1);
-    row.value->setSingleStep(5);
+    row.value->setSingleStep(1);
+    row.slider->setSingleStep(kKeyed);
+    row.slider->setPageStep(kPage);
     row.value->setKeyboardTracking(false);      // half a number is no command
     row.value->setFocusPolicy(Qt::ClickFocus);  // the wheel scrolls past it
     row.slider->setFocusPolicy(Qt::ClickFocus);

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/frame_source.hpp"
@@ -49,7 +50,12 @@ struct SimulatedVision::Workspace {
 
   std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model) {
     if (!frozen) observe(shape);
-    if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+    if (static_cast<int>(seen.size()) < min_tags) {
+      why_unseen =
+          basics::format("%zu tags of the arm are in the picture, and vision.min_tags is %d",
+                         seen.size(), min_tags);
+      return std::nullopt;
+    }
     if (memory) fitter->know(memory->estimate());
     const model::Shape start = last.value_or(model);
     const double focal = nominal.camera.focal();
@@ -60,7 +66,10 @@ struct SimulatedVision::Workspace {
     const estimation::TwistFit& fit = fitter->fit(seen, nominal.X_CB, focal, start, model);
     if (memory) memory->learn(fit);
     last.reset();
-    if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+    if (fit.status != estimation::FitStatus::kConverged) {
+      why_unseen = "no shape of the arm fits the tags in the picture";
+      return std::nullopt;
+    }
     last = fit.shape;
     return measured(fit);
   }
@@ -81,10 +90,13 @@ struct SimulatedVision::Workspace {
   }
 
   std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model) {
+    why_unseen = "the picture cannot be read, or the camera hangs";
     if ((!frozen || gray.empty()) && !photograph(shape)) return std::nullopt;
     if (frozen_watch.isFrozen(gray, model::tipPose(model).translation)) return std::nullopt;
     const vision::Observation& vision = localizer->locate(gray, model);
     moved = vision.moved;
+    why_unseen = basics::format("%zu tags are found in the picture (%s)", vision.detections.size(),
+                                nameOf(vision.state));
     if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
     return measured(vision.fit);
   }
@@ -112,6 +124,7 @@ struct SimulatedVision::Workspace {
   std::optional<estimation::BaseWatch> base;
   std::optional<estimation::BaseMove> moved;
   std::optional<model::Shape> last;
+  std::string why_unseen;                           // by the last look that measured nothing
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
   bool frozen = false;
   std::vector<estimation::TagImage> visible;
@@ -133,6 +146,7 @@ SimulatedVision::SimulatedVision(SimulatedVision&&) noexcept = default;
 SimulatedVision& SimulatedVision::operator=(SimulatedVision&&) noexcept = default;
 
 const std::optional<estimation::BaseMove>& SimulatedVision::moved() const { return work_->moved; }
+const std::string& SimulatedVision::whyUnseen() const { return work_->why_unseen; }
 void SimulatedVision::shift(const Eigen::Vector2d& pixels) { work_->shift = pixels; }
 void SimulatedVision::freeze(bool frozen) { work_->frozen = frozen; }
 

@@ -84,6 +84,19 @@ TEST(Calibrate, CombinationsOfATiltedArmAreGivenAndWritten) {
   for (const json& one : result["combinations"]) {
     EXPECT_TRUE(one["exponents"].contains("K_gamma") && one["exponents"].contains("K_kappa"));
   }
+  // The summary comes first; hidden tags and single pressures are details.
+  const auto shown = [&rig](const std::vector<std::string>& more) {
+    return runCommand({"calibrate", scenePath("demo"), rig + "/tag_corners.csv", "--fit",
+                       "stiffness,length_scale,placement"},
+                      more)
+        .out;
+  };
+  const std::string brief = shown({}), details = shown({"--verbose"});
+  EXPECT_LT(brief.find("summary"), brief.find("combinations"));
+  for (const char* words : {"by pressure groups", "parameters that the data do not determine"}) {
+    EXPECT_FALSE(has(brief, words)) << brief;
+    EXPECT_TRUE(has(details, words)) << details;
+  }
   const std::string scene = contentOf(out);
   const auto section = scene.find("combinations:");
   ASSERT_NE(section, std::string::npos) << scene;

@@ -110,6 +110,8 @@ TEST(Fit, TooFewTagsGiveNoTwistAndExitCodeOne) {
   EXPECT_EQ(mixed.exit_code, 0);
   EXPECT_TRUE(mixed.json()["captures"][1]["twist"].is_null());
   EXPECT_EQ(mixed.json()["captures"][1]["outlier_tags"], json::array());
+  // Beside the RMS stands that of the noise, 10 mm per axis.
+  EXPECT_TRUE(has(fit(scene, both, "text").out, "an RMS of about 17.3 mm is expected"));
   EXPECT_EQ(fit(scene, one, "csv").exit_code, 1);
   EXPECT_EQ(fit(scene, one, "text").exit_code, 1);
 }

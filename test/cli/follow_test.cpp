@@ -1,6 +1,8 @@
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <set>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -42,34 +44,13 @@ TEST(Follow, TipsGiveAFigureEach) {
   const Outcome outcome = follow({"--tip", kTips, "--seconds", "6", "--seed", "3"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
-  const std::set<std::string> keys = {"scene",
-                                      "rig",
-                                      "plant",
-                                      "seed",
-                                      "sight",
-                                      "open",
-                                      "seconds",
-                                      "pictures",
-                                      "reason",
-                                      "path_rms_m",
-                                      "path_max_m",
-                                      "last_turn_rms_m",
-                                      "steady_rms_m",
-                                      "settle_s",
-                                      "unreachable",
-                                      "states",
-                                      "alarms",
-                                      "suspects",
-                                      "budget",
-                                      "out",
-                                      "png",
-                                      "base_moved",
-                                      "contact_blind_s",
-                                      "uncalibrated_tags",
-                                      "lag_s",
-                                      "lag_deviation_s",
-                                      "play_kpa",
-                                      "play_deviation_kpa"};
+  std::istringstream words(
+      "scene rig plant seed sight open seconds pictures reason path_rms_m path_max_m "
+      "last_turn_rms_m steady_rms_m settle_s unreachable states alarms suspects budget out png "
+      "base_moved contact_blind_s uncalibrated_tags lag_s lag_deviation_s play_kpa "
+      "play_deviation_kpa");
+  using Words = std::istream_iterator<std::string>;
+  const std::set<std::string> keys{Words(words), Words()};
   EXPECT_EQ(keysOf(result), keys);
   EXPECT_TRUE(result["uncalibrated_tags"].empty()) << "nothing is calibrated";
   EXPECT_EQ(result["base_moved"], nullptr);
@@ -217,6 +198,22 @@ TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_EQ(outcome.json()["path_rms_m"], nullptr);
   EXPECT_NE(outcome.json()["reason"].get<std::string>().find("raise --seconds"), std::string::npos);
+}
+
+// A loop that never closed has not followed anything.
+TEST(Follow, AnArmThatIsNeverSeenIsNamedWithTheCause) {
+  const auto why = [](const std::vector<std::string>& more) {
+    const Outcome outcome = runCommand(
+        {"follow", scenePath("demo"), "--format", "json", "--tip", kTips, "--seconds", "2"}, more);
+    EXPECT_EQ(outcome.exit_code, outcome.json()["reason"].is_null() ? 0 : 1) << outcome.err;
+    return outcome.json()["reason"].is_null() ? "" : outcome.json()["reason"].get<std::string>();
+  };
+  EXPECT_TRUE(
+      has(why({"--blind", "0,2"}), "never seen, so the loop did not close: the picture is lost"));
+  EXPECT_TRUE(
+      has(why({"--set", "camera.rpy_deg=[0,0,0]"}), "0 tags of the arm are in the picture"));
+  EXPECT_TRUE(has(why({"--set", "camera.rpy_deg=[0,0,0]", "--sight", "rendered"}), "(no_tags)"));
+  EXPECT_EQ(why({"--blind", "0,2", "--open"}), "");
 }
 
 TEST(Follow, ThePictureShowsTheRun) {

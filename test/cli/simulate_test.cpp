@@ -125,6 +125,19 @@ TEST(Simulate, PositionsHaveTheNoiseOfTheScene) {
   EXPECT_NEAR(std::sqrt(squares / 2400), 0.01, 0.01 * 4 / std::sqrt(2 * 2400.0));
 }
 
+TEST(Simulate, PressuresOfATableAreThoseOfTheCaptures) {
+  const TemporaryFolder folder;
+  const TemporaryFile table("pressure_1_kpa,pressure_3_kpa\n10,20\n0,413\n"),
+      beyond("pressure_1_kpa\n500\n");
+  ASSERT_EQ(simulate(scenePath("demo"), folder / "rig", {"--inputs", table.path()}).exit_code, 0);
+  const auto truth = tableOf(folder / "rig/truth.csv");
+  ASSERT_EQ(truth.size(), 2u);
+  EXPECT_EQ(truth[1].at("pressure_2_kpa"), 0);
+  EXPECT_NEAR(truth[1].at("pressure_3_kpa"), 413.0, 1e-9);
+  EXPECT_TRUE(has(simulate(scenePath("demo"), folder / "other", {"--inputs", beyond.path()}).err,
+                  ":2 is beyond the limits of muscle_1"));
+}
+
 TEST(Simulate, TheSeedDecidesEveryFile) {
   const TemporaryFolder folder;
   const std::string first = folder / "first", again = folder / "again", other = folder / "other";

@@ -41,11 +41,10 @@ TEST(CommanderLease, IsOfTheFirstUntilItWasSilentForTheTimeout) {
   }
 }
 
-TEST(RestedCommander, WhoRepeatsItsTargetsIsRefusedUntilItPauses) {
-  RestedCommander rested;
+TEST(RestedCommanders, WhoRepeatsItsTargetsIsRefusedUntilItPauses) {
+  RestedCommanders rested;
   EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
-  rested.hold("first", 1.0);
-  EXPECT_FALSE(rested.refuses("second", 1.0, kTimeout));
+  rested.hold("", 1.0);
   double now = 1.0;
   for (int k = 0; k < 100; ++k) {
     now += 0.9 * kTimeout;
@@ -57,18 +56,29 @@ TEST(RestedCommander, WhoRepeatsItsTargetsIsRefusedUntilItPauses) {
   EXPECT_FALSE(rested.refuses("first", now, kTimeout));
 }
 
-TEST(RestedCommander, OneThatKnowsOfTheRestCountsAtOnce) {
-  RestedCommander rested;
-  rested.hold("first", 0.0);
-  rested.acknowledge("second");
+// Such as one that gave way to the commander, and goes on once that is silent.
+TEST(RestedCommanders, ARestReachesThoseWhoDidNotCommand) {
+  RestedCommanders rested;
+  rested.hold("caller", 1.0);
+  EXPECT_TRUE(rested.refuses("second", 1.0 + 0.9 * kTimeout, kTimeout));
+  EXPECT_TRUE(rested.refuses("second", 1.0 + 1.1 * kTimeout, kTimeout)) << "it has not paused";
+  EXPECT_FALSE(rested.refuses("third", 1.0 + kTimeout, kTimeout)) << "silent since the rest";
+  EXPECT_FALSE(rested.refuses("caller", 1.0, kTimeout));
+  for (std::size_t k = 0; k < 2 * RestedCommanders::kMost; ++k) {
+    EXPECT_TRUE(rested.refuses("more" + std::to_string(k), 1.0, kTimeout));
+  }
+}
+
+TEST(RestedCommanders, OneThatKnowsOfTheRestCountsAtOnce) {
+  RestedCommanders rested;
+  rested.acknowledge("first");
+  rested.hold("", 0.0);
   EXPECT_TRUE(rested.refuses("first", 0.0, kTimeout));
   rested.acknowledge("first");
   EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
-  rested.hold("first", 0.0);
+  EXPECT_TRUE(rested.refuses("second", 0.0, kTimeout));
   rested.release();
-  EXPECT_FALSE(rested.refuses("first", 0.0, kTimeout));
-  rested.hold("", 0.0);  // nobody has commanded yet
-  EXPECT_FALSE(rested.refuses("", 0.0, kTimeout));
+  EXPECT_FALSE(rested.refuses("second", 0.0, kTimeout));
 }
 
 }  // namespace

@@ -564,6 +564,15 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   EXPECT_NEAR(parameter(found, "length_scale").value, 1.01, 1e-5);
   ASSERT_TRUE(found.K_eps.has_value());
   EXPECT_DOUBLE_EQ(*found.K_eps, parameter(found, "K_eps").value);
+  // Beside an arm with a weight, the same without it counts as well, first or not.
+  ArmCaptures bare = data;
+  bare.load->gravity.setZero();
+  rig.load.gravity.setZero();
+  for (Capture& one : bare.captures) {
+    one.reading = TwistReading{rig.shape(one.pressure).twists(), covariance};
+  }
+  ASSERT_FALSE(bare.isLoaded());
+  EXPECT_NEAR(parameter(calibrated({bare, data}, options), "K_eps").value, 650.0, 0.1);
 }
 
 TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNot) {

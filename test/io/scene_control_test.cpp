@@ -44,6 +44,7 @@ const std::string kFollowScene = kSpatialScene + R"(follow:
   creep: 0.3
   bias_translation_m: 0.004
   bias_rotation_deg: 3
+  prefer: min-pressure
   on_contact: stop
   contact_limit: 40
   reading_noise_kpa: 1.5
@@ -226,6 +227,7 @@ TEST(FollowScene, IsInSi) {
             std::make_tuple(0.4, 0.5, 5, 0.1 * 0.3, 1500, 0.1, 0.3, 1 / (2 * basics::kPi * 4 * 0.2),
                             0.004, OnContact::kStop, 40));
   EXPECT_EQ(loop.yield_timeout, 20);
+  EXPECT_EQ(loop.preference, statics::Preference::kMinPressure);
   ASSERT_TRUE(loop.mode);
   EXPECT_EQ(loop.mode->frequency, 4);
   EXPECT_EQ(loop.mode->damping, 0.2);

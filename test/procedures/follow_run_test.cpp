@@ -87,6 +87,22 @@ TEST(FollowRun, APathCountsFromItsStartToItsEnd) {
   EXPECT_FALSE(runFollow(demo(), plan).figures.path_rms) << "it has not begun";
 }
 
+// The approach takes its time by the tip, not by the pressures, and valves lag.
+TEST(FollowRun, APathBeginsWhenASlowArmIsAtItsFirstPoint) {
+  FollowPlan plan;
+  plan.path = circle(4);
+  plan.seconds = 16;
+  plan.open = true;
+  for (const char* slew : {"50", "100", "300"}) {
+    io::Scene scene = demo({{"safety.slew_kpa_s", slew}, {"regulator.simulated.noise_kpa", "0"}});
+    scene.simulation.arm = {};
+    const FollowResult result = runFollow(scene, plan);
+    auto first = result.rows.begin();
+    while (*first->path_time < 0) ASSERT_NE(++first, result.rows.end()) << slew;
+    EXPECT_LT(errorOf(*first), 0.003) << slew;
+  }
+}
+
 TEST(FollowRun, TheSameSeedGivesTheSameRun) {
   FollowPlan plan = tipPlan({kLeft}, 3);
   const FollowResult one = runFollow(demo(), plan), again = runFollow(demo(), plan);

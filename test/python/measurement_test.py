@@ -142,7 +142,12 @@ class FollowTest(unittest.TestCase):
         tip = scene.tips(np.array([2e5, 5e4, 0.0]))
         closed = scene.follow(tip, seconds=6)
         alone = scene.follow(tip, seconds=6, open=True)
-        self.assertEqual(closed.vented, "")
+        self.assertEqual((closed.vented, closed.reason, alone.reason), ("", "", ""))
+        self.assertEqual(closed.budget.state, "inside")
+        self.assertTrue(np.all(np.linalg.eigvalsh(closed.budget.covariances_m2["predicted"]) > 0))
+        blind = scene.follow(tip, seconds=1, blind=(0, 1))
+        self.assertIn("never seen", blind.reason)
+        self.assertIsNone(blind.budget)
         self.assertLess(closed.steady_rms_m[0], 2e-3)
         self.assertGreater(alone.steady_rms_m[0], 3e-3)
         steady = closed.times_s > 5

@@ -143,6 +143,9 @@ TEST_F(Cockpit, ASliderMovesThePressureAndHoldsItWithoutAnyOtherCommander) {
   EXPECT_EQ(slider->minimum(), 0);
   EXPECT_EQ(slider->maximum(), 4136) << "413.6856 kPa in steps of 0.1 kPa, not beyond";
   while (slider->value() < 1000) click("slider_0", 0.9);  // a page at a time
+  const int clicked = slider->value();
+  QTest::keyClick(slider, Qt::Key_Right);
+  EXPECT_EQ(slider->value(), clicked + 10) << "1 kPa";
   const double wanted = 100.0 * slider->value();
   await([&] { return std::abs(commanded() - wanted) < 1; });
   // Three times the time after which a silent commander is a fault.

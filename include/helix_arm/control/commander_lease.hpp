@@ -1,6 +1,10 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+#include <limits>
+#include <map>
+#include <optional>
 #include <string>
 
 #include "helix_arm/basics/requirement.hpp"
@@ -40,36 +44,44 @@ class CommanderLease {
   double last_claim_ = 0.0;
 };
 
-/// Refuses the targets of the commander whose arm was brought to rest by somebody else until it has
-/// paused: it may not know of the rest yet. Times are seconds on any steady clock.
-class RestedCommander {
+/// Refuses the targets of all commanders after somebody has brought the arm to rest, each until it
+/// has paused: it may not know of the rest yet. Times are seconds on any steady clock.
+class RestedCommanders {
  public:
-  /// @param commander  whose targets the arm followed; empty: nobody.
-  void hold(const std::string& commander, double now) {
-    if (commander.empty()) return;
-    commander_ = commander;
-    last_try_ = now;
+  /// Commanders whose targets are remembered; each target of a further one counts as its first.
+  static constexpr std::size_t kMost = 32;
+
+  /// @param caller  who asked for the rest and so knows of it; empty: none of the commanders.
+  void hold(const std::string& caller, double now) {
+    since_ = now;
+    last_try_.clear();
+    acknowledge(caller);
   }
-  /// Lets everybody command.
-  void release() { commander_.clear(); }
-  /// As release(), if it is `commander` that knows of the rest.
+  /// Lets everybody command: the arm was enabled, or follows one who knows of the rest.
+  void release() { since_.reset(); }
+  /// From now on this commander knows of the rest.
   void acknowledge(const std::string& commander) {
-    if (commander == commander_) release();
+    if (since_) last_try_[commander] = -std::numeric_limits<double>::infinity();
   }
 
   /// Whether the target of a commander at `now` [s] is to be refused; each of them restarts the
-  /// pause [s].
+  /// pause [s], which begins with the rest.
   bool refuses(const std::string& commander, double now, double pause) {
-    if (commander_.empty() || commander != commander_) return false;
-    const bool paused = now - last_try_ >= pause;
-    last_try_ = now;
-    if (paused) release();
-    return !paused;
+    if (!since_) return false;
+    const auto known = last_try_.find(commander);
+    const bool paused = now - (known == last_try_.end() ? *since_ : known->second) >= pause;
+    if (paused) return false;
+    if (known != last_try_.end()) {
+      known->second = now;
+    } else if (last_try_.size() < kMost) {
+      last_try_.emplace(commander, now);
+    }
+    return true;
   }
 
  private:
-  std::string commander_;  ///< empty: nobody
-  double last_try_ = 0.0;
+  std::optional<double> since_;             ///< the rest [s]; nothing: no target is refused
+  std::map<std::string, double> last_try_;  ///< of each commander since then [s]
 };
 
 }  // namespace helix_arm::control

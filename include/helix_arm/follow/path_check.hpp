@@ -52,11 +52,12 @@ struct PathRefusal {
   std::string reason = {};
 };
 
-/// Follows a path with the inverse. Its speed bounds the distance between checked places, so every
-/// place of an accepted path, at whatever time a loop asks for it, is within kCheckSpacing / 2 of
-/// a checked one, and within tolerance + kCheckSpacing / 2 of what the arm reaches.
+/// Approaches a path and follows it with the inverse. Its speed bounds the distance between checked
+/// places, so every place of an accepted path, at whatever time a loop asks for it, is within
+/// kCheckSpacing / 2 of a checked one, and within tolerance + kCheckSpacing / 2 of what the arm
+/// reaches.
 /// @param solver  of this arm; a correction that it has counts.
-/// @param start   (n) inputs at which the first search begins [Pa].
+/// @param start   (n) inputs at which the approach begins [Pa].
 /// @param stops   asked at every place, may be empty; true ends the check.
 /// @return nothing if the path can be followed, or if the check was stopped.
 /// @throws std::invalid_argument on rules that break their contract, otherwise as the

@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "helix_arm/localization/placed_view.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/tracking/mode_estimator.hpp"
 #include "helix_arm/tracking/tracking_options.hpp"
 
@@ -47,6 +48,9 @@ struct VisualServoConfig {
   double time_constant;                       ///< of the regulator's lag, > 0 [s]
   double slew = 1e6;                          ///< at which set points change, > 0 [Pa/s]
   double reading_noise;  ///< standard deviation of a pressure reading, > 0 [Pa]
+  /// Of redundant actuators, while the target moves or the correction changes: kMinChange, or
+  /// kMinPressure, which may jump. Each new target begins at the lowest pressures.
+  statics::Preference preference = statics::Preference::kMinChange;
   /// How the arm is seen, for its error budget and its loads; nothing: placements count as exact,
   /// and shapes as the mean of the strain.
   std::optional<estimation::PlacedView> placed = {};

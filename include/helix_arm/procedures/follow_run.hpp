@@ -117,6 +117,7 @@ struct FollowResult {
   double contact_blind = 0.0;    ///< time in which contacts may not be found [s]
   estimation::QuietScore quiet;  ///< of all of it, if contacts were ignored
   int pictures = 0;              ///< accepted
+  std::string why_unseen;        ///< why the last picture was not, if none was
   /// Ids of fitted tags that no capture of the scene's calibration shows, ascending.
   std::vector<int> uncalibrated_tags;
   /// By which the arm follows its pressures late, errors of stamps included, and half the width of
@@ -125,6 +126,9 @@ struct FollowResult {
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };
+
+/// Why a run has no figures, or none of a closed loop, and what to do; empty if it has.
+std::string failureOf(const FollowPlan& plan, const FollowResult& result);
 
 /// Whether the scene's model can follow a path within its slew rates: see follow::checkPath().
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path);

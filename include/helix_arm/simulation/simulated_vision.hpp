@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "helix_arm/localization/arm_view.hpp"
@@ -52,6 +53,8 @@ class SimulatedVision {
   /// A picture of an arm of the true shape; nothing if its shape cannot be measured.
   /// @param model  approximate shape, as the model's.
   std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
+  /// Why the last look() that measured nothing did not.
+  const std::string& whyUnseen() const;
   /// What the pictures so far show of camera and base: see estimation::BaseWatch.
   const std::optional<estimation::BaseMove>& moved() const;
   /// From now on pictures are displaced by this, as by a camera that has turned [px].

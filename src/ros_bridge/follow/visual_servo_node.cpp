@@ -254,10 +254,10 @@ class LoopTargets {
     unanswered_.clear();
   }
 
-  /// Answers them, and forgets the target. After a rest (Fault::kRested), its commander must pause
-  /// for safety.target_timeout before its next target counts, or the arm be enabled (enabled()).
+  /// Answers them, and forgets the target. After a rest (Fault::kRested), whoever commands must
+  /// pause for safety.target_timeout before its next target counts, or the arm be enabled.
   void refuse(const control::Refusal& refusal) {
-    if (refusal.fault == control::Fault::kRested) rested_.hold(commander_, regulator::steadyNow());
+    if (refusal.fault == control::Fault::kRested) rested_.hold("", regulator::steadyNow());
     for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
     unanswered_.clear();
     forget();
@@ -326,7 +326,7 @@ class LoopTargets {
   const io::Scene& scene_;
   const FrameLookup& frames_;
   TargetAdmission admission_;
-  control::RestedCommander rested_;
+  control::RestedCommanders rested_;
   std::optional<follow::Target> target_;
   bool changed_ = false;
   std::string commander_;
@@ -579,10 +579,12 @@ class FollowAction {
     }
     const Eigen::VectorXd start =
         scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
-    return [slew, start, model = scene_.model, correction = loop_.tracker().correction()](
+    statics::InverseOptions options;
+    options.preference = scene_.follow.preference;
+    return [slew, start, options, model = scene_.model, correction = loop_.tracker().correction()](
                const control::TipPath& path, double tolerance,
                const std::atomic<bool>& stop) -> std::string {
-      statics::InverseSolver solver(model);
+      statics::InverseSolver solver(model, options);
       solver.correct(correction);
       const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
                                              [&stop] { return stop.load(); });

@@ -246,7 +246,10 @@ class PressureLoop {
     std::string refusal;
     if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
     if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
-    if (refusal.empty()) commander_ = commander;
+    if (refusal.empty()) {
+      commander_ = commander;
+      rested_.release();
+    }
     publish(now);
     if (refusal.empty()) return std::nullopt;
     return control::Refusal{control::Fault::kNotEnabled, refusal};
@@ -311,7 +314,7 @@ class PressureLoop {
     const regulator::PriorityLock lock(mutex_);
     const double now = steadyNow();
     response.success = path_.core().rest(now);
-    if (response.success && caller != commander_) rested_.hold(commander_, now);
+    if (response.success && caller != commander_) rested_.hold(caller, now);
     rested_.acknowledge(caller);
     turn(now);
     response.message =
@@ -423,7 +426,7 @@ class PressureLoop {
   model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);
   regulator::PressurePath path_ HELIX_ARM_GUARDED_BY(mutex_);
   std::string commander_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of the last target
-  control::RestedCommander rested_ HELIX_ARM_GUARDED_BY(mutex_);
+  control::RestedCommanders rested_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t turns_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
   std::optional<std::uint64_t> changes_noted_ HELIX_ARM_GUARDED_BY(mutex_);
   FaultCount bad_readings_ HELIX_ARM_GUARDED_BY(mutex_);
