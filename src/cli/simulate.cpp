@@ -229,6 +229,15 @@ Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& 
   return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
 }
 
+// The true shape of a capture.
+CsvTable::Row truthOf(int capture, const Eigen::VectorXd& pressure, const model::Shape& shape) {
+  CsvTable::Row row;
+  appendCapture(capture, pressure, row);
+  appendTwists(toJson(shape.twists()), shape.sectionCount(), row);
+  appendPose("tip_", toJson(model::tipPose(shape)), row);
+  return row;
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
@@ -260,10 +269,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
                                  : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
-    CsvTable::Row row;
-    appendCapture(capture, rig.pressure(), row);
-    appendTwists(toJson(shape.twists()), scene.arm.sectionCount(), row);
-    appendPose("tip_", toJson(model::tipPose(shape)), row);
+    CsvTable::Row row = truthOf(capture, rig.pressure(), shape);
     if (camera) {
       const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));

@@ -12,6 +12,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/procedures/suspect_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
 
@@ -239,18 +240,13 @@ class Lockstep {
   std::set<int> fitted_;
 };
 
-// For a scene without a simulated regulator: one that reaches all limits.
+// For a scene without a simulated regulator: one as the loop expects it.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
-  const auto* simulated = scene.regulator
-                              ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
-                              : nullptr;
-  regulator::SimulatedRegulatorConfig out;
-  if (simulated != nullptr) {
-    out = *simulated;
-  } else {
+  regulator::SimulatedRegulatorConfig out = simulatedRegulatorOf(scene);
+  if (!scene.regulator ||
+      !std::holds_alternative<regulator::SimulatedRegulatorConfig>(*scene.regulator)) {
     out.time_constant = scene.follow.time_constant;
     out.noise = scene.follow.reading_noise;
-    out.supply_pressure = scene.arm.inputAt(1.0).maxCoeff();
   }
   out.seed = seed;
   return out;
