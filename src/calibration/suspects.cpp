@@ -454,8 +454,8 @@ double usualOf(const Eigen::VectorXd& scales) {
 }
 
 // The muscle whose length differs most from the others'.
-Eigen::Index oddMuscle(const Eigen::VectorXd& scales) {
-  Eigen::Index odd = 0;
+int oddMuscle(const Eigen::VectorXd& scales) {
+  int odd = 0;
   (scales.array() - usualOf(scales)).abs().maxCoeff(&odd);
   return odd;
 }
@@ -568,12 +568,8 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
   constexpr int kHalvings = 5;
   for (int round = 0; round < kHalvings && trial.sizes.size() > 1; ++round) {
     const auto here = least();
-    std::vector<double> middles;
-    if (here != known.begin()) middles.push_back(0.5 * (here->first + std::prev(here)->first));
-    if (std::next(here) != known.end()) {
-      middles.push_back(0.5 * (here->first + std::next(here)->first));
-    }
-    for (const double middle : middles) at(middle);
+    if (here != known.begin()) at(0.5 * (here->first + std::prev(here)->first));
+    if (std::next(here) != known.end()) at(0.5 * (here->first + std::next(here)->first));
   }
   const auto& [size, square] = *least();
   return Found{size, square.mean, 1 + kPriceOfNumber * (trial.numbers + square.moved), &trial};
@@ -619,10 +615,9 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   const Calibration fit = calibrate(corrected.arms, corrected.options);
   if (fit.shapes.empty()) return std::nullopt;  // refused
   if (trial.shows && !trial.shows(fit)) return std::nullopt;
-  std::string where = trial.where;
-  if (where.empty()) {
-    where = evidence.read.front().arm.actuator(static_cast<int>(oddMuscle(fit.length_scale))).name;
-  }
+  const model::Arm& arm = evidence.read.front().arm;
+  const std::string where =
+      trial.where.empty() ? arm.actuator(oddMuscle(fit.length_scale)).name : trial.where;
   Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}, {}};
   if (trial.cause.rfind("tag", 0) == 0) suspect.layout = corrected.arms.front().layout;
   if (trial.place) trial.place(*suspect.layout);

@@ -52,26 +52,21 @@ struct SimulatedSet {
 
 fs::path makeDirectory(const std::string& out) {
   const fs::path directory(out);
+  const auto fault = [&out](const std::string& why) { return CallerError("--out " + out + why); };
   std::error_code error;
   const fs::file_status status = fs::status(directory, error);
   if (status.type() == fs::file_type::not_found) {
     error.clear();
     fs::create_directories(directory, error);
     if (!error) return directory;
-    throw CallerError("--out " + out + " cannot be created: " + error.message() +
-                      "; choose another folder");
+    throw fault(" cannot be created: " + error.message() + "; choose another folder");
   }
   if (!error && !fs::is_directory(status)) {
-    throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
+    throw fault(" is a file; expected a folder that is empty or absent");
   }
   const bool empty = !error && fs::is_empty(directory, error);
-  if (error) {
-    throw CallerError("--out " + out + " cannot be read: " + error.message() +
-                      "; choose another folder");
-  }
-  if (!empty) {
-    throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
-  }
+  if (error) throw fault(" cannot be read: " + error.message() + "; choose another folder");
+  if (!empty) throw fault(" is not empty; expected a folder that is empty or absent");
   return directory;
 }
 

@@ -229,13 +229,11 @@ struct VisualServo::Workspace {
   // The corrected model is brought where a load takes its tip to the wanted place.
   const statics::InverseResult& solve(const Target& wanted_tip, bool fresh) {
     response.limit(aim);
-    if (!beyond.isZero(0)) {
-      if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
-        return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
-      }
-      if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
-        return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
-      }
+    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+    }
+    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
     }
     return aim.solve(wanted_tip, fresh);
   }
@@ -516,11 +514,8 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.watch.forgetTime();
     w.wanted.clear();
     w.divergence.clear();
-    w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
-    w.arrived_at = -std::numeric_limits<double>::infinity();
-    w.slow_until = -std::numeric_limits<double>::infinity();
-    w.begun_at = -std::numeric_limits<double>::infinity();
+    w.aimed_at = w.arrived_at = w.slow_until = w.begun_at = w.accepted_at[0];
     w.touched_at = time;
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);

@@ -250,21 +250,6 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   return options;
 }
 
-// The contraction curve that the free lengths belong to.
-std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
-                                     std::string& message) {
-  if (scene.contractions.count(asked) > 0) return asked;
-  std::vector<std::string> known;
-  for (const auto& [name, response] : scene.contractions) known.push_back(name);
-  const std::string names = basics::joined(known);
-  if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.begin()->first;
-  message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
-                                "; name the one that was measured"
-                          : "scene " + scene.name + " has no contraction " + asked +
-                                "; expected one of " + names;
-  return std::nullopt;
-}
-
 // Captures of a scene, with the poses of tags seen from the base that another scene knows.
 std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scene& scene,
                                           std::vector<estimation::Capture> captures) {
@@ -370,9 +355,22 @@ class CalibrationJob {
     }
     const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
     if (ofSeries() ? request_.contraction.empty() : !fitsCurve() && !of_curve) return std::nullopt;
-    std::string message;
-    name_ = curveName(*scene_, request_.contraction, message);
-    return name_ ? Refusal() : message;
+    return chooseCurve(request_.contraction);
+  }
+
+  // The contraction curve that the free lengths belong to.
+  Refusal chooseCurve(const std::string& asked) {
+    std::vector<std::string> known;
+    for (const auto& [name, response] : scene_->contractions) {
+      known.push_back(name);
+      if (name == asked || (asked.empty() && scene_->contractions.size() == 1)) name_ = name;
+    }
+    if (name_) return std::nullopt;
+    return "scene " + scene_->name +
+           (asked.empty()
+                ? " has the contractions " + basics::joined(known) +
+                      "; name the one that was measured"
+                : " has no contraction " + asked + "; expected one of " + basics::joined(known));
   }
 
   // To free lengths or to a series of the tip, whichever the data hold. What these do not determine

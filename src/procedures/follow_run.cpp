@@ -259,16 +259,13 @@ void requireVision(const io::Scene& scene) {
 
 // Of the arm of the scene, its tags in their order.
 void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
-  bool same = rig.arm.sectionCount() == scene.arm.sectionCount() &&
-              rig.tags->tags.size() == scene.tags->tags.size();
-  for (int k = 0; same && k < scene.arm.sectionCount(); ++k) {
-    same = rig.arm.firstActuator(k) == scene.arm.firstActuator(k);
-  }
-  same = same && rig.arm.actuatorCount() == scene.arm.actuatorCount();
-  for (std::size_t i = 0; same && i < scene.tags->tags.size(); ++i) {
-    same = rig.tags->tags[i].id == scene.tags->tags[i].id;
-  }
-  basics::require(same, "the rig of scene ", rig.name,
+  const auto partsOf = [](const io::Scene& one) {
+    std::vector<int> out(1, one.arm.sectionCount());
+    for (int k = 0; k <= out[0]; ++k) out.push_back(one.arm.firstActuator(k));
+    for (const estimation::TagPlacement& tag : one.tags->tags) out.push_back(tag.id);
+    return out;
+  };
+  basics::require(partsOf(rig) == partsOf(scene), "the rig of scene ", rig.name,
                   " has other sections, actuators or tags than ", scene.name,
                   "; give the scene that this one was calibrated from");
 }
