@@ -53,7 +53,6 @@ constexpr double kFarBase = 0.3, kFarBaseTurn = 0.6;    // deviations of a base 
 constexpr double kNearBase = 0.006, kNearTurn = 0.015;  // of one that is where the scene has it
 constexpr int kPlace = 6;                               // numbers of it
 constexpr double kScaleOfMuscle = 0.1;                  // of a muscle's length, as a fraction
-constexpr double kMillimetres = 1e3;
 
 // What a trial changes; both start as given.
 struct Case {
@@ -152,17 +151,15 @@ class Misfit {
     }
     std::sort(squares.begin(), squares.end());
     squares.resize(squares.size() - static_cast<std::size_t>(kWrong * squares.size()));
-    const double sum = std::accumulate(squares.begin(), squares.end(), 0.0);
+    const double mean =
+        std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
     const lie::SE3 base = problem.base();
     const double far = base.translation.norm() / kFarBase;
     const double turned = turnOf(base) / kFarBaseTurn;
     const double scale = usual ? usualScale(read, options, problem) : 1.0;
-    return Square{sum / static_cast<double>(squares.size()),
-                  residuals,
-                  problem.values().own_blocks.at(ParameterBlock::kBleed)[0],
-                  0.5 * (far * far + turned * turned),
-                  scale * scale,
-                  base};
+    const double bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
+    const double moved = 0.5 * (far * far + turned * turned);
+    return Square{mean, residuals, bleed, moved, scale * scale, base};
   }
 
   CalibrationOptions options_;
@@ -475,7 +472,7 @@ void addMove(bool corners, std::vector<Trial>& trials) {
     one.options.base_prior = {kFarBase, kFarBaseTurn};
   };
   const auto remedy = [](double, const Calibration& fit) {
-    return text("it is ", std::round(kMillimetres * fit.X_B0B.translation.norm()), " mm and ",
+    return text("it is ", std::round(1e3 * fit.X_B0B.translation.norm()), " mm and ",
                 std::round(turnOf(fit.X_B0B) * 1800 / basics::kPi) / 10,
                 " degrees from where the scene has it: fit base as well");
   };

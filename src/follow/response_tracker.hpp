@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <limits>
-#include <optional>
 
 #include "aim.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
@@ -32,11 +31,6 @@ class TimeRing {
       if (at(age).time <= time) return &at(age).value;
     }
     return nullptr;
-  }
-  /// The same as a copy.
-  std::optional<Value> before(double time) const {
-    const Value* const found = find(time);
-    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
   }
 
  private:

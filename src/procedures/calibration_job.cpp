@@ -262,31 +262,6 @@ std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scen
   return captures;
 }
 
-// Adds the captures of another arm, without those that show no tag of it.
-void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
-            CalibrationOutcome& outcome) {
-  ArmCaptures arm = makeArmCaptures(scene, {});
-  std::vector<int> empty;
-  for (const estimation::Capture& capture : captures) {
-    const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
-    const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
-    if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
-      empty.push_back(capture.number);
-    } else {
-      arm.captures.push_back(capture);
-    }
-  }
-  if (!empty.empty()) {
-    outcome.warnings.push_back("captures of " + arm.name +
-                               " without a tag of the arm: " + io::listOf(empty));
-  }
-  const auto same =
-      std::count_if(outcome.arms.begin(), outcome.arms.end(),
-                    [&scene](const ArmCaptures& one) { return one.name == scene.name; });
-  if (same > 0) arm.name += " (" + std::to_string(same + 1) + ")";
-  outcome.arms.push_back(std::move(arm));
-}
-
 // A calibration in its phases. Each of them says why the request is refused, or nothing.
 class CalibrationJob {
  public:
@@ -485,10 +460,33 @@ class CalibrationJob {
          io::listOf(unknown)});
   }
 
+  // Without the captures that show no tag of the arm.
+  void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures) {
+    ArmCaptures arm = makeArmCaptures(scene, {});
+    std::vector<int> empty;
+    for (const estimation::Capture& capture : captures) {
+      const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
+      const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
+      if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
+        empty.push_back(capture.number);
+      } else {
+        arm.captures.push_back(capture);
+      }
+    }
+    if (!empty.empty()) {
+      warn({"captures of " + arm.name + " without a tag of the arm: " + io::listOf(empty)});
+    }
+    const auto same =
+        std::count_if(outcome_.arms.begin(), outcome_.arms.end(),
+                      [&scene](const ArmCaptures& one) { return one.name == scene.name; });
+    if (same > 0) arm.name += " (" + std::to_string(same + 1) + ")";
+    outcome_.arms.push_back(std::move(arm));
+  }
+
   Refusal gatherArms() {
     if (timed_ && !data_.tips.empty() && data_.tips.history.input.cols() > 0) takeEffective();
-    addArm(*scene_, captures_, outcome_);
-    for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures, outcome_);
+    addArm(*scene_, captures_);
+    for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures);
     for (const ArmCaptures& arm : outcome_.arms) {
       if (arm.captures.empty()) return "no capture of " + arm.name + " was given";
     }

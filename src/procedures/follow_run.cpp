@@ -98,9 +98,8 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, const control::Tip
   });
   if (begin == end) return out;
   out.path_rms = rms(begin, end);
-  double most = 0.0;
-  for (Rows row = begin; row != end; ++row) most = std::max(most, errorOf(*row));
-  out.path_max = most;
+  out.path_max = 0.0;
+  for (Rows row = begin; row != end; ++row) out.path_max = std::max(*out.path_max, errorOf(*row));
   const auto last_turn = lastTurnOf(path);
   const Rows turn = last_turn ? std::find_if(begin, end, isFrom(*last_turn)) : end;
   const bool ran = end != rows.end() || *rows.back().path_time >= path.lastTime() - kTurn;
