@@ -53,7 +53,6 @@ constexpr double kFarBase = 0.3, kFarBaseTurn = 0.6;    // deviations of a base 
 constexpr double kNearBase = 0.006, kNearTurn = 0.015;  // of one that is where the scene has it
 constexpr int kPlace = 6;                               // numbers of it
 constexpr double kScaleOfMuscle = 0.1;                  // of a muscle's length, as a fraction
-constexpr double kMillimetres = 1e3;
 
 // What a trial changes; both start as given.
 struct Case {
@@ -61,33 +60,35 @@ struct Case {
   CalibrationOptions options;
 };
 
-constexpr auto kSamePlaces = [](TagLayout&) {};
-
 // One mistake that may have been made. Some have a size, of which the best is found.
 struct Trial {
   std::string cause, where;
   std::function<void(double size, Case&)> correct;
   std::function<std::string(double size, const Calibration&)> remedy;
   std::vector<double> sizes = {0.0};  // coarse grid, ascending; then halved about the best one
+  double neutral = 0, least = 0;      // a size closer than this to the neutral one is no mistake
+  double numbers = 0;                 // that it fits beyond the request
   bool corrects_captures = true;
-  double numbers = 0;  // that it fits beyond the request
   // From the tags of the scene to those on the arm, where the captures are corrected instead.
-  std::function<void(TagLayout&)> place = kSamePlaces;
-  double neutral = 0, least = -1;  // a size closer than this to the neutral one is no mistake
+  std::function<void(TagLayout&)> place = nullptr;
   // Whether a fit without the mistake shows that it was one; null: it does.
   std::function<bool(const Calibration&)> shows = nullptr;
 };
+
+// Angle of a pose's rotation [rad].
+double turnOf(const lie::SE3& pose) { return pose.log().tail<3>().norm(); }
 
 // Of noise alone, the mean square of the readings without the largest tenth, each of so many
 // residuals (chi-square, within 1 %).
 double trimmedSquare(int residuals) { return 1 - 0.38 * std::pow(residuals, -0.55); }
 
 struct Square {
-  double mean;       // in expected variances, without the share that may be wrong: 1 for noise
-  int residuals;     // in all
-  double bleed = 0;  // [m]
-  double moved = 0;  // half the square of the base's motion, in deviations of a rig that moved
-  double usual = 1;  // mean square of a sound arm, if asked for
+  double mean;         // in expected variances, without the share that may be wrong: 1 for noise
+  int residuals;       // in all
+  double bleed = 0;    // [m]
+  double moved = 0;    // half the square of the base's motion, in deviations of a rig that moved
+  double usual = 1;    // mean square of a sound arm, if asked for
+  lie::SE3 base = {};  // from where the scene has it
 };
 
 // Takes all pressures as within their limits. @return how far beyond these the farthest was [Pa].
@@ -127,22 +128,19 @@ class Misfit {
         (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
       CalibrationOptions near = one.options;
       near.base = true;
-      lie::SE3 base;
-      const std::optional<Square> found = fitted(read, near, usual, base);
-      if (found && base.translation.norm() < kNearBase && base.log().tail<3>().norm() < kNearTurn) {
+      const std::optional<Square> found = fitted(read, near, usual);
+      if (found && found->base.translation.norm() < kNearBase && turnOf(found->base) < kNearTurn) {
         return found;
       }
     }
-    lie::SE3 base;
-    return fitted(read, one.options, usual, base);
+    return fitted(read, one.options, usual);
   }
 
   const CalibrationOptions& options() const { return options_; }
 
  private:
   static std::optional<Square> fitted(const std::vector<ArmCaptures>& read,
-                                      const CalibrationOptions& options, bool usual,
-                                      lie::SE3& base) {
+                                      const CalibrationOptions& options, bool usual) {
     CalibrationProblem problem(read, options, selectionOf(options));
     if (!solveWithNoise(problem, 0).converged) return std::nullopt;
     std::vector<double> squares;
@@ -153,15 +151,15 @@ class Misfit {
     }
     std::sort(squares.begin(), squares.end());
     squares.resize(squares.size() - static_cast<std::size_t>(kWrong * squares.size()));
-    double sum = 0;
-    for (const double square : squares) sum += square;
-    base = problem.base();
+    const double mean =
+        std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
+    const lie::SE3 base = problem.base();
     const double far = base.translation.norm() / kFarBase;
-    const double turned = base.log().tail<3>().norm() / kFarBaseTurn;
+    const double turned = turnOf(base) / kFarBaseTurn;
     const double scale = usual ? usualScale(read, options, problem) : 1.0;
-    return Square{sum / static_cast<double>(squares.size()), residuals,
-                  problem.values().own_blocks.at(ParameterBlock::kBleed)[0],
-                  0.5 * (far * far + turned * turned), scale * scale};
+    const double bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
+    const double moved = 0.5 * (far * far + turned * turned);
+    return Square{mean, residuals, bleed, moved, scale * scale, base};
   }
 
   CalibrationOptions options_;
@@ -182,46 +180,40 @@ void changeObservations(Case& one, const Change& change) {
 }
 
 // 0, 1, ..
-std::vector<int> inOrder(int count) {
-  std::vector<int> out(static_cast<std::size_t>(count));
-  std::iota(out.begin(), out.end(), 0);
-  return out;
+Eigen::VectorXi inOrder(int count) { return Eigen::VectorXi::LinSpaced(count, 0, count - 1); }
+
+// A remedy that no fit changes.
+auto always(std::string remedy) {
+  return [remedy = std::move(remedy)](double, const Calibration&) { return remedy; };
 }
 
 // ---- Pressures ----
 
 void addExchanges(const model::Arm& arm, std::vector<Trial>& trials) {
-  const auto remedy = [](double, const Calibration&) {
-    return std::string("exchange the hoses at the regulator, or their channels in the scene");
+  const auto add = [&](const Eigen::VectorXi& from, const std::string& where) {
+    const auto exchange = [from](double, Case& one) {
+      changePressures(one, [&](Eigen::VectorXd& pressure) { pressure = pressure(from).eval(); });
+    };
+    trials.push_back(
+        {"channels_exchanged", where, exchange,
+         always("exchange the hoses at the regulator, or their channels in the scene")});
   };
-  const auto add = [&](const std::vector<int>& from, const std::string& where) {
-    trials.push_back({"channels_exchanged", where,
-                      [from](double, Case& one) {
-                        changePressures(one, [&](Eigen::VectorXd& pressure) {
-                          const Eigen::VectorXd read = pressure;
-                          for (Eigen::Index i = 0; i < read.size(); ++i) {
-                            pressure[i] = read[from[static_cast<std::size_t>(i)]];
-                          }
-                        });
-                      },
-                      remedy});
-  };
-  const std::vector<int> same = inOrder(arm.actuatorCount());
+  const Eigen::VectorXi same = inOrder(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     for (int j = i + 1; j < arm.actuatorCount(); ++j) {
-      std::vector<int> from = same;
-      std::swap(from[static_cast<std::size_t>(i)], from[static_cast<std::size_t>(j)]);
+      Eigen::VectorXi from = same;
+      std::swap(from[i], from[j]);
       add(from, arm.actuator(i).name + " and " + arm.actuator(j).name);
     }
   }
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
     for (int turn = 1; turn < count && count > 2; ++turn) {
-      std::vector<int> from = same;
+      Eigen::VectorXi from = same;
       std::vector<std::string> names;
       for (int i = 0; i < count; ++i) {
-        from[static_cast<std::size_t>(first + i)] = first + (i + turn) % count;
-        names.push_back(arm.actuator(first + (i + turn) % count).name);
+        from[first + i] = first + (i + turn) % count;
+        names.push_back(arm.actuator(from[first + i]).name);
       }
       add(from, "section " + std::to_string(k + 1) + ", in the order " + basics::joined(names));
     }
@@ -232,55 +224,33 @@ void addExchanges(const model::Arm& arm, std::vector<Trial>& trials) {
 void addGains(const model::Arm& arm, int channel, std::vector<Trial>& trials) {
   const bool all = channel < 0;
   const std::string where = all ? "all channels" : arm.actuator(channel).name;
-  const auto apply = [channel](Case& one, const std::function<double(double)>& change) {
+  const int first = std::max(channel, 0), count = all ? arm.actuatorCount() : 1;
+  const auto apply = [first, count](double gain, double offset, Case& one) {
     changePressures(one, [&](Eigen::VectorXd& pressure) {
-      for (Eigen::Index i = 0; i < pressure.size(); ++i) {
-        if (channel < 0 || i == channel) pressure[i] = change(pressure[i]);
-      }
+      pressure.segment(first, count) = gain * pressure.segment(first, count).array() + offset;
     });
   };
-  trials.push_back(
-      {"pressure_gain",
-       where,
-       [apply](double gain, Case& one) { apply(one, [gain](double read) { return gain * read; }); },
-       [where](double gain, const Calibration&) {
-         return text("the pressure in the muscle is ", std::round(100 * gain),
-                     " % of what is read: look for a leak, and check the scale of the "
-                     "sensor and of the regulator");
-       },
-       {0.35, 0.5, 0.7, 0.9, 1.15, 1.4, 2.0, 2.8},
-       true,
-       1,
-       kSamePlaces,
-       1.0,
-       kLeastGainError});
-  trials.push_back({"pressure_offset",
-                    where,
-                    [apply](double offset, Case& one) {
-                      apply(one, [offset](double read) { return read + offset; });
-                    },
-                    [](double offset, const Calibration&) {
-                      return text("the pressure in the muscle is ",
-                                  std::round(std::abs(offset) / 1e3), " kPa ",
-                                  offset > 0 ? "above" : "below",
-                                  " what is read: zero the sensor with the muscle vented");
-                    },
-                    {-80e3, -40e3, -20e3, 20e3, 40e3, 80e3},
-                    true,
-                    1,
-                    kSamePlaces,
-                    0.0,
-                    kLeastOffset});
+  const auto scale = [apply](double gain, Case& one) { apply(gain, 0.0, one); };
+  const auto scaled = [](double gain, const Calibration&) {
+    return text("the pressure in the muscle is ", std::round(100 * gain),
+                " % of what is read: look for a leak, and check the scale of the sensor and of "
+                "the regulator");
+  };
+  const auto shift = [apply](double offset, Case& one) { apply(1.0, offset, one); };
+  const auto shifted = [](double offset, const Calibration&) {
+    return text("the pressure in the muscle is ", std::round(std::abs(offset) / 1e3), " kPa ",
+                offset > 0 ? "above" : "below",
+                " what is read: zero the sensor with the muscle vented");
+  };
+  const std::vector<double> gains{0.35, 0.5, 0.7, 0.9, 1.15, 1.4, 2.0, 2.8};
+  const std::vector<double> offsets{-80e3, -40e3, -20e3, 20e3, 40e3, 80e3};
+  trials.push_back({"pressure_gain", where, scale, scaled, gains, 1.0, kLeastGainError, 1});
+  trials.push_back({"pressure_offset", where, shift, shifted, offsets, 0.0, kLeastOffset, 1});
   if (all) return;
   const double vented = std::max(0.0, arm.actuator(channel).limits.lower);
   trials.push_back(
-      {"channel_dead", where,
-       [apply, vented](double, Case& one) { apply(one, [vented](double) { return vented; }); },
-       [](double, const Calibration&) {
-         return std::string(
-             "no pressure reaches the muscle: check its hose, its valve and its "
-             "channel");
-       }});
+      {"channel_dead", where, [apply, vented](double, Case& one) { apply(0.0, vented, one); },
+       always("no pressure reaches the muscle: check its hose, its valve and its channel")});
 }
 
 void addUnits(std::vector<Trial>& trials) {
@@ -288,14 +258,12 @@ void addUnits(std::vector<Trial>& trials) {
   static constexpr std::pair<const char*, double> kUnits[] = {
       {"psi", 6.894757}, {"bar", 100.0}, {"mbar", 0.1}, {"Pa", 1e-3}};
   for (const auto& [unit, factor] : kUnits) {
-    trials.push_back({"pressure_unit", std::string("all channels in ") + unit,
-                      [factor = factor](double, Case& one) {
-                        changePressures(one, [&](Eigen::VectorXd& read) { read *= factor; });
-                      },
-                      [unit = unit](double, const Calibration&) {
-                        return text("the pressures are in ", unit,
-                                    ": convert them, and name their unit in the header");
-                      }});
+    const auto convert = [factor = factor](double, Case& one) {
+      changePressures(one, [&](Eigen::VectorXd& read) { read *= factor; });
+    };
+    trials.push_back({"pressure_unit", std::string("all channels in ") + unit, convert,
+                      always(text("the pressures are in ", unit,
+                                  ": convert them, and name their unit in the header"))});
   }
 }
 
@@ -303,7 +271,7 @@ void addUnits(std::vector<Trial>& trials) {
 
 // Tags at one place along the arm, around it.
 struct Row {
-  std::vector<int> tags;  // indices in the layout, by their angle about the arm
+  Eigen::VectorXi tags;  // indices in the layout, by their angle about the arm
   std::string name;
 };
 
@@ -319,10 +287,10 @@ std::vector<Row> rowsOf(const TagLayout& layout) {
   std::vector<Row> rows;
   for (auto& [place, tags] : by_place) {
     std::sort(tags.begin(), tags.end());
-    Row row;
+    Row row{Eigen::VectorXi(tags.size()), ""};
     std::vector<std::string> ids;
     for (const auto& [angle, tag] : tags) {
-      row.tags.push_back(tag);
+      row.tags[static_cast<Eigen::Index>(ids.size())] = tag;
       ids.push_back(std::to_string(layout.tags[static_cast<std::size_t>(tag)].id));
     }
     row.name = (ids.size() == 1 ? "tag " : "tags ") + basics::joined(ids);
@@ -331,77 +299,83 @@ std::vector<Row> rowsOf(const TagLayout& layout) {
   return rows;
 }
 
-void addPermutation(std::string cause, std::string where, std::vector<int> to,
-                    const std::string& remedy, std::vector<Trial>& trials) {
-  const auto change = [to](auto& seen) { seen.tag = to[static_cast<std::size_t>(seen.tag)]; };
-  const auto place = [to = std::move(to)](TagLayout& layout) {
+// The tags that are where the scene has tags 0, 1, ..; and the quarter turns of each place.
+struct Places {
+  explicit Places(const TagLayout& layout)
+      : tag(inOrder(static_cast<int>(layout.tags.size()))), quarters(0 * tag) {}
+
+  void exchange(const Row& a, const Row& b) {
+    tag(a.tags) = b.tags;
+    tag(b.tags) = a.tags;
+  }
+
+  Eigen::VectorXi tag, quarters;
+};
+
+// About the normal of a tag, counterclockwise as one reads it.
+void turnTag(int quarters, Eigen::Matrix3d& rotation) {
+  if (quarters == 0) return;
+  rotation *=
+      Eigen::AngleAxisd(0.5 * basics::kPi * quarters, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+}
+
+void addTagTrial(const std::string& cause, const std::string& where, const Places& places,
+                 const std::string& remedy, std::vector<Trial>& trials) {
+  const auto correct = [places](double, Case& one) {
+    changeObservations<Poses>(one, [&](PoseObservation& seen) {
+      turnTag(-places.quarters[seen.tag], seen.X_BT.rotation);
+      seen.tag = places.tag[seen.tag];
+    });
+    changeObservations<CornersSeen>(one, [&](CornerObservation& seen) {
+      const Corners read = seen.direction;
+      const int first = 4 - places.quarters[seen.tag];
+      for (int i = 0; i < 4; ++i) seen.direction.col(i) = read.col((i + first) % 4);
+      seen.tag = places.tag[seen.tag];
+    });
+  };
+  trials.push_back({cause, where, correct, always(remedy)});
+  trials.back().place = [places](TagLayout& layout) {
     const std::vector<TagPlacement> before = layout.tags;
     for (std::size_t i = 0; i < before.size(); ++i) {
-      layout.tags[i] = before[static_cast<std::size_t>(to[i])];
+      const auto here = static_cast<Eigen::Index>(i);
+      layout.tags[i] = before[static_cast<std::size_t>(places.tag[here])];
       layout.tags[i].id = before[i].id;
+      turnTag(places.quarters[here], layout.tags[i].X_ST.rotation);
     }
   };
-  trials.push_back({std::move(cause),
-                    std::move(where),
-                    [change](double, Case& one) {
-                      changeObservations<Poses>(one, change);
-                      changeObservations<CornersSeen>(one, change);
-                    },
-                    [remedy](double, const Calibration&) { return remedy; },
-                    {0.0},
-                    true,
-                    0,
-                    place});
 }
 
 void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
   const std::vector<Row> rows = rowsOf(layout);
-  const std::vector<int> same = inOrder(static_cast<int>(layout.tags.size()));
-  const auto exchange = [](const Row& a, const Row& b, std::vector<int>& to) {
-    for (std::size_t i = 0; i < a.tags.size(); ++i) {
-      to[static_cast<std::size_t>(a.tags[i])] = b.tags[i];
-      to[static_cast<std::size_t>(b.tags[i])] = a.tags[i];
-    }
-  };
-  const std::string remedy = "exchange them in the scene's tags, or on the arm";
   for (std::size_t a = 0; a < rows.size(); ++a) {
     for (std::size_t b = a + 1; b < rows.size(); ++b) {
       if (rows[a].tags.size() != rows[b].tags.size()) continue;
-      std::vector<int> to = same;
-      exchange(rows[a], rows[b], to);
-      addPermutation("tag_rows_exchanged", rows[a].name + " and " + rows[b].name, to, remedy,
-                     trials);
+      Places places(layout);
+      places.exchange(rows[a], rows[b]);
+      addTagTrial("tag_rows_exchanged", rows[a].name + " and " + rows[b].name, places,
+                  "exchange them in the scene's tags, or on the arm", trials);
     }
   }
-  std::vector<int> reversed = same, mirrored = same;
+  Places reversed(layout), mirrored(layout);
   bool reversible = rows.size() > 2, mirrors = false;
   for (std::size_t a = 0; a < rows.size(); ++a) {
+    const Row& row = rows[a];
     const Row& other = rows[rows.size() - 1 - a];
-    reversible = reversible && rows[a].tags.size() == other.tags.size();
-    if (reversible) exchange(rows[a], other, reversed);
-    const std::size_t count = rows[a].tags.size();
-    mirrors = mirrors || count > 2;
-    for (std::size_t i = 0; i < count; ++i) {
-      mirrored[static_cast<std::size_t>(rows[a].tags[i])] = rows[a].tags[count - 1 - i];
-    }
+    reversible = reversible && row.tags.size() == other.tags.size();
+    if (reversible) reversed.exchange(row, other);
+    mirrors = mirrors || row.tags.size() > 2;
+    mirrored.tag(row.tags) = row.tags.reverse();
   }
   if (reversible) {
-    addPermutation("tag_rows_reversed", "all tags", reversed,
-                   "the rows are counted from the tip: number them from the base in the scene",
-                   trials);
+    addTagTrial("tag_rows_reversed", "all tags", reversed,
+                "the rows are counted from the tip: number them from the base in the scene",
+                trials);
   }
   if (mirrors) {
-    addPermutation("tags_mirrored", "all tags", mirrored,
-                   "the tags of each row are in the other order around the arm: turn it in the "
-                   "scene",
-                   trials);
+    addTagTrial("tags_mirrored", "all tags", mirrored,
+                "the tags of each row are in the other order around the arm: turn it in the scene",
+                trials);
   }
-}
-
-// Of a tag about its normal, counterclockwise as one reads it.
-Eigen::Matrix3d quarterTurns(int quarters) {
-  return Eigen::AngleAxisd(0.5 * basics::kPi * quarters, Eigen::Vector3d::UnitZ())
-      .toRotationMatrix();
 }
 
 void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOptions& options,
@@ -409,41 +383,15 @@ void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOption
   // Positions alone do not show how a tag is turned.
   if (kind == ReadingKind::kPoses && options.rotation_noise == 0) return;
   std::vector<Row> rows = rowsOf(layout);
-  Row all;
-  for (const Row& row : rows) all.tags.insert(all.tags.end(), row.tags.begin(), row.tags.end());
-  all.name = "all tags";
-  if (rows.size() > 1) rows.push_back(all);
+  if (rows.size() > 1) rows.push_back({Places(layout).tag, "all tags"});
   for (const Row& row : rows) {
     for (int quarters = 1; quarters < 4; ++quarters) {
-      const auto turned = [tags = row.tags](int tag) {
-        return std::find(tags.begin(), tags.end(), tag) != tags.end();
-      };
-      const Eigen::Matrix3d turn = quarterTurns(quarters);
-      trials.push_back(
-          {"tags_turned",
-           row.name,
-           [turned, turn, quarters](double, Case& one) {
-             changeObservations<Poses>(one, [&](PoseObservation& seen) {
-               if (turned(seen.tag)) seen.X_BT.rotation *= turn.transpose();
-             });
-             changeObservations<CornersSeen>(one, [&](CornerObservation& seen) {
-               if (!turned(seen.tag)) return;
-               const Corners read = seen.direction;
-               for (int i = 0; i < 4; ++i) seen.direction.col(i) = read.col((i + 4 - quarters) % 4);
-             });
-           },
-           [quarters](double, const Calibration&) {
-             return text("they are glued turned by ", 90 * quarters,
-                         " degrees counterclockwise: turn them in the scene's tags, or on the arm");
-           },
-           {0.0},
-           true,
-           0,
-           [tags = row.tags, turn](TagLayout& on_arm) {
-             for (const int tag : tags) {
-               on_arm.tags[static_cast<std::size_t>(tag)].X_ST.rotation *= turn;
-             }
-           }});
+      Places places(layout);
+      places.quarters(row.tags).setConstant(quarters);
+      addTagTrial("tags_turned", row.name, places,
+                  text("they are glued turned by ", 90 * quarters,
+                       " degrees counterclockwise: turn them in the scene's tags, or on the arm"),
+                  trials);
     }
   }
 }
@@ -464,52 +412,36 @@ void changePixels(Case& one, const std::function<Eigen::Vector2d(const Eigen::Ve
 void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
   for (const int side : {320, 640, 800, 1024, 1280, 1600, 1920, 2560, 3840}) {
     if (side == camera.width) continue;
-    const double factor = static_cast<double>(camera.width) / side;
-    trials.push_back({"picture_size", "the camera",
-                      [factor](double, Case& one) {
-                        // Pixel (0, 0) is the centre of the first one.
-                        const Eigen::Vector2d half(0.5, 0.5);
-                        changePixels(one, [&](const Eigen::Vector2d& pixel) {
-                          return Eigen::Vector2d(factor * (pixel + half) - half);
-                        });
-                        // The noise is of the picture as it is.
-                        one.options.corner_noise *= factor;
-                        one.options.corner_floor *= factor;
-                      },
-                      [side, width = camera.width](double, const Calibration&) {
-                        return text("the pictures are ", side,
-                                    " pixels wide, those that the camera was "
-                                    "calibrated at ",
-                                    width,
-                                    ": take them at that size, or calibrate the camera at "
-                                    "this one");
-                      }});
+    const auto scale = [factor = static_cast<double>(camera.width) / side](double, Case& one) {
+      // Pixel (0, 0) is the centre of the first one.
+      const Eigen::Vector2d half(0.5, 0.5);
+      changePixels(one, [&](const Eigen::Vector2d& pixel) {
+        return Eigen::Vector2d(factor * (pixel + half) - half);
+      });
+      // The noise is of the picture as it is.
+      one.options.corner_noise *= factor;
+      one.options.corner_floor *= factor;
+    };
+    trials.push_back(
+        {"picture_size", "the camera", scale,
+         always(text("the pictures are ", side,
+                     " pixels wide, those that the camera was calibrated at ", camera.width,
+                     ": take them at that size, or calibrate the camera at this one"))});
   }
+  const Eigen::Vector2d last(camera.width - 1, camera.height - 1);
+  const auto turn = [last](double, Case& one) {
+    changePixels(one, [&](const Eigen::Vector2d& pixel) { return Eigen::Vector2d(last - pixel); });
+  };
+  trials.push_back({"picture_turned", "the camera", turn,
+                    always("the pictures are upside down: turn the camera, or its pictures")});
+  const auto resize = [](double factor, Case& one) { one.arms.front().layout.size *= factor; };
+  const auto resized = [](double, const Calibration& fit) {
+    return text("write tags.size_m: ", std::round(1e5 * fit.layout.size) / 1e5,
+                " into the scene, measured over the outer edge of the black border");
+  };
+  const std::vector<double> factors{0.6, 0.8, 1.25, 1.6};
   trials.push_back(
-      {"picture_turned", "the camera",
-       [](double, Case& one) {
-         const Camera& taken = one.arms.front().camera;
-         const Eigen::Vector2d last(taken.width - 1, taken.height - 1);
-         changePixels(one,
-                      [&](const Eigen::Vector2d& pixel) { return Eigen::Vector2d(last - pixel); });
-       },
-       [](double, const Calibration&) {
-         return std::string("the pictures are upside down: turn the camera, or its pictures");
-       }});
-  trials.push_back({"tag_size",
-                    "all tags",
-                    [](double factor, Case& one) { one.arms.front().layout.size *= factor; },
-                    [](double, const Calibration& fit) {
-                      return text(
-                          "write tags.size_m: ", std::round(1e5 * fit.layout.size) / 1e5,
-                          " into the scene, measured over the outer edge of the black border");
-                    },
-                    {0.6, 0.8, 1.25, 1.6},
-                    false,
-                    1,
-                    kSamePlaces,
-                    1.0,
-                    kLeastTagError});
+      {"tag_size", "all tags", resize, resized, factors, 1.0, kLeastTagError, 1, false});
 }
 
 // ---- The rig ----
@@ -519,85 +451,68 @@ double usualOf(const Eigen::VectorXd& scales) {
 }
 
 // The muscle whose length differs most from the others'.
-Eigen::Index oddMuscle(const Eigen::VectorXd& scales) {
-  Eigen::Index odd = 0;
+int oddMuscle(const Eigen::VectorXd& scales) {
+  int odd = 0;
   (scales.array() - usualOf(scales)).abs().maxCoeff(&odd);
   return odd;
 }
 
-void addRigTrials(const ArmCaptures& arm, const CalibrationOptions& options, ReadingKind kind,
-                  std::vector<Trial>& trials) {
-  const bool corners = kind == ReadingKind::kCorners;
-  const bool tags = corners || kind == ReadingKind::kPoses;
-  if (tags && !options.base) {
-    trials.push_back({corners ? "camera_moved" : "base_moved",
-                      corners ? "the camera" : "the base",
-                      [](double, Case& one) {
-                        one.options.base = true;
-                        one.options.base_prior = {kFarBase, kFarBaseTurn};
-                      },
-                      [](double, const Calibration& fit) {
-                        return text(
-                            "it is ", std::round(kMillimetres * fit.X_B0B.translation.norm()),
-                            " mm and ",
-                            std::round(fit.X_B0B.log().tail<3>().norm() * 1800 / basics::kPi) / 10,
-                            " degrees from where the scene has it: fit base as well");
-                      },
-                      {0.0},
-                      false,
-                      kPlace,
-                      kSamePlaces,
-                      0.0,
-                      -1.0,
-                      [](const Calibration& fit) {
-                        return fit.X_B0B.translation.norm() > kLeastMove ||
-                               fit.X_B0B.log().tail<3>().norm() > kLeastTurn;
-                      }});
-  }
-  if (options.free_shapes) return;
-  const int count = arm.arm.actuatorCount();
-  if (options.length_scale != LengthScaling::kEach && !options.contraction) {
-    trials.push_back({"muscle_length",
-                      "",
-                      [](double, Case& one) {
-                        one.options.length_scale = LengthScaling::kEach;
-                        one.options.length_scale_prior = kScaleOfMuscle;
-                      },
-                      [arms = arm.arm](double, const Calibration& fit) {
-                        std::string out = "the muscles are";
-                        for (int i = 0; i < arms.actuatorCount(); ++i) {
-                          out += text(i > 0 ? ", " : " ", arms.actuator(i).name, " ",
-                                      std::round(1e3 * fit.length_scale[i]) / 10, " %");
-                        }
-                        return out + " of the length in the scene: fit length_scale_each as well";
-                      },
-                      {0.0},
-                      false,
-                      static_cast<double>(count),
-                      kSamePlaces,
-                      0.0,
-                      -1.0,
-                      [](const Calibration& fit) {
-                        const Eigen::Index odd = oddMuscle(fit.length_scale);
-                        return std::abs(fit.length_scale[odd] - usualOf(fit.length_scale)) >
-                               kLeastLength;
-                      }});
-  }
-  if (arm.isLoaded()) {
-    for (const double factor : {-1.0, 0.0}) {
-      trials.push_back({"load",
-                        "gravity",
-                        [factor](double, Case& one) { one.arms.front().load->gravity *= factor; },
-                        [factor](double, const Calibration&) {
-                          return std::string(factor < 0
-                                                 ? "it points the other way: turn load.gravity "
-                                                   "or the base in the scene"
-                                                 : "the arm hangs from nothing: leave its "
-                                                   "weight out of the scene's load");
-                        },
-                        {0.0},
-                        false});
+// Another parameter is fitted as well.
+void addFreedom(Trial trial, int numbers, std::function<bool(const Calibration&)> shows,
+                std::vector<Trial>& trials) {
+  trial.numbers = numbers;
+  trial.corrects_captures = false;
+  trial.shows = std::move(shows);
+  trials.push_back(std::move(trial));
+}
+
+void addMove(bool corners, std::vector<Trial>& trials) {
+  const auto release = [](double, Case& one) {
+    one.options.base = true;
+    one.options.base_prior = {kFarBase, kFarBaseTurn};
+  };
+  const auto remedy = [](double, const Calibration& fit) {
+    return text("it is ", std::round(1e3 * fit.X_B0B.translation.norm()), " mm and ",
+                std::round(turnOf(fit.X_B0B) * 1800 / basics::kPi) / 10,
+                " degrees from where the scene has it: fit base as well");
+  };
+  const auto shows = [](const Calibration& fit) {
+    return fit.X_B0B.translation.norm() > kLeastMove || turnOf(fit.X_B0B) > kLeastTurn;
+  };
+  addFreedom({corners ? "camera_moved" : "base_moved", corners ? "the camera" : "the base", release,
+              remedy},
+             kPlace, shows, trials);
+}
+
+void addLengths(const model::Arm& arm, std::vector<Trial>& trials) {
+  const auto release = [](double, Case& one) {
+    one.options.length_scale = LengthScaling::kEach;
+    one.options.length_scale_prior = kScaleOfMuscle;
+  };
+  const auto remedy = [arm](double, const Calibration& fit) {
+    std::string out = "the muscles are";
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      out += text(i > 0 ? ", " : " ", arm.actuator(i).name, " ",
+                  std::round(1e3 * fit.length_scale[i]) / 10, " %");
     }
+    return out + " of the length in the scene: fit length_scale_each as well";
+  };
+  const auto shows = [](const Calibration& fit) {
+    const double odd = fit.length_scale[oddMuscle(fit.length_scale)];
+    return std::abs(odd - usualOf(fit.length_scale)) > kLeastLength;
+  };
+  addFreedom({"muscle_length", "", release, remedy}, arm.actuatorCount(), shows, trials);
+}
+
+void addLoads(std::vector<Trial>& trials) {
+  for (const double factor : {-1.0, 0.0}) {
+    trials.push_back(
+        {"load", "gravity",
+         [factor](double, Case& one) { one.arms.front().load->gravity *= factor; },
+         always(factor < 0
+                    ? "it points the other way: turn load.gravity or the base in the scene"
+                    : "the arm hangs from nothing: leave its weight out of the scene's load")});
+    trials.back().corrects_captures = false;
   }
 }
 
@@ -610,12 +525,18 @@ std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& o
     addUnits(trials);
     for (int i = -1; i < arm.arm.actuatorCount(); ++i) addGains(arm.arm, i, trials);
   }
-  if (kind == ReadingKind::kPoses || kind == ReadingKind::kCorners) {
+  const bool corners = kind == ReadingKind::kCorners, tags = corners || kind == ReadingKind::kPoses;
+  if (tags) {
     addRowTrials(arm.layout, trials);
     addTurns(arm.layout, kind, options, trials);
   }
-  if (kind == ReadingKind::kCorners) addPictureTrials(arm.camera, trials);
-  addRigTrials(arm, options, kind, trials);
+  if (corners) addPictureTrials(arm.camera, trials);
+  if (tags && !options.base) addMove(corners, trials);
+  if (options.free_shapes) return trials;
+  if (options.length_scale != LengthScaling::kEach && !options.contraction) {
+    addLengths(arm.arm, trials);
+  }
+  if (arm.isLoaded()) addLoads(trials);
   return trials;
 }
 
@@ -644,12 +565,8 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
   constexpr int kHalvings = 5;
   for (int round = 0; round < kHalvings && trial.sizes.size() > 1; ++round) {
     const auto here = least();
-    std::vector<double> middles;
-    if (here != known.begin()) middles.push_back(0.5 * (here->first + std::prev(here)->first));
-    if (std::next(here) != known.end()) {
-      middles.push_back(0.5 * (here->first + std::next(here)->first));
-    }
-    for (const double middle : middles) at(middle);
+    if (here != known.begin()) at(0.5 * (here->first + std::prev(here)->first));
+    if (std::next(here) != known.end()) at(0.5 * (here->first + std::next(here)->first));
   }
   const auto& [size, square] = *least();
   return Found{size, square.mean, 1 + kPriceOfNumber * (trial.numbers + square.moved), &trial};
@@ -695,14 +612,12 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   const Calibration fit = calibrate(corrected.arms, corrected.options);
   if (fit.shapes.empty()) return std::nullopt;  // refused
   if (trial.shows && !trial.shows(fit)) return std::nullopt;
-  std::string where = trial.where;
-  if (where.empty()) {
-    where = evidence.read.front().arm.actuator(static_cast<int>(oddMuscle(fit.length_scale))).name;
-  }
+  const model::Arm& arm = evidence.read.front().arm;
+  const std::string where =
+      trial.where.empty() ? arm.actuator(oddMuscle(fit.length_scale)).name : trial.where;
   Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}, {}};
-  TagLayout layout = corrected.arms.front().layout;
-  trial.place(layout);
-  if (trial.cause.rfind("tag", 0) == 0) suspect.layout = std::move(layout);
+  if (trial.cause.rfind("tag", 0) == 0) suspect.layout = corrected.arms.front().layout;
+  if (trial.place) trial.place(*suspect.layout);
   if (trial.corrects_captures) suspect.corrected = std::move(corrected.arms);
   return suspect;
 }
@@ -722,14 +637,10 @@ std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& ev
   }
   // No single mistake brings the readings near to this arm.
   if (least > kFar * kFar * evidence.before.usual) {
-    Suspect other{"other_arm",
-                  "all captures",
-                  0.0,
-                  "no single mistake explains them: check that captures and scene are of the same "
-                  "arm, and look for several mistakes",
-                  {},
-                  {}};
-    out.insert(out.begin(), std::move(other));
+    const std::string remedy =
+        "no single mistake explains them: check that captures and scene are of the same arm, and "
+        "look for several mistakes";
+    out.insert(out.begin(), {"other_arm", "all captures", 0.0, remedy, {}, {}});
   }
   return out;
 }

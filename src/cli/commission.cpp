@@ -33,21 +33,16 @@ json nameOrNull(const Commissioning& found, int actuator) {
   return found.channels[static_cast<std::size_t>(actuator)].actuator;
 }
 
-json channelsJson(const Commissioning& found) {
-  json out = json::array();
+json reportOf(const io::Scene& scene, const Commissioning& found) {
+  json channels = json::array(), sensors = channels;
   for (const procedures::WalkedChannel& one : found.channels) {
     json row{{"actuator", one.actuator},
              {"verdict", one.verdict},
              {"answers_as", nameOrNull(found, one.answers_as)}};
     addMotion("expected", one.expected, row);
     addMotion("seen", one.seen, row);
-    out.push_back(std::move(row));
+    channels.push_back(std::move(row));
   }
-  return out;
-}
-
-json reportOf(const io::Scene& scene, const Commissioning& found) {
-  json sensors = json::array();
   for (const procedures::WalkedSensor& one : found.sensors) {
     sensors.push_back({{"actuator", one.actuator},
                        {"gain", one.gain},
@@ -59,7 +54,7 @@ json reportOf(const io::Scene& scene, const Commissioning& found) {
           {"good", found.findings.empty()},
           {"reason", found.findings.empty() ? json() : json(found.findings.front())},
           {"findings", found.findings},
-          {"channels", channelsJson(found)},
+          {"channels", channels},
           {"sensors", sensors},
           {"missing_tags", found.missing_tags},
           {"suspects", suspectsJson(found.suspects)},

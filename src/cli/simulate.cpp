@@ -52,26 +52,21 @@ struct SimulatedSet {
 
 fs::path makeDirectory(const std::string& out) {
   const fs::path directory(out);
+  const auto fault = [&out](const std::string& why) { return CallerError("--out " + out + why); };
   std::error_code error;
   const fs::file_status status = fs::status(directory, error);
   if (status.type() == fs::file_type::not_found) {
     error.clear();
     fs::create_directories(directory, error);
     if (!error) return directory;
-    throw CallerError("--out " + out + " cannot be created: " + error.message() +
-                      "; choose another folder");
+    throw fault(" cannot be created: " + error.message() + "; choose another folder");
   }
   if (!error && !fs::is_directory(status)) {
-    throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
+    throw fault(" is a file; expected a folder that is empty or absent");
   }
   const bool empty = !error && fs::is_empty(directory, error);
-  if (error) {
-    throw CallerError("--out " + out + " cannot be read: " + error.message() +
-                      "; choose another folder");
-  }
-  if (!empty) {
-    throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
-  }
+  if (error) throw fault(" cannot be read: " + error.message() + "; choose another folder");
+  if (!empty) throw fault(" is not empty; expected a folder that is empty or absent");
   return directory;
 }
 
@@ -229,6 +224,15 @@ Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& 
   return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
 }
 
+// The true shape of a capture.
+CsvTable::Row truthOf(int capture, const Eigen::VectorXd& pressure, const model::Shape& shape) {
+  CsvTable::Row row;
+  appendCapture(capture, pressure, row);
+  appendTwists(toJson(shape.twists()), shape.sectionCount(), row);
+  appendPose("tip_", toJson(model::tipPose(shape)), row);
+  return row;
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
@@ -260,10 +264,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
                                  : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
-    CsvTable::Row row;
-    appendCapture(capture, rig.pressure(), row);
-    appendTwists(toJson(shape.twists()), scene.arm.sectionCount(), row);
-    appendPose("tip_", toJson(model::tipPose(shape)), row);
+    CsvTable::Row row = truthOf(capture, rig.pressure(), shape);
     if (camera) {
       const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));

@@ -27,12 +27,6 @@ inline constexpr int kUsual = 15;
 // 8 mm/s: what moves it later or sooner than the model looks like a force [m].
 inline constexpr double kStillTip = 0.0025;
 
-inline estimation::TipCompliance complianceOf(const statics::ArmModel& model,
-                                              const VisualServoConfig& config) {
-  if (!config.placed) return estimation::TipCompliance(model);
-  return {model, config.placed->view, config.placed->fit};
-}
-
 inline double largestDeviation(const Eigen::Matrix3d& covariance) {
   return std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues().maxCoeff());
@@ -44,7 +38,8 @@ class ContactWatch {
   ContactWatch(const statics::ArmModel& model, const VisualServoConfig& config)
       : arm_(model.arm()),
         placed_(config.placed),
-        compliance_(complianceOf(model, config)),
+        compliance_(placed_ ? estimation::TipCompliance(model, placed_->view, placed_->fit)
+                            : estimation::TipCompliance(model)),
         forks_(config.contact) {}
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
@@ -167,7 +162,7 @@ class DivergenceWatch {
     mean_->first = now;
     const double error = mean_->second.norm();
     errors_.add(now, error);
-    const auto earlier = errors_.before(now - kDoublingTime);
+    const double* const earlier = errors_.find(now - kDoublingTime);
     const bool grows = earlier && error > kDiverged && error > 2 * *earlier;
     if (!corrected) {
       suspicion_.reset();

@@ -129,36 +129,31 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
        << placeText(out.time, out.position) << ": ";
   if (!std::isfinite(out.residual)) {
     text << "no shape of the arm balances its load there; move the path or lower the load";
-    out.reason = text.str();
-    return out;
+  } else {
+    text << 1e3 * out.residual << " mm from the closest reachable position, and "
+         << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
   }
-  text << 1e3 * out.residual << " mm from the closest reachable position, and "
-       << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
   out.reason = text.str();
   return out;
 }
 
 // Whether a fast step is a jump: if the step is halved repeatedly, the change stays in one half.
 bool isJump(const control::TipPath& path, statics::InverseSolver& solver, const Fastest& step) {
-  double begin = step.begin, end = step.end;
-  Eigen::VectorXd from = step.from;
-  double change = step.change;
+  Fastest part = step;
   for (int k = 0; k < kHalvings; ++k) {
-    const double middle = 0.5 * (begin + end);
-    Walk walk(path, solver, from);
+    const double middle = 0.5 * (part.begin + part.end);
+    Walk walk(path, solver, part.from);
     const Eigen::VectorXd half = walk.to(middle).input;
-    const double second = walk.to(end).input[step.actuator] - half[step.actuator];
-    const double first = half[step.actuator] - from[step.actuator];
+    const double second = walk.to(part.end).input[step.actuator] - half[step.actuator];
+    const double first = half[step.actuator] - part.from[step.actuator];
     if (std::abs(first) >= std::abs(second)) {
-      end = middle;
-      change = first;
+      part.end = middle;
+      part.change = first;
     } else {
-      begin = middle;
-      from = half;
-      change = second;
+      part = {part.excess, part.actuator, middle, part.end, half, second};
     }
   }
-  return std::abs(change) > kJumpPart * std::abs(step.change);
+  return std::abs(part.change) > kJumpPart * std::abs(step.change);
 }
 
 PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <limits>
-#include <optional>
 
 #include "aim.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
@@ -33,11 +32,6 @@ class TimeRing {
     }
     return nullptr;
   }
-  /// The same as a copy.
-  std::optional<Value> before(double time) const {
-    const Value* const found = find(time);
-    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
-  }
 
  private:
   struct Entry {
@@ -62,7 +56,7 @@ class ResponseTracker {
   explicit ResponseTracker(const model::Arm& arm)
       : arm_(arm),
         response_(arm_),
-        learns_(!isKnown(arm_)),
+        learns_(response_.instant()),
         effective_(arm_.inputAt(0.0)),
         beyond_(Eigen::VectorXd::Zero(effective_.size())),
         lower_(lowestPressures(arm_)),
@@ -74,14 +68,6 @@ class ResponseTracker {
     // Each entry of the ring gets its memory.
     for (int i = 0; i < kMostTurns; ++i) history_.add(i, beyond_);
     history_.clear();
-  }
-
-  /// Whether the scene tells lag or play of an actuator.
-  static bool isKnown(const model::Arm& arm) {
-    for (int i = 0; i < arm.actuatorCount(); ++i) {
-      if (!arm.actuator(i).response.instant()) return true;
-    }
-    return false;
   }
 
   /// From now on the actuators follow so, if the scene tells nothing.
@@ -146,7 +132,7 @@ class ResponseTracker {
 
   const model::Arm arm_;
   model::ArmResponse response_;
-  const bool learns_;
+  const bool learns_;              // the scene tells no lag or play of any actuator
   double lag_ = 0.0, dead_ = 0.0;  // [s]
   double sure_ = 0.0;              // part of these
   Eigen::VectorXd effective_;

@@ -213,10 +213,9 @@ struct VisualServo::Workspace {
     held_back = aim.pressure() - commanded;
     ramp = std::max(held_back.cwiseAbs().maxCoeff() / config.slew, kShortestRamp);
     pace = estimation::paceOf(arm, arm.lengths(arm.clamped(aim.pressure())));
-    if (observer.started()) begun_at = observer.time();
+    if (observer.started()) begun_at = aimed_at = observer.time();
     divergence.clear();
     diverged = false;
-    if (observer.started()) aimed_at = observer.time();
     error.reset();
   }
 
@@ -229,13 +228,11 @@ struct VisualServo::Workspace {
   // The corrected model is brought where a load takes its tip to the wanted place.
   const statics::InverseResult& solve(const Target& wanted_tip, bool fresh) {
     response.limit(aim);
-    if (!beyond.isZero(0)) {
-      if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
-        return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
-      }
-      if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
-        return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
-      }
+    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+    }
+    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
     }
     return aim.solve(wanted_tip, fresh);
   }
@@ -258,18 +255,14 @@ struct VisualServo::Workspace {
     }
   }
 
-  bool findPressures(double stamp, double now, estimation::ObservationFault& fault) {
+  estimation::ObservationFault findPressures(double stamp, double now) {
     using estimation::ObservationFault;
-    fault = !(std::isfinite(stamp) && std::isfinite(now)) ? ObservationFault::kNotFinite
-            : stamp > now                                 ? ObservationFault::kFuture
-                                                          : ObservationFault::kNone;
-    if (fault != ObservationFault::kNone) return false;
-    if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
-      response.apply(stamp, at_picture);
-      return true;
-    }
-    fault = ObservationFault::kTooOld;
-    return false;
+    if (!std::isfinite(stamp) || !std::isfinite(now)) return ObservationFault::kNotFinite;
+    if (stamp > now) return ObservationFault::kFuture;
+    const bool known = observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture);
+    if (!known) return ObservationFault::kTooOld;
+    response.apply(stamp, at_picture);
+    return ObservationFault::kNone;
   }
 
   // Advances the estimate of the arm's response to a picture.
@@ -360,7 +353,7 @@ struct VisualServo::Workspace {
   void compare(double stamp, double now, const Eigen::VectorXd& pressure,
                const model::Twists& twists) {
     error.reset();
-    const auto place = wanted.before(stamp);
+    const auto* const place = wanted.find(stamp);
     const auto shape = tracker.shape(pressure);
     if (!place || !shape) return;
     const lie::SE3 tip = model::tipPose(shape->about(twists));
@@ -482,9 +475,8 @@ void VisualServo::close(bool closed) {
 void VisualServo::reset() {
   Workspace& w = *work_;
   w.tracker.reset();
-  w.watch.reset();
   w.budget.reset();
-  w.contact.reset();
+  w.forgetContact();
   w.dynamics.reset();
   w.response.learn(w.dynamics);
   w.swing_peak.setZero();
@@ -516,11 +508,8 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.watch.forgetTime();
     w.wanted.clear();
     w.divergence.clear();
-    w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
-    w.arrived_at = -std::numeric_limits<double>::infinity();
-    w.slow_until = -std::numeric_limits<double>::infinity();
-    w.begun_at = -std::numeric_limits<double>::infinity();
+    w.aimed_at = w.arrived_at = w.slow_until = w.begun_at = w.accepted_at[0];
     w.touched_at = time;
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
@@ -561,7 +550,8 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
                                              const std::optional<std::vector<int>>& tags) {
   Workspace& w = *work_;
   estimation::Observation out;
-  if (!w.findPressures(stamp, now, out.fault)) return out;
+  out.fault = w.findPressures(stamp, now);
+  if (!out.accepted()) return out;
   w.arrived_at = now;
   w.swingTo(stamp);
   const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,

@@ -191,90 +191,6 @@ std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& 
   return std::nullopt;
 }
 
-// Captures with effective pressures in place of the measured ones, as far as a series was recorded
-// through them.
-struct EffectiveCaptures {
-  std::vector<estimation::Capture> captures;
-  std::vector<int> unknown;  // numbers of those that keep their measured pressures
-};
-// @param arm  with the responses. Without any, nothing changes.
-EffectiveCaptures effectiveCaptures(const model::Arm& arm, const ResponseSeries& tips,
-                                    std::vector<estimation::Capture> captures) {
-  EffectiveCaptures out{std::move(captures), {}};
-  model::ArmResponse response(arm);
-  if (response.instant()) return out;
-  const model::InputHistory& history = tips.history;
-  Eigen::MatrixXd beyond(history.rows(), arm.actuatorCount());
-  for (Eigen::Index row = 0; row < history.rows(); ++row) {
-    response.follow(history, row);
-    beyond.row(row) = response.effective().transpose() - history.input.row(row);
-  }
-  for (estimation::Capture& capture : out.captures) {
-    const auto more =
-        capture.time ? beyondAt(*capture.time, history, beyond) : std::optional<Eigen::VectorXd>();
-    if (more) {
-      capture.pressure = arm.clamped(capture.pressure + *more);
-    } else {
-      out.unknown.push_back(capture.number);
-    }
-  }
-  return out;
-}
-
-// Fits the response to free lengths or to a series of the tip, whichever the data hold, into
-// outcome.response; with warnings on what the data do not determine or show to be absent.
-// @param names  curves that get it, at least one; what the data do not determine stays as that of
-// the first one. @return cause and remedy if it cannot be fitted.
-std::optional<std::string> fitResponseOf(const io::Scene& scene, const CalibrationRequest& request,
-                                         const CalibrationData& data,
-                                         const std::vector<std::string>& names,
-                                         CalibrationOutcome& outcome) {
-  if (auto fault = faultOf(request, data)) return fault;
-  const model::Response& before = scene.contractions.at(names.front());
-  FittedResponse found{names, {}, {}, {}};
-  if (data.tips.empty()) {
-    const Eigen::MatrixXd& length = data.lengths.reading;
-    found.fit =
-        estimation::fitResponse(data.lengths.history, (length(0, 0) - length.array()).matrix());
-  } else {
-    found.fit =
-        estimation::fitResponseToPositions(data.tips.history, largestMotions(data.tips.reading));
-  }
-  if (!found.fit.fitted()) return "response: " + found.fit.failure;
-  found.response = written(found.fit, before);
-  found.parameters = numbersOf(found.fit, before);
-  for (const std::string* reason : {&found.fit.lag_reason, &found.fit.play_reason}) {
-    if (!reason->empty()) outcome.warnings.push_back("response: " + *reason);
-  }
-  if (before.slow_weight > 0) {
-    outcome.warnings.push_back(
-        "response: the scene's slow state (slow_time_constant_s, slow_weight) is removed, since "
-        "lag "
-        "and play were found without one; fit a word of the arm as well, such as stiffness, to a "
-        "series of the tip to find it again");
-  }
-  outcome.response = std::move(found);
-  return std::nullopt;
-}
-
-// Fits the mode to the series of the tip into outcome.mode.
-// @return cause and remedy if none is found.
-std::optional<std::string> fitModeOf(const io::Scene& scene, const CalibrationData& data,
-                                     CalibrationOutcome& outcome) {
-  if (data.tips.empty()) {
-    return "a mode needs a series of the tip (time_s, x_m, y_m, z_m) through a release or a step";
-  }
-  outcome.mode =
-      FittedMode{estimation::fitMode(data.tips.history, data.tips.reading), data.tips.trials, {}};
-  const estimation::ModeFit& fit = outcome.mode->fit;
-  if (!fit.fitted()) return "mode: " + fit.failure;
-  const estimation::Mode before = scene.follow.mode.value_or(estimation::Mode{});
-  outcome.mode->parameters = {
-      {"mode_hz", "Hz", before.frequency, fit.frequency.value, fit.frequency.standard_error, true},
-      {"mode_damping", "", before.damping, fit.damping.value, fit.damping.standard_error, true}};
-  return std::nullopt;
-}
-
 bool areCorners(const std::vector<estimation::Capture>& captures) {
   return !captures.empty() && std::holds_alternative<CornersOfTags>(captures.front().reading);
 }
@@ -334,62 +250,6 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   return options;
 }
 
-// The contraction curve that the free lengths belong to.
-std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
-                                     std::string& message) {
-  if (scene.contractions.count(asked) > 0) return asked;
-  std::vector<std::string> known;
-  for (const auto& [name, response] : scene.contractions) known.push_back(name);
-  const std::string names = basics::joined(known);
-  if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.begin()->first;
-  message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
-                                "; name the one that was measured"
-                          : "scene " + scene.name + " has no contraction " + asked +
-                                "; expected one of " + names;
-  return std::nullopt;
-}
-
-io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
-                            const std::vector<io::Override>& overrides,
-                            const CalibrationRequest& request,
-                            const std::vector<io::Provenance::Data>& sources,
-                            const CalibrationOutcome& outcome) {
-  io::Provenance out;
-  out.date = request.date;
-  out.package_version = HELIX_ARM_VERSION;
-  out.from = path;
-  out.from_sha256 = sha256;
-  for (const io::Override& one : overrides) {
-    out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
-  }
-  out.data = sources;
-  if (outcome.calibration) {
-    const Calibration& calibration = *outcome.calibration;
-    out.rms = calibration.rms;
-    if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
-    out.error_unit = calibration.error_unit;
-  } else {
-    out.rms = outcome.series                  ? outcome.series->rms
-              : !outcome.contractions.empty() ? outcome.contractions.front().second.rms
-              : outcome.response              ? outcome.response->fit.rms
-                                              : outcome.mode->fit.rms;
-    out.error_unit = "m";
-  }
-  for (const estimation::Parameter& one : parametersOf(outcome)) {
-    if (!isJudged(one)) continue;
-    out.parameters.push_back({one.name, one.value, one.standard_error, one.identifiable, one.unit});
-  }
-  if (!outcome.calibration) return out;
-  for (const estimation::Combination& one : outcome.calibration->combinations) {
-    io::Provenance::Combination combination{{}, one.relative_error, one.identifiable};
-    for (const estimation::Combination::Power& power : one.powers) {
-      combination.exponents[power.parameter] = power.exponent;
-    }
-    out.combinations.push_back(std::move(combination));
-  }
-  return out;
-}
-
 // Captures of a scene, with the poses of tags seen from the base that another scene knows.
 std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scene& scene,
                                           std::vector<estimation::Capture> captures) {
@@ -400,31 +260,6 @@ std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scen
     for (estimation::PoseObservation& one : *poses) one.X_BT = X_B1B * one.X_BT;
   }
   return captures;
-}
-
-// Adds the captures of another arm, without those that show no tag of it.
-void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
-            CalibrationOutcome& outcome) {
-  ArmCaptures arm = makeArmCaptures(scene, {});
-  std::vector<int> empty;
-  for (const estimation::Capture& capture : captures) {
-    const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
-    const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
-    if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
-      empty.push_back(capture.number);
-    } else {
-      arm.captures.push_back(capture);
-    }
-  }
-  if (!empty.empty()) {
-    outcome.warnings.push_back("captures of " + arm.name +
-                               " without a tag of the arm: " + io::listOf(empty));
-  }
-  const auto same =
-      std::count_if(outcome.arms.begin(), outcome.arms.end(),
-                    [&scene](const ArmCaptures& one) { return one.name == scene.name; });
-  if (same > 0) arm.name += " (" + std::to_string(same + 1) + ")";
-  outcome.arms.push_back(std::move(arm));
 }
 
 // A calibration in its phases. Each of them says why the request is refused, or nothing.
@@ -495,28 +330,75 @@ class CalibrationJob {
     }
     const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
     if (ofSeries() ? request_.contraction.empty() : !fitsCurve() && !of_curve) return std::nullopt;
-    std::string message;
-    name_ = curveName(*scene_, request_.contraction, message);
-    return name_ ? Refusal() : message;
+    return chooseCurve(request_.contraction);
   }
 
+  // The contraction curve that the free lengths belong to.
+  Refusal chooseCurve(const std::string& asked) {
+    std::vector<std::string> known;
+    for (const auto& [name, response] : scene_->contractions) {
+      known.push_back(name);
+      if (name == asked || (asked.empty() && scene_->contractions.size() == 1)) name_ = name;
+    }
+    if (name_) return std::nullopt;
+    return "scene " + scene_->name +
+           (asked.empty()
+                ? " has the contractions " + basics::joined(known) +
+                      "; name the one that was measured"
+                : " has no contraction " + asked + "; expected one of " + basics::joined(known));
+  }
+
+  // To free lengths or to a series of the tip, whichever the data hold. What these do not determine
+  // stays as that of the first curve.
   Refusal fitResponse() {
     if (!fitsResponse() || ofSeries()) return std::nullopt;
-    std::vector<std::string> names;
+    if (auto fault = faultOf(request_, data_)) return fault;
+    FittedResponse found;
     for (const auto& [one, response] : scene_->contractions) {
-      if (!name_ || one == *name_) names.push_back(one);
+      if (!name_ || one == *name_) found.contractions.push_back(one);
     }
-    if (auto fault = fitResponseOf(*scene_, request_, data_, names, outcome_)) return fault;
-    for (const std::string& one : names) {
-      curves_.responses.emplace_back(one, outcome_.response->response);
+    const model::Response& before = scene_->contractions.at(found.contractions.front());
+    if (data_.tips.empty()) {
+      const Eigen::MatrixXd& length = data_.lengths.reading;
+      found.fit =
+          estimation::fitResponse(data_.lengths.history, (length(0, 0) - length.array()).matrix());
+    } else {
+      found.fit = estimation::fitResponseToPositions(data_.tips.history,
+                                                     largestMotions(data_.tips.reading));
     }
+    if (!found.fit.fitted()) return "response: " + found.fit.failure;
+    found.response = written(found.fit, before);
+    found.parameters = numbersOf(found.fit, before);
+    for (const std::string* reason : {&found.fit.lag_reason, &found.fit.play_reason}) {
+      if (!reason->empty()) warn({"response: " + *reason});
+    }
+    if (before.slow_weight > 0) {
+      warn(
+          {"response: the scene's slow state (slow_time_constant_s, slow_weight) is removed, "
+           "since lag and play were found without one; fit a word of the arm as well, such as "
+           "stiffness, to a series of the tip to find it again"});
+    }
+    for (const std::string& one : found.contractions) {
+      curves_.responses.emplace_back(one, found.response);
+    }
+    outcome_.response = std::move(found);
     return std::nullopt;
   }
 
   Refusal fitMode() {
     if (!fitsMode()) return std::nullopt;
-    if (auto fault = fitModeOf(*scene_, data_, outcome_)) return fault;
+    const ResponseSeries& tips = data_.tips;
+    if (tips.empty()) {
+      return "a mode needs a series of the tip (time_s, x_m, y_m, z_m) through a release or a step";
+    }
+    outcome_.mode = FittedMode{estimation::fitMode(tips.history, tips.reading), tips.trials, {}};
     const estimation::ModeFit& fit = outcome_.mode->fit;
+    if (!fit.fitted()) return "mode: " + fit.failure;
+    const estimation::Mode before = scene_->follow.mode.value_or(estimation::Mode{});
+    const estimation::Estimate &frequency = fit.frequency, &damping = fit.damping;
+    outcome_.mode->parameters = {
+        {"mode_hz", "Hz", before.frequency, frequency.value, frequency.standard_error, true},
+        {"mode_damping", "", before.damping, damping.value, damping.standard_error, true}};
     curves_.mode = estimation::Mode{fit.frequency.value, fit.damping.value};
     return std::nullopt;
   }
@@ -550,19 +432,61 @@ class CalibrationJob {
     scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, curves_, sha256_), path_);
   }
 
-  Refusal gatherArms() {
-    if (timed_ && !data_.tips.empty() && data_.tips.history.input.cols() > 0) {
-      EffectiveCaptures effective = effectiveCaptures(scene_->arm, data_.tips, data_.captures);
-      captures_ = std::move(effective.captures);
-      if (!effective.unknown.empty()) {
-        warn(
-            {"captures that the series of the tip does not cover are taken "
-             "at their measured pressures: " +
-             io::listOf(effective.unknown)});
+  // Captures get effective pressures in place of the measured ones, as far as a series was recorded
+  // through them. Without responses of the arm, nothing changes.
+  void takeEffective() {
+    const model::Arm& arm = scene_->arm;
+    model::ArmResponse response(arm);
+    if (response.instant()) return;
+    const model::InputHistory& history = data_.tips.history;
+    Eigen::MatrixXd beyond(history.rows(), arm.actuatorCount());
+    for (Eigen::Index row = 0; row < history.rows(); ++row) {
+      response.follow(history, row);
+      beyond.row(row) = response.effective().transpose() - history.input.row(row);
+    }
+    std::vector<int> unknown;
+    for (estimation::Capture& capture : captures_) {
+      const auto more = capture.time ? beyondAt(*capture.time, history, beyond) : std::nullopt;
+      if (more) {
+        capture.pressure = arm.clamped(capture.pressure + *more);
+      } else {
+        unknown.push_back(capture.number);
       }
     }
-    addArm(*scene_, captures_, outcome_);
-    for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures, outcome_);
+    if (unknown.empty()) return;
+    warn(
+        {"captures that the series of the tip does not cover are taken at their measured "
+         "pressures: " +
+         io::listOf(unknown)});
+  }
+
+  // Without the captures that show no tag of the arm.
+  void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures) {
+    ArmCaptures arm = makeArmCaptures(scene, {});
+    std::vector<int> empty;
+    for (const estimation::Capture& capture : captures) {
+      const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
+      const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
+      if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
+        empty.push_back(capture.number);
+      } else {
+        arm.captures.push_back(capture);
+      }
+    }
+    if (!empty.empty()) {
+      warn({"captures of " + arm.name + " without a tag of the arm: " + io::listOf(empty)});
+    }
+    const auto same =
+        std::count_if(outcome_.arms.begin(), outcome_.arms.end(),
+                      [&scene](const ArmCaptures& one) { return one.name == scene.name; });
+    if (same > 0) arm.name += " (" + std::to_string(same + 1) + ")";
+    outcome_.arms.push_back(std::move(arm));
+  }
+
+  Refusal gatherArms() {
+    if (timed_ && !data_.tips.empty() && data_.tips.history.input.cols() > 0) takeEffective();
+    addArm(*scene_, captures_);
+    for (const CompanionArm& one : companions_) addArm(one.scene, one.data.captures);
     for (const ArmCaptures& arm : outcome_.arms) {
       if (arm.captures.empty()) return "no capture of " + arm.name + " was given";
     }
@@ -787,7 +711,41 @@ class CalibrationJob {
     outcome_.warnings.insert(outcome_.warnings.end(), warnings.begin(), warnings.end());
   }
   io::Provenance provenance() const {
-    return provenanceOf(path_, sha256_, overrides_, request_, sources_, outcome_);
+    io::Provenance out;
+    out.date = request_.date;
+    out.package_version = HELIX_ARM_VERSION;
+    out.from = path_;
+    out.from_sha256 = sha256_;
+    for (const io::Override& one : overrides_) {
+      out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
+    }
+    out.data = sources_;
+    if (outcome_.calibration) {
+      const Calibration& calibration = *outcome_.calibration;
+      out.rms = calibration.rms;
+      if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
+      out.error_unit = calibration.error_unit;
+    } else {
+      out.rms = outcome_.series                  ? outcome_.series->rms
+                : !outcome_.contractions.empty() ? outcome_.contractions.front().second.rms
+                : outcome_.response              ? outcome_.response->fit.rms
+                                                 : outcome_.mode->fit.rms;
+      out.error_unit = "m";
+    }
+    for (const estimation::Parameter& one : parametersOf(outcome_)) {
+      if (!isJudged(one)) continue;
+      out.parameters.push_back(
+          {one.name, one.value, one.standard_error, one.identifiable, one.unit});
+    }
+    if (!outcome_.calibration) return out;
+    for (const estimation::Combination& one : outcome_.calibration->combinations) {
+      io::Provenance::Combination combination{{}, one.relative_error, one.identifiable};
+      for (const estimation::Combination::Power& power : one.powers) {
+        combination.exponents[power.parameter] = power.exponent;
+      }
+      out.combinations.push_back(std::move(combination));
+    }
+    return out;
   }
 
   const std::string& path_;

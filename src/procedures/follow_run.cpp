@@ -12,6 +12,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/procedures/suspect_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
 
@@ -97,9 +98,8 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, const control::Tip
   });
   if (begin == end) return out;
   out.path_rms = rms(begin, end);
-  double most = 0.0;
-  for (Rows row = begin; row != end; ++row) most = std::max(most, errorOf(*row));
-  out.path_max = most;
+  out.path_max = 0.0;
+  for (Rows row = begin; row != end; ++row) out.path_max = std::max(*out.path_max, errorOf(*row));
   const auto last_turn = lastTurnOf(path);
   const Rows turn = last_turn ? std::find_if(begin, end, isFrom(*last_turn)) : end;
   const bool ran = end != rows.end() || *rows.back().path_time >= path.lastTime() - kTurn;
@@ -239,18 +239,13 @@ class Lockstep {
   std::set<int> fitted_;
 };
 
-// For a scene without a simulated regulator: one that reaches all limits.
+// For a scene without a simulated regulator: one as the loop expects it.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
-  const auto* simulated = scene.regulator
-                              ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
-                              : nullptr;
-  regulator::SimulatedRegulatorConfig out;
-  if (simulated != nullptr) {
-    out = *simulated;
-  } else {
+  regulator::SimulatedRegulatorConfig out = simulatedRegulatorOf(scene);
+  if (!scene.regulator ||
+      !std::holds_alternative<regulator::SimulatedRegulatorConfig>(*scene.regulator)) {
     out.time_constant = scene.follow.time_constant;
     out.noise = scene.follow.reading_noise;
-    out.supply_pressure = scene.arm.inputAt(1.0).maxCoeff();
   }
   out.seed = seed;
   return out;
@@ -263,16 +258,13 @@ void requireVision(const io::Scene& scene) {
 
 // Of the arm of the scene, its tags in their order.
 void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
-  bool same = rig.arm.sectionCount() == scene.arm.sectionCount() &&
-              rig.tags->tags.size() == scene.tags->tags.size();
-  for (int k = 0; same && k < scene.arm.sectionCount(); ++k) {
-    same = rig.arm.firstActuator(k) == scene.arm.firstActuator(k);
-  }
-  same = same && rig.arm.actuatorCount() == scene.arm.actuatorCount();
-  for (std::size_t i = 0; same && i < scene.tags->tags.size(); ++i) {
-    same = rig.tags->tags[i].id == scene.tags->tags[i].id;
-  }
-  basics::require(same, "the rig of scene ", rig.name,
+  const auto partsOf = [](const io::Scene& one) {
+    std::vector<int> out(1, one.arm.sectionCount());
+    for (int k = 0; k <= out[0]; ++k) out.push_back(one.arm.firstActuator(k));
+    for (const estimation::TagPlacement& tag : one.tags->tags) out.push_back(tag.id);
+    return out;
+  };
+  basics::require(partsOf(rig) == partsOf(scene), "the rig of scene ", rig.name,
                   " has other sections, actuators or tags than ", scene.name,
                   "; give the scene that this one was calibrated from");
 }
