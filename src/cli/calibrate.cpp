@@ -1,8 +1,8 @@
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <utility>
 
@@ -27,16 +27,7 @@ using estimation::ArmCaptures;
 using estimation::Calibration;
 using nlohmann::json;
 
-constexpr std::pair<estimation::CurveKind, const char*> kCurveNames[] = {
-    {estimation::CurveKind::kQuintic, "quintic"},
-    {estimation::CurveKind::kTable, "table"},
-    {estimation::CurveKind::kSpline, "spline"}};
-
-const char* curveName(estimation::CurveKind wanted) {
-  const char* found = "";
-  for (const auto& [kind, name] : kCurveNames) found = kind == wanted ? name : found;
-  return found;
-}
+const std::vector<std::string> kCurveNames = {"quintic", "table", "spline"};  // as in CurveKind
 
 // Points of a fitted curve, for drawing.
 constexpr int kCurvePoints = 100;
@@ -58,14 +49,6 @@ json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
   return {{"value", scale * one.value}, {"standard_error", scale * one.standard_error}};
 }
 
-// "quintic", "table" or "spline"; nothing of other words.
-std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
-  for (const auto& [kind, name] : kCurveNames) {
-    if (word == name) return kind;
-  }
-  return std::nullopt;
-}
-
 // The fitted contraction curves, with their samples and points to draw.
 json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
@@ -82,7 +65,7 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome) {
       }
     }
     all.push_back({{"name", name},
-                   {"kind", curveName(fit.kind)},
+                   {"kind", kCurveNames[static_cast<std::size_t>(fit.kind)]},
                    {"in_arm", curveInArmJson(outcome.curve_in_arm)},
                    {"rms_m", fit.rms},
                    {"constrained", fit.constrained},
@@ -156,13 +139,6 @@ struct CalibrateOptions {
   bool verbose = false;
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
-
-std::vector<std::string> wordsOf(const std::string& list) {
-  std::vector<std::string> words;
-  std::istringstream stream(list);
-  for (std::string word; std::getline(stream, word, ',');) words.push_back(word);
-  return words;
-}
 
 // SCENE2,DATA2.csv[,DATA3.csv...] of --also.
 std::vector<std::string> partsOfAlso(const std::string& text) {
@@ -388,7 +364,10 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (!options.out.empty()) requireOutputOfItsOwn(options);
   procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
-  request.curve = curveKindOf(options.curve);
+  if (!options.curve.empty()) {
+    const auto name = std::find(kCurveNames.begin(), kCurveNames.end(), options.curve);
+    request.curve = static_cast<estimation::CurveKind>(name - kCurveNames.begin());
+  }
   if (options.branch == "rising") request.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.rest_offset = 1e-3 * options.rest_offset_mm;
@@ -451,7 +430,7 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--curve", options->curve,
             "kind of contraction curve: spline (fitted to free lengths and captures together), "
             "quintic or table (to free lengths alone); default spline with captures, else quintic",
-            CLI::IsMember({"quintic", "table", "spline"}));
+            CLI::IsMember(kCurveNames));
   addOption(*command, "--branch", options->branch,
             "branch of the free lengths: both, rising or falling",
             CLI::IsMember({"both", "rising", "falling"}), kShowDefault);

@@ -17,6 +17,7 @@
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/camera_placing.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "nlohmann/json.hpp"
@@ -28,6 +29,7 @@ namespace {
 
 using nlohmann::json;
 using procedures::CameraPlacing;
+using regulator::steadyNow;
 using vision::CalibratedView;
 using vision::CameraCalibration;
 using vision::CameraParameter;
@@ -89,28 +91,24 @@ struct CameraArguments {
 // Gets each picture and whether it follows the last one in time; returns false if it wants no more.
 using TakePicture = std::function<bool(const vision::Frame&, bool)>;
 
-double steadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 void readWebcam(const CameraSource& source, const TakePicture& take, PicturesRead& read) {
   const auto camera = vision::FrameSource::webcam(source.webcam);
-  const double begin = steadySeconds();
+  const double begin = steadyNow();
   double last = begin, retry = begin;
   vision::Frame frame;
-  while (!interrupted() && steadySeconds() - begin < source.seconds) {
-    if (steadySeconds() < retry) {
+  while (!interrupted() && steadyNow() - begin < source.seconds) {
+    if (steadyNow() < retry) {
       std::this_thread::sleep_for(kBetweenTries);
       continue;
     }
     if (camera->next(frame) == vision::FrameStatus::kFrame) {
-      last = steadySeconds();
+      last = steadyNow();
       ++read.pictures;
       if (!take(frame, true)) return;
       continue;
     }
-    retry = steadySeconds() + frame.retry_after;
-    if (steadySeconds() - last < kPatience) continue;
+    retry = steadyNow() + frame.retry_after;
+    if (steadyNow() - last < kPatience) continue;
     read.faults.push_back(faultOf(frame));
     return;
   }
@@ -181,13 +179,11 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   if (!arguments.device.empty()) source.webcam.device = arguments.device;
   if (arguments.focus) source.webcam.focus = *arguments.focus;
   if (!arguments.size.empty()) {
-    const std::vector<double> size = numberList("--size", arguments.size, 2);
-    const auto fits = [](double side) {
-      return side >= 1 && side <= estimation::Camera::kMaxSide && side == std::floor(side);
-    };
-    if (!fits(size[0]) || !fits(size[1])) {
+    const Eigen::Vector2d size = numberList("--size", arguments.size, 2);
+    constexpr int kMost = estimation::Camera::kMaxSide;
+    if (size.minCoeff() < 1 || size.maxCoeff() > kMost || size != size.array().floor().matrix()) {
       throw CallerError("--size is " + arguments.size + "; expected whole numbers from 1 to " +
-                        std::to_string(estimation::Camera::kMaxSide));
+                        std::to_string(kMost));
     }
     source.webcam.width = static_cast<int>(size[0]);
     source.webcam.height = static_cast<int>(size[1]);

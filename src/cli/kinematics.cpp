@@ -299,9 +299,8 @@ struct InverseArguments {
   bool cocontraction_given = false;
 };
 
-// @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
-// Position, then the quaternion x, y, z, w. Its norm is an error if it is not 1; a cell of a file
-// is not repeated.
+// @param p  (7) position, quaternion xyzw, whose norm is an error if it is not 1; of a file it is
+//     not repeated. @param culprit  whose they are.
 lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
@@ -310,18 +309,7 @@ lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repea
                       (repeat_norm ? basics::format("norm %g", q.norm()) : "another norm") +
                       "; expected 1, in the order qx,qy,qz,qw");
   }
-  return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
-}
-
-lie::SE3 poseArgument(const std::string& text) {
-  const std::vector<double> p = numberList("--pose", text, 7);
-  return poseOf("--pose", Eigen::Map<const Eigen::VectorXd>(p.data(), 7), true);
-}
-
-model::Twists twistArgument(const std::string& text, int sections) {
-  const std::vector<double> numbers =
-      numberList("--twist", text, 6 * static_cast<std::size_t>(sections));
-  return Eigen::Map<const Eigen::MatrixXd>(numbers.data(), 6, sections);
+  return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
@@ -512,12 +500,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
 
   InverseResult result;
   if (!arguments.tip.empty()) {
-    const std::vector<double> p = numberList("--tip", arguments.tip, 3);
-    result = solver.toPosition({p[0], p[1], p[2]}, start);
+    result = solver.toPosition(numberList("--tip", arguments.tip, 3), start);
   } else if (!arguments.pose.empty()) {
-    result = solver.toPose(poseArgument(arguments.pose), start);
+    const Eigen::VectorXd pose = numberList("--pose", arguments.pose, 7);
+    result = solver.toPose(poseOf("--pose", pose, true), start);
   } else {
-    result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
+    const int sections = scene.arm.sectionCount();
+    const Eigen::VectorXd twists = numberList("--twist", arguments.twist, 6 * sections);
+    result = solver.toTwists(twists.reshaped(6, sections), start);
   }
   InverseAnswer answer{result, result.input, response, rows};
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);

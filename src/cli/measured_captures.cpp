@@ -30,12 +30,12 @@ using nlohmann::json;
 
 // One capture of tag poses and the shape fitted to it.
 struct FittedCapture {
-  int number;                                     // as the file counts them
+  int number = 0;                                 // as the file counts them
   Eigen::VectorXd pressure;                       // (n) gauge [Pa]
   std::vector<estimation::PoseObservation> seen;  // the tags that the scene has
   std::vector<int> unknown_tags;                  // ids that it has not
   statics::Solution model;                        // at these pressures
-  estimation::FitStatus status;
+  estimation::FitStatus status = estimation::FitStatus::kConverged;
   std::string reason;  // why it did not converge; empty where it did
   // Absent where the tags do not determine a shape, or no shape fits most of them.
   std::optional<estimation::TwistFit> fit;
@@ -78,6 +78,16 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
 
+// Takes the fit's result over; of no shape, its status and the reason alone.
+void take(const io::Scene& scene, const estimation::TwistFit& fit, FittedCapture& capture) {
+  capture.status = fit.status;
+  capture.reason = reasonOf(scene, capture);
+  if (fit.status == estimation::FitStatus::kConverged ||
+      fit.status == estimation::FitStatus::kNotConverged) {
+    capture.fit = fit;
+  }
+}
+
 void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
   std::vector<std::optional<estimation::CaptureScatter>> scatter;
   for (const FittedCapture& capture : captures) {
@@ -105,7 +115,9 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}, {}};
+    FittedCapture& capture = captures.emplace_back();
+    capture.number = measured.number;
+    capture.pressure = measured.pressure;
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);
       if (index < 0) {
@@ -116,15 +128,8 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     }
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
     capture.model = scene.model.solve(pressure);
-    const estimation::TwistFit& fit =
-        fitter.fitCold(capture.seen, statics::startingShape(scene.model, capture.model, pressure));
-    capture.status = fit.status;
-    capture.reason = reasonOf(scene, capture);
-    if (fit.status == estimation::FitStatus::kConverged ||
-        fit.status == estimation::FitStatus::kNotConverged) {
-      capture.fit = fit;
-    }
-    captures.push_back(std::move(capture));
+    const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
+    take(scene, fitter.fitCold(capture.seen, start), capture);
   }
   compareScatter(scene.vision.fit.planar, captures);
   return captures;
@@ -138,25 +143,23 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<FittedCapture> captures;
   for (const estimation::Capture& measured : read.captures) {
-    FittedCapture capture{
-        measured.number, measured.pressure, {}, read.unknownIds(), {}, {}, {}, {}, {}};
+    FittedCapture& capture = captures.emplace_back();
+    capture.number = measured.number;
+    capture.pressure = measured.pressure;
+    capture.unknown_tags = read.unknownIds();
     capture.model = scene.model.solve(measured.pressure);
     const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
     const estimation::TwistFit& fit =
         fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
                        statics::startingShape(scene.model, capture.model, measured.pressure));
     for (const estimation::CornerObservation& tag : seen) capture.seen.push_back({tag.tag, {}});
-    capture.status = fit.status;
-    capture.reason = reasonOf(scene, capture);
-    if (fit.status == estimation::FitStatus::kConverged ||
-        fit.status == estimation::FitStatus::kNotConverged) {
-      capture.fit = fit;
-      const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
-      for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
-    } else {
+    take(scene, fit, capture);
+    if (!capture.fit) {
       capture.seen.clear();
+      continue;
     }
-    captures.push_back(std::move(capture));
+    const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
+    for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
   }
   return captures;
 }
@@ -373,9 +376,9 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
   const std::optional<double> tip_error = median(tip_errors);
   std::string reason = rms.empty() ? reasonForNoFit(fitted) : "";
   if (reason.empty() && rms.empty()) {
-    const auto lacking =
-        std::find_if(fitted.begin(), fitted.end(),
-                     [](const FittedCapture& capture) { return !capture.model.converged(); });
+    const auto lacking = std::find_if(fitted.begin(), fitted.end(), [](const auto& capture) {
+      return !capture.model.converged();
+    });
     reason = "the model finds no shape for any valid capture: " +
              reasonForNoShape(lacking->model.status);
   }

@@ -43,10 +43,9 @@ Named withName(const std::string& name, const Named (&all)[kCount]) {
 }
 
 ShapedPath pathOf(const PathArguments& arguments) {
-  const std::vector<double> centre = numberList("--centre", arguments.centre, 3);
   ShapedPath path = arguments.path;
   path.shape = withName(arguments.shape, control::kTipShapes);
-  path.centre = {centre[0], centre[1], centre[2]};
+  path.centre = numberList("--centre", arguments.centre, 3);
   path.plane = withName(arguments.plane, control::kPathPlanes);
   return path;
 }

@@ -135,6 +135,18 @@ Answers ventAll(regulator::Driver& driver, const io::Scene& scene) {
   }
 }
 
+// Connects, and vents as ventAll() does; with the reason if there is no link.
+Answers connectAndVent(regulator::Driver& driver, const io::Scene& scene) {
+  Answers result(scene.arm.actuatorCount());
+  try {
+    driver.connect();
+    result = ventAll(driver, scene);
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+  }
+  return result;
+}
+
 Answers probe(const io::Scene& scene, double seconds) {
   const InterruptWatch watch;
   Answers result(scene.arm.actuatorCount());
@@ -200,22 +212,9 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   return kNotPossible;
 }
 
-// For text, which tells whose the pressures are.
-json namedActuators(const model::Arm& arm, json report) {
-  report["actuators"] = actuatorNames(arm);
-  return report;
-}
-
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
-  Answers result(scene.arm.actuatorCount());
-  try {
-    const auto driver = makeDriver(scene);
-    driver->connect();
-    result = ventAll(*driver, scene);
-  } catch (const regulator::LinkError& error) {
-    result.reason = error.what();
-  }
+  const Answers result = connectAndVent(*makeDriver(scene), scene);
   const bool vented = result.reason.empty();
   const json report{{"vented", vented},
                     {"pressure_pa", readingsJson(result.pressure)},
@@ -228,7 +227,8 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
     }
     return row;
   };
-  json shown = namedActuators(scene.arm, report);
+  json shown = report;
+  shown["actuators"] = actuatorNames(scene.arm);  // tells whose the pressures are
   shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
   printResult(global.format, report, table, vented ? shown : json());
   if (vented) return kDone;
@@ -375,7 +375,9 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
     }
     return rows;
   };
-  printResult(global.format, report, table, without(namedActuators(scene.arm, report), {"reason"}));
+  json shown = without(report, {"reason"});
+  shown["actuators"] = actuatorNames(scene.arm);
+  printResult(global.format, report, table, shown);
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;
@@ -417,22 +419,6 @@ void endWard() {
   if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
 }
 
-// Connects and vents, for at most kTrying.
-Answers vent(regulator::Driver& driver, const io::Scene& scene) {
-  const double end = steadyNow() + kTrying;
-  for (;;) {
-    Answers result(scene.arm.actuatorCount());
-    try {
-      driver.connect();
-      result = ventAll(driver, scene);
-    } catch (const regulator::LinkError& error) {
-      result.reason = error.what();
-    }
-    if (result.reason.empty() || steadyNow() >= end) return result;
-    std::this_thread::sleep_for(kBetweenVents);
-  }
-}
-
 int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
@@ -446,7 +432,11 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   if (end == End::kDismissesGuard) return kDone;
   if (end == End::kStandsStill) endWard();
   const double begin = steadyNow();
-  const Answers result = vent(*driver, scene);
+  Answers result = connectAndVent(*driver, scene);
+  while (!result.reason.empty() && steadyNow() < begin + kTrying) {
+    std::this_thread::sleep_for(kBetweenVents);
+    result = connectAndVent(*driver, scene);
+  }
   std::ostringstream line;
   line << "guard: the process that moved the arm "
        << (end == End::kStandsStill ? "did not respond and was killed; "
@@ -488,15 +478,8 @@ std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {
 }
 
 const char* wordOf(Valve valve) {
-  switch (valve) {
-    case Valve::kVent:
-      return "vents";
-    case Valve::kRegulate:
-      return "regulates";
-    case Valve::kClose:
-      break;
-  }
-  return "is closed";
+  if (valve == Valve::kVent) return "vents";
+  return valve == Valve::kRegulate ? "regulates" : "is closed";
 }
 
 void tell(const simulation::EmulatedDevice& device, const io::Scene& scene) {
@@ -519,10 +502,10 @@ void obey(const std::string& word, simulation::EmulatedDevice& device) {
   if (const auto fault = simulation::parseDeviceFault(word)) {
     device.setFault(*fault);
     std::cout << "fault: " << word << std::endl;
-    return;
+  } else {
+    std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
+              << "\n";
   }
-  std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
-            << "\n";
 }
 
 // Reads stdin line by line, until its end.
