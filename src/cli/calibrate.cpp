@@ -53,10 +53,10 @@ json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
 json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
-    json samples = json::array(), curve = json::array();
-    for (const estimation::LengthSample& sample : outcome.lengths) {
-      samples.push_back({{"pressure_pa", sample.pressure}, {"length_m", sample.length}});
-    }
+    json curve = json::array();
+    json samples = listJson(outcome.lengths, [](const estimation::LengthSample& sample) -> json {
+      return {{"pressure_pa", sample.pressure}, {"length_m", sample.length}};
+    });
     if (fit.curve) {
       const model::Range& range = fit.curve->inputRange();
       for (int i = 0; i <= kCurvePoints; ++i) {
@@ -99,18 +99,16 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
 }
 
 json modeJson(const procedures::FittedMode& found) {
-  json rings = json::array();
-  for (const estimation::RingDown& ring : found.fit.rings) {
+  json rings = listJson(found.fit.rings, [&found](const estimation::RingDown& ring) -> json {
     const auto trial = static_cast<std::size_t>(ring.trial);
-    rings.push_back(
-        {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
-         {"time_s", ring.begin},
-         {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
-         {"damping", ring.found() ? estimateJson(ring.damping) : json()},
-         {"rms_m", ring.rms},
-         {"rows", ring.rows},
-         {"reason", textOrNull(ring.reason)}});
-  }
+    return {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
+            {"time_s", ring.begin},
+            {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
+            {"damping", ring.found() ? estimateJson(ring.damping) : json()},
+            {"rms_m", ring.rms},
+            {"rows", ring.rows},
+            {"reason", textOrNull(ring.reason)}};
+  });
   const bool fitted = found.fit.fitted();
   return {{"frequency_hz", fitted ? estimateJson(found.fit.frequency) : json()},
           {"damping", fitted ? estimateJson(found.fit.damping) : json()},
@@ -118,11 +116,10 @@ json modeJson(const procedures::FittedMode& found) {
 }
 
 json seriesJson(const estimation::SeriesFit& fit) {
-  json choices = json::array();
-  for (const estimation::Choice& one : fit.choices) {
-    choices.push_back(
-        {{"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}});
-  }
+  json choices = listJson(fit.choices, [](const estimation::Choice& one) -> json {
+    return {
+        {"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}};
+  });
   json out{{"rms_m", fit.rms},
            {"rms_without_offset_m", fit.rms_about_offset},
            {"held_out_rms_m", fit.held_out_rms},
@@ -214,27 +211,22 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
 
 json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
   if (!held_out) return nullptr;
-  json groups = json::array();
-  for (const estimation::HeldOut::Group& group : held_out->groups) {
-    groups.push_back({{"label", group.label}, {"error", group.error}});
-  }
+  const json groups = listJson(held_out->groups, [](const auto& group) -> json {
+    return {{"label", group.label}, {"error", group.error}};
+  });
   return {{"error", held_out->error}, {"in_sample", held_out->in_sample}, {"groups", groups}};
 }
 
 json combinationsJson(const std::vector<estimation::Combination>& combinations) {
-  json out = json::array();
-  for (const estimation::Combination& one : combinations) {
+  return listJson(combinations, [](const estimation::Combination& one) -> json {
     json exponents = json::object();
-    for (const estimation::Combination::Power& power : one.powers) {
-      exponents[power.parameter] = power.exponent;
-    }
-    out.push_back({{"name", one.name},
-                   {"value", one.value},
-                   {"relative_error", one.relative_error},
-                   {"identifiable", one.identifiable},
-                   {"exponents", std::move(exponents)}});
-  }
-  return out;
+    for (const auto& power : one.powers) exponents[power.parameter] = power.exponent;
+    return {{"name", one.name},
+            {"value", one.value},
+            {"relative_error", one.relative_error},
+            {"identifiable", one.identifiable},
+            {"exponents", std::move(exponents)}};
+  });
 }
 
 json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
@@ -275,11 +267,8 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
       result["least_tip_error"] = {{"K_kappa_m2", outcome.least_tip_error->K_kappa},
                                    {"error", outcome.least_tip_error->error}};
     }
-    json next = json::array();
-    for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
-      next.push_back(toJson(pressure));
-    }
-    result["next_pressures_pa"] = std::move(next);
+    result["next_pressures_pa"] = listJson(
+        calibration.next_pressures, [](const Eigen::VectorXd& each) { return toJson(each); });
   }
   return result;
 }
@@ -381,9 +370,8 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
   const json report = reportOf(scene, outcome, options);
-  printResult(
-      global.format, report, [&outcome] { return csvTable(outcome); },
-      shownOf(outcome, report, options.verbose));
+  printResult(global.format, report, shownOf(outcome, report, options.verbose),
+              [&outcome] { return csvTable(outcome); });
   return outcome.success ? kDone : kNotPossible;
 }
 

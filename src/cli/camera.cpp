@@ -144,9 +144,7 @@ PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
   }
   vision::Frame frame;
   for (const auto& file : files) {
-    for (;;) {
-      const vision::FrameStatus status = file->next(frame);
-      if (status == vision::FrameStatus::kEnd) break;
+    for (vision::FrameStatus status; (status = file->next(frame)) != vision::FrameStatus::kEnd;) {
       read.interrupted = interrupted();
       if (read.interrupted) return read;
       if (status == vision::FrameStatus::kFault) {
@@ -292,22 +290,22 @@ struct Calibrated {
 json reportOf(const Calibrated& result) {
   const CameraCalibration& calibration = result.calibration;
   const bool charuco = std::holds_alternative<vision::CharucoBoard>(result.board);
-  json parameters = json::object(), views = json::array();
+  json parameters = json::object();
   for (const CameraParameter& one : calibration.parameters) {
     parameters[one.name] = {
         {"value", one.value}, {"standard_error", one.standard_error}, {"unit", one.unit}};
   }
-  for (const CalibratedView& view : calibration.views) {
+  const json views = listJson(calibration.views, [charuco](const CalibratedView& view) -> json {
     const bool fitted = view.distance > 0;
-    views.push_back({{"file", view.name},
-                     {"tags", charuco ? json() : json(view.parts)},
-                     {"corners", view.corners},
-                     {"used", view.used},
-                     {"reason", textOrNull(view.reason)},
-                     {"rms_px", fitted ? json(view.rms) : json()},
-                     {"distance_m", fitted ? json(view.distance) : json()},
-                     {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}});
-  }
+    return {{"file", view.name},
+            {"tags", charuco ? json() : json(view.parts)},
+            {"corners", view.corners},
+            {"used", view.used},
+            {"reason", textOrNull(view.reason)},
+            {"rms_px", fitted ? json(view.rms) : json()},
+            {"distance_m", fitted ? json(view.distance) : json()},
+            {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}};
+  });
   return {{"scene", result.scene ? json(result.scene->name) : json()},
           {"board", charuco ? "charuco" : "tags"},
           {"charuco", charuco ? boardJson(result.board) : json()},
@@ -335,15 +333,6 @@ CsvTable parameterTable(const CameraCalibration& calibration) {
                {"unit", one.unit}});
   }
   return table;
-}
-
-void write(const CameraArguments& arguments, const GlobalOptions& global,
-           const estimation::Camera& camera) {
-  const std::string text =
-      arguments.scene.empty()
-          ? io::cameraInfoText(camera, "camera")
-          : io::sceneTextWithCamera(arguments.scene, overridesOf(global), {camera, std::nullopt});
-  io::writeFileAtomically(arguments.out, text);
 }
 
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
@@ -382,12 +371,16 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
   }
   if (result.calibration.success && !arguments.out.empty()) {
-    write(arguments, global, result.calibration.camera);
+    const estimation::Camera& camera = result.calibration.camera;
     result.out = arguments.out;
+    io::writeFileAtomically(
+        result.out, result.scene ? io::sceneTextWithCamera(arguments.scene, overridesOf(global),
+                                                           {camera, std::nullopt})
+                                 : io::cameraInfoText(camera, "camera"));
   }
   const json report = reportOf(result);
-  printResult(
-      global.format, report, [&result] { return parameterTable(result.calibration); }, report);
+  printResult(global.format, report, report,
+              [&result] { return parameterTable(result.calibration); });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
@@ -402,15 +395,6 @@ struct Placed {
 
   Eigen::VectorXd errors() const { return placing.covariance.diagonal().cwiseMax(0).cwiseSqrt(); }
 };
-
-// Any shape balances an arm at rest, or the caller must say another pressure.
-model::Shape shapeOf(const io::Scene& scene, const Eigen::VectorXd& inputs) {
-  const statics::Solution solution = scene.model.solve(inputs);
-  if (solution.converged()) return solution.shape;
-  throw CallerError("no shape of scene " + scene.name +
-                    " balances its load at these pressures; take the pictures at others, and give "
-                    "them with --pressure-kpa");
-}
 
 json reportOf(const Placed& result) {
   const CameraPlacing& placing = result.placing;
@@ -484,8 +468,13 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                       "; expected a scene with the sections camera and tags");
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
-  const Eigen::VectorXd inputs = inputsOrRest(scene, arguments.pressure_kpa, arguments.input);
-  const model::Shape shape = shapeOf(scene, inputs);
+  const statics::Solution model =
+      scene.model.solve(inputsOrRest(scene, arguments.pressure_kpa, arguments.input));
+  if (!model.converged()) {
+    throw CallerError("no shape of scene " + scene.name +
+                      " balances its load at these pressures; take the pictures at others, and "
+                      "give them with --pressure-kpa");
+  }
   const CameraSource source = sourceOf(arguments, scene);
   vision::TagDetector detector(scene.vision.detector);
   std::vector<std::vector<vision::TagDetection>> pictures;
@@ -499,7 +488,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
   if (const auto reason = whyNoPicture(result.read)) {
     result.placing.reason = *reason;
   } else {
-    result.placing = procedures::placeCamera(scene, shape, pictures);
+    result.placing = procedures::placeCamera(scene, model.shape, pictures);
   }
   if (result.placing.success && !arguments.out.empty()) {
     io::writeFileAtomically(arguments.out,
@@ -508,8 +497,8 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
     result.out = arguments.out;
   }
   const json report = reportOf(result);
-  printResult(
-      global.format, report, [&result] { return placeTable(result); }, without(report, {"pose"}));
+  printResult(global.format, report, without(report, {"pose"}),
+              [&result] { return placeTable(result); });
   return result.placing.success ? kDone : kNotPossible;
 }
 

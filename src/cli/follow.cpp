@@ -53,14 +53,12 @@ const char* visionName(const FollowPlan& plan) {
 
 // If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
-  json alarms = json::array();
-  for (const procedures::FollowAlarm& alarm : result.alarms) {
-    alarms.push_back({{"time_s", alarm.time},
-                      {"onset_s", alarm.onset},
-                      {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
-                      {"covariance", rowsJson(alarm.covariance)}});
-  }
-  return alarms;
+  return listJson(result.alarms, [](const procedures::FollowAlarm& alarm) -> json {
+    return {{"time_s", alarm.time},
+            {"onset_s", alarm.onset},
+            {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
+            {"covariance", rowsJson(alarm.covariance)}};
+  });
 }
 
 json spreadJson(const char* name, const estimation::TipSpread& spread) {
@@ -251,10 +249,8 @@ json shownOf(const FollowReport& report, json shown) {
 // What plot_report draws.
 // @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
-  json wanted = json::array();
-  for (const FollowRow* row : drawnRows(report.plan, report.result)) {
-    wanted.push_back(toJson(*row->wanted));
-  }
+  const json wanted = listJson(drawnRows(report.plan, report.result),
+                               [](const FollowRow* row) { return toJson(*row->wanted); });
   json runs = json::array();
   if (open != nullptr) runs.push_back(runJson("open loop", report.plan, *open));
   runs.push_back(
@@ -407,7 +403,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     std::cout << csvOf(report);
   } else {
     const json tree = reportOf(report);
-    printResult(global.format, tree, {}, shownOf(report, tree));
+    printResult(global.format, tree, shownOf(report, tree), {});
   }
   for (const std::string& text : procedures::textsOf(result.suspects)) std::cerr << text << "\n";
   if (!result.uncalibrated_tags.empty()) {

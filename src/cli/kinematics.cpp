@@ -51,12 +51,12 @@ struct ForwardResult {
   statics::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
   statics::Solution solution;
-  int full_rank;
-  std::vector<json> sections;  // {rank, condition, null_space}
-  std::vector<model::CurvePoint<lie::SE3>> curve;
-  model::ArmResponse response;   // at the inputs
-  Eigen::VectorXd measured;      // (n) last row of the history, or the inputs
-  std::vector<HistoryRow> rows;  // of the history
+  model::ArmResponse response;  // at the inputs
+  Eigen::VectorXd measured;     // (n) last row of the history, or the inputs
+  int full_rank = lie::SE3::kDof;
+  std::vector<json> sections = {};  // {rank, condition, null_space}
+  std::vector<model::CurvePoint<lie::SE3>> curve = {};
+  std::vector<HistoryRow> rows = {};  // of the history
 };
 
 template <class Group>
@@ -82,12 +82,10 @@ ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inp
                        inputs,
                        model.arm().lengths(inputs),
                        model.solve(inputs),
-                       planar ? lie::SE2::kDof : lie::SE3::kDof,
-                       planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
-                       {},
                        model::ArmResponse(model.arm()),
-                       inputs,
-                       {}};
+                       inputs};
+  if (planar) result.full_rank = lie::SE2::kDof;
+  result.sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
   if (samples > 0) result.curve = model.curve(inputs, samples);
   return result;
 }
@@ -162,26 +160,24 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
   addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
   if (!result.rows.empty()) {
     document["effective_pressure_pa"] = toJson(result.inputs);
-    json& rows = document["history"] = json::array();
-    for (const HistoryRow& row : result.rows) {
-      rows.push_back({{"time_s", toJson(row.time)},
-                      {"pressure_pa", toJson(row.pressure)},
-                      {"effective_pressure_pa", toJson(row.effective)},
-                      {"memory_known", row.known},
-                      {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}});
-    }
+    document["history"] = listJson(result.rows, [](const HistoryRow& row) -> json {
+      return {{"time_s", toJson(row.time)},
+              {"pressure_pa", toJson(row.pressure)},
+              {"effective_pressure_pa", toJson(row.effective)},
+              {"memory_known", row.known},
+              {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}};
+    });
   }
   if (result.solution.shape.piecesPerSection() > 1) {
     document["pieces"] = result.solution.shape.piecesPerSection();
     document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
   }
   if (!result.curve.empty()) {
-    json& curve = document["curve"] = json::array();
-    for (const auto& point : result.curve) {
+    document["curve"] = listJson(result.curve, [](const auto& point) {
       json entry = toJson(point.X);
       entry["s"] = point.s;
-      curve.push_back(std::move(entry));
-    }
+      return entry;
+    });
   }
   return document;
 }
@@ -241,8 +237,7 @@ json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
 
 // One result per row of a table.
 int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  if (!options.pressure_kpa.empty() || !options.input.empty() || !options.history.empty() ||
-      options.samples > 0) {
+  if (!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0) {
     throw CallerError("--inputs excludes --pressure-kpa, --input, --history and --samples");
   }
   const io::DataSet data = tableOf(options.inputs);
@@ -269,8 +264,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   if (!options.history.empty() && options.samples > 0 && global.format == Format::kCsv) {
     throw CallerError("with --history, csv has the rows of the history; leave out --samples");
   }
-  if (options.pressure_kpa.empty() && options.input.empty() && options.inputs.empty() &&
-      options.history.empty()) {
+  if ((options.pressure_kpa + options.input + options.inputs + options.history).empty()) {
     throw CallerError("give --pressure-kpa, --input, --inputs or --history");
   }
   const io::Scene scene = loadScene(options.scene, global);
@@ -284,9 +278,8 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
                 options.samples)
           : forward(model, historyOfFile(scene, options.history), options.samples);
   const json report = reportOf(scene, result);
-  printResult(
-      global.format, report, [&] { return csvTable(scene, result); },
-      shownOf(scene, result, report));
+  printResult(global.format, report, shownOf(scene, result, report),
+              [&] { return csvTable(scene, result); });
   return result.solution.converged() ? kDone : kNotPossible;
 }
 
@@ -334,8 +327,6 @@ const char* statusName(InverseStatus status) {
   return status == InverseStatus::kUnreachable ? "unreachable" : "not_converged";
 }
 
-const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
-
 std::string reasonFor(const InverseResult& result) {
   if (result.status == InverseStatus::kReached && std::isfinite(result.residual)) return {};
   if (result.status == InverseStatus::kUnreachable) {
@@ -357,7 +348,8 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   json limits = json::array();
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (result.limits[i] == Limit::kNone) continue;
-    limits.push_back({{"actuator", arm.actuator(i).name}, {"limit", limitName(result.limits[i])}});
+    limits.push_back({{"actuator", arm.actuator(i).name},
+                      {"limit", result.limits[i] == Limit::kLower ? "lower" : "upper"}});
   }
   return limits;
 }
@@ -517,8 +509,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   json shown = without(report, {"response", "converged", "order"});
   shown["tier"] = tier.name();
   if (rows == 0) addNote(scene.arm, shown);
-  printResult(
-      global.format, report, [&] { return rowOf(scene, tier, answer, reached); }, shown);
+  printResult(global.format, report, shown, [&] { return rowOf(scene, tier, answer, reached); });
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 

@@ -99,12 +99,9 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
   const json report = reportOf(path, points, out);
   json shown = report;
   shown["begin_m"] = toJson(points.front().position);
-  printResult(
-      global.format, report,
-      [&] {
-        return cellsOf(report, {"shape", "points", "duration_s", "out"});
-      },
-      shown);
+  printResult(global.format, report, shown, [&] {
+    return cellsOf(report, {"shape", "points", "duration_s", "out"});
+  });
   return kDone;
 }
 

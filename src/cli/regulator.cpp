@@ -8,7 +8,6 @@
 #include <iostream>
 #include <limits>
 #include <memory>
-#include <sstream>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -73,11 +72,6 @@ io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOption
 
 std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
   return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
-}
-
-// A reading for csv, empty where there is none.
-std::string readingCell(double pressure) {
-  return std::isfinite(pressure) ? exact(pressure) : std::string();
 }
 
 // What a regulator answered.
@@ -205,8 +199,7 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   if (!std::isfinite(result.supply)) shown["supply"] = "not measured";
   shown["notes"] = {"connected, which vents; nothing else was written"};
   if (!(result.seconds > 0)) shown = nullptr;
-  printResult(
-      global.format, report, [&table] { return table; }, shown);
+  printResult(global.format, report, shown, [&table] { return table; });
   if (result.reason.empty()) return kDone;
   std::cerr << result.reason << "\n";
   return kNotPossible;
@@ -219,18 +212,15 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
   const json report{{"vented", vented},
                     {"pressure_pa", readingsJson(result.pressure)},
                     {"reason", textOrNull(result.reason)}};
-  const auto table = [&] {
-    CsvTable::Row row{{"vented", vented ? "true" : "false"}};
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      row.emplace_back("pressure_" + std::to_string(i + 1) + "_pa",
-                       readingCell(result.pressure[i]));
-    }
-    return row;
+  const auto table = [&report, vented] {
+    json cells = report;
+    cells["vented"] = vented ? "true" : "false";
+    return cellsOf(cells, {"vented", "pressure_pa"});
   };
   json shown = report;
   shown["actuators"] = actuatorNames(scene.arm);  // tells whose the pressures are
   shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
-  printResult(global.format, report, table, vented ? shown : json());
+  printResult(global.format, report, vented ? shown : json(), table);
   if (vented) return kDone;
   std::cerr << "not vented: " << result.reason << "\n";
   return kNotPossible;
@@ -366,18 +356,18 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
                     {"state", state},
                     {"reason", textOrNull(outcome.reason)}};
   const auto table = [&] {
-    CsvTable rows;
+    json rows;
     for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      rows.add({{"name", scene.arm.actuator(i).name},
-                {"target_pa", exact(target[i])},
-                {"pressure_pa", readingCell(outcome.pressure[i])},
-                {"state", state}});
+      rows.push_back({{"name", scene.arm.actuator(i).name},
+                      {"target_pa", target[i]},
+                      {"pressure_pa", finite(outcome.pressure[i])},
+                      {"state", state}});
     }
-    return rows;
+    return CsvTable(rows, {"name", "target_pa", "pressure_pa", "state"});
   };
   json shown = without(report, {"reason"});
   shown["actuators"] = actuatorNames(scene.arm);
-  printResult(global.format, report, table, shown);
+  printResult(global.format, report, shown, table);
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;
@@ -437,21 +427,19 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
     std::this_thread::sleep_for(kBetweenVents);
     result = connectAndVent(*driver, scene);
   }
-  std::ostringstream line;
-  line << "guard: the process that moved the arm "
-       << (end == End::kStandsStill ? "did not respond and was killed; "
-                                    : "ended without venting it; ")
-       << regulator::describe(*scene.regulator);
+  const std::string line = std::string("guard: the process that moved the arm ") +
+                           (end == End::kStandsStill ? "did not respond and was killed; "
+                                                     : "ended without venting it; ") +
+                           regulator::describe(*scene.regulator);
   if (result.reason.empty()) {
-    line << " is vented, after " << steadyNow() - begin << " s\n";
-  } else {
-    line << " is NOT vented: " << result.reason
-         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
-            "`helix_arm regulator "
-         << options.scene << " vent`\n";
+    std::cerr << line + basics::format(" is vented, after %g s\n", steadyNow() - begin);
+    return kDone;
   }
-  std::cerr << line.str();
-  return result.reason.empty() ? kDone : kNotPossible;
+  std::cerr << line + " is NOT vented: " + result.reason +
+                   "; the arm may be under pressure: shut the supply, open the relief valve by "
+                   "hand, then `helix_arm regulator " +
+                   options.scene + " vent`\n";
+  return kNotPossible;
 }
 
 std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {

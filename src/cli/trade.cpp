@@ -347,15 +347,14 @@ json measure(const io::Scene& scene, const TradeOptions& options) {
     }
     markFrontier(rows);
   }
-  json table = json::array();
-  for (const TradeRow& row : rows) {
-    table.push_back({{"part", row.part},
-                     {"tier", row.tier},
-                     {"setting", row.setting},
-                     {"time_ns", 1e9 * row.time},
-                     {"tip_error_percent", finite(100 * row.error)},
-                     {"on_frontier", row.on_frontier}});
-  }
+  const json table = listJson(rows, [](const TradeRow& row) -> json {
+    return {{"part", row.part},
+            {"tier", row.tier},
+            {"setting", row.setting},
+            {"time_ns", 1e9 * row.time},
+            {"tip_error_percent", finite(100 * row.error)},
+            {"on_frontier", row.on_frontier}};
+  });
   return {{"scene", scene.name}, {"rows", table}, {"notes", notes}};
 }
 
@@ -382,7 +381,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   shown["notes"].push_back(
       "tip errors in % of the arm's length; on the frontier: no faster row of "
       "the same part is as accurate");
-  printResult(global.format, report, table, shown);
+  printResult(global.format, report, shown, table);
   if (report["rows"].empty()) return kNotPossible;
   if (!folder) return kDone;
   std::ostringstream csv;

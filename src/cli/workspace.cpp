@@ -470,9 +470,8 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     arguments.png.clear();
   }
   const json report = reportOf(scene, setting, arguments, summary);
-  printResult(
-      global.format, report, [&report] { return csvTable(report); },
-      shownOf(scene, setting, report));
+  printResult(global.format, report, shownOf(scene, setting, report),
+              [&report] { return csvTable(report); });
   if (fault) std::rethrow_exception(fault);
   return some ? kDone : kNotPossible;
 }
