@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <iostream>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -18,18 +19,6 @@ namespace {
 const char* const kTags = "tags";
 const char* const kCharuco = "charuco";
 constexpr double kUsualMarker = 0.75;  // of the side of a square
-
-std::vector<std::string> split(const std::string& text) {
-  std::vector<std::string> parts(1);
-  for (const char c : text) {
-    if (c == ',') {
-      parts.emplace_back();
-    } else {
-      parts.back() += c;
-    }
-  }
-  return parts;
-}
 
 statics::TierRequest requestOf(const TierArguments& arguments) {
   statics::TierRequest request;
@@ -93,7 +82,7 @@ bool isGiven(const BoardArguments& arguments, const std::string& name) {
 vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
   vision::CharucoBoard board = arguments.charuco;
   if (!arguments.squares.empty()) {
-    const std::vector<double> squares = numberList("--squares", arguments.squares, 2);
+    const Eigen::Vector2d squares = numberList("--squares", arguments.squares, 2);
     for (const double count : squares) {
       if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
       throw CallerError("--squares is " + arguments.squares +
@@ -151,22 +140,27 @@ io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
   return io::loadScene(path, overridesOf(global));
 }
 
-std::vector<double> numberList(const std::string& option, const std::string& text,
-                               std::size_t count) {
-  const std::vector<std::string> parts = split(text);
-  if (parts.size() != count) {
+std::vector<std::string> wordsOf(const std::string& list, char comma) {
+  std::vector<std::string> words;
+  std::istringstream stream(list);
+  for (std::string word; std::getline(stream, word, comma);) words.push_back(word);
+  return words;
+}
+
+Eigen::VectorXd numberList(const std::string& option, const std::string& text, int count) {
+  const std::vector<std::string> parts = wordsOf(text + ",");
+  if (static_cast<int>(parts.size()) != count) {
     throw CallerError(option + " has " + std::to_string(parts.size()) + " values; expected " +
                       std::to_string(count));
   }
-  std::vector<double> numbers;
-  for (const std::string& part : parts) {
-    const std::optional<double> number = io::parseNumber(part);
+  Eigen::VectorXd numbers(count);
+  for (int i = 0; i < count; ++i) {
+    const std::optional<double> number = io::parseNumber(parts[i]);
     if (!number) {
-      throw CallerError(option + " has \"" + part + "\" as value " +
-                        std::to_string(numbers.size() + 1) +
+      throw CallerError(option + " has \"" + parts[i] + "\" as value " + std::to_string(i + 1) +
                         "; expected finite numbers separated by commas, without spaces");
     }
-    numbers.push_back(*number);
+    numbers[i] = *number;
   }
   return numbers;
 }
@@ -185,7 +179,7 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                       basics::joined(actuatorNames(arm)));
   }
   const std::string& option = in_kpa ? kpa_option : si_option;
-  const std::vector<std::string> parts = split(in_kpa ? kpa_text : si_text);
+  const std::vector<std::string> parts = wordsOf((in_kpa ? kpa_text : si_text) + ",");
   if (static_cast<int>(parts.size()) != arm.actuatorCount()) {
     throw CallerError(option + " has " + std::to_string(parts.size()) + " values; scene " +
                       scene.name + " has " + std::to_string(arm.actuatorCount()) +

@@ -63,10 +63,12 @@ void requireNoInput(const std::string& out, const std::string& input);
 /// @throws CallerError on one that is not key=value.
 std::vector<io::Override> overridesOf(const GlobalOptions& global);
 
+/// The parts of a list: "a", "" and "b" of "a,,b"; none behind a comma at the end.
+std::vector<std::string> wordsOf(const std::string& list, char comma = ',');
+
 /// The numbers of a comma list such as "-0.1,0.2".
 /// @throws CallerError naming the option and the entry that is no finite number, or a wrong count.
-std::vector<double> numberList(const std::string& option, const std::string& text,
-                               std::size_t count);
+Eigen::VectorXd numberList(const std::string& option, const std::string& text, int count);
 
 /// A check of an option: from its text a message, empty for a number within the range.
 std::function<std::string(const std::string&)> within(const model::Range& range);

@@ -1,8 +1,8 @@
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <utility>
 
@@ -27,16 +27,7 @@ using estimation::ArmCaptures;
 using estimation::Calibration;
 using nlohmann::json;
 
-constexpr std::pair<estimation::CurveKind, const char*> kCurveNames[] = {
-    {estimation::CurveKind::kQuintic, "quintic"},
-    {estimation::CurveKind::kTable, "table"},
-    {estimation::CurveKind::kSpline, "spline"}};
-
-const char* curveName(estimation::CurveKind wanted) {
-  const char* found = "";
-  for (const auto& [kind, name] : kCurveNames) found = kind == wanted ? name : found;
-  return found;
-}
+const std::vector<std::string> kCurveNames = {"quintic", "table", "spline"};  // as in CurveKind
 
 // Points of a fitted curve, for drawing.
 constexpr int kCurvePoints = 100;
@@ -58,22 +49,14 @@ json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
   return {{"value", scale * one.value}, {"standard_error", scale * one.standard_error}};
 }
 
-// "quintic", "table" or "spline"; nothing of other words.
-std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
-  for (const auto& [kind, name] : kCurveNames) {
-    if (word == name) return kind;
-  }
-  return std::nullopt;
-}
-
 // The fitted contraction curves, with their samples and points to draw.
 json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
-    json samples = json::array(), curve = json::array();
-    for (const estimation::LengthSample& sample : outcome.lengths) {
-      samples.push_back({{"pressure_pa", sample.pressure}, {"length_m", sample.length}});
-    }
+    json curve = json::array();
+    json samples = listJson(outcome.lengths, [](const estimation::LengthSample& sample) -> json {
+      return {{"pressure_pa", sample.pressure}, {"length_m", sample.length}};
+    });
     if (fit.curve) {
       const model::Range& range = fit.curve->inputRange();
       for (int i = 0; i <= kCurvePoints; ++i) {
@@ -82,7 +65,7 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome) {
       }
     }
     all.push_back({{"name", name},
-                   {"kind", curveName(fit.kind)},
+                   {"kind", kCurveNames[static_cast<std::size_t>(fit.kind)]},
                    {"in_arm", curveInArmJson(outcome.curve_in_arm)},
                    {"rms_m", fit.rms},
                    {"constrained", fit.constrained},
@@ -116,18 +99,16 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
 }
 
 json modeJson(const procedures::FittedMode& found) {
-  json rings = json::array();
-  for (const estimation::RingDown& ring : found.fit.rings) {
+  json rings = listJson(found.fit.rings, [&found](const estimation::RingDown& ring) -> json {
     const auto trial = static_cast<std::size_t>(ring.trial);
-    rings.push_back(
-        {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
-         {"time_s", ring.begin},
-         {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
-         {"damping", ring.found() ? estimateJson(ring.damping) : json()},
-         {"rms_m", ring.rms},
-         {"rows", ring.rows},
-         {"reason", textOrNull(ring.reason)}});
-  }
+    return {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
+            {"time_s", ring.begin},
+            {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
+            {"damping", ring.found() ? estimateJson(ring.damping) : json()},
+            {"rms_m", ring.rms},
+            {"rows", ring.rows},
+            {"reason", textOrNull(ring.reason)}};
+  });
   const bool fitted = found.fit.fitted();
   return {{"frequency_hz", fitted ? estimateJson(found.fit.frequency) : json()},
           {"damping", fitted ? estimateJson(found.fit.damping) : json()},
@@ -135,11 +116,10 @@ json modeJson(const procedures::FittedMode& found) {
 }
 
 json seriesJson(const estimation::SeriesFit& fit) {
-  json choices = json::array();
-  for (const estimation::Choice& one : fit.choices) {
-    choices.push_back(
-        {{"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}});
-  }
+  json choices = listJson(fit.choices, [](const estimation::Choice& one) -> json {
+    return {
+        {"part", one.part}, {"kept", one.kept}, {"gain_m", one.gain}, {"scatter_m", one.scatter}};
+  });
   json out{{"rms_m", fit.rms},
            {"rms_without_offset_m", fit.rms_about_offset},
            {"held_out_rms_m", fit.held_out_rms},
@@ -156,13 +136,6 @@ struct CalibrateOptions {
   bool verbose = false;
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
-
-std::vector<std::string> wordsOf(const std::string& list) {
-  std::vector<std::string> words;
-  std::istringstream stream(list);
-  for (std::string word; std::getline(stream, word, ',');) words.push_back(word);
-  return words;
-}
 
 // SCENE2,DATA2.csv[,DATA3.csv...] of --also.
 std::vector<std::string> partsOfAlso(const std::string& text) {
@@ -238,27 +211,22 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
 
 json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
   if (!held_out) return nullptr;
-  json groups = json::array();
-  for (const estimation::HeldOut::Group& group : held_out->groups) {
-    groups.push_back({{"label", group.label}, {"error", group.error}});
-  }
+  const json groups = listJson(held_out->groups, [](const auto& group) -> json {
+    return {{"label", group.label}, {"error", group.error}};
+  });
   return {{"error", held_out->error}, {"in_sample", held_out->in_sample}, {"groups", groups}};
 }
 
 json combinationsJson(const std::vector<estimation::Combination>& combinations) {
-  json out = json::array();
-  for (const estimation::Combination& one : combinations) {
+  return listJson(combinations, [](const estimation::Combination& one) -> json {
     json exponents = json::object();
-    for (const estimation::Combination::Power& power : one.powers) {
-      exponents[power.parameter] = power.exponent;
-    }
-    out.push_back({{"name", one.name},
-                   {"value", one.value},
-                   {"relative_error", one.relative_error},
-                   {"identifiable", one.identifiable},
-                   {"exponents", std::move(exponents)}});
-  }
-  return out;
+    for (const auto& power : one.powers) exponents[power.parameter] = power.exponent;
+    return {{"name", one.name},
+            {"value", one.value},
+            {"relative_error", one.relative_error},
+            {"identifiable", one.identifiable},
+            {"exponents", std::move(exponents)}};
+  });
 }
 
 json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
@@ -299,11 +267,8 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
       result["least_tip_error"] = {{"K_kappa_m2", outcome.least_tip_error->K_kappa},
                                    {"error", outcome.least_tip_error->error}};
     }
-    json next = json::array();
-    for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
-      next.push_back(toJson(pressure));
-    }
-    result["next_pressures_pa"] = std::move(next);
+    result["next_pressures_pa"] = listJson(
+        calibration.next_pressures, [](const Eigen::VectorXd& each) { return toJson(each); });
   }
   return result;
 }
@@ -388,7 +353,10 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (!options.out.empty()) requireOutputOfItsOwn(options);
   procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
-  request.curve = curveKindOf(options.curve);
+  if (!options.curve.empty()) {
+    const auto name = std::find(kCurveNames.begin(), kCurveNames.end(), options.curve);
+    request.curve = static_cast<estimation::CurveKind>(name - kCurveNames.begin());
+  }
   if (options.branch == "rising") request.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.rest_offset = 1e-3 * options.rest_offset_mm;
@@ -402,9 +370,8 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
   const json report = reportOf(scene, outcome, options);
-  printResult(
-      global.format, report, [&outcome] { return csvTable(outcome); },
-      shownOf(outcome, report, options.verbose));
+  printResult(global.format, report, shownOf(outcome, report, options.verbose),
+              [&outcome] { return csvTable(outcome); });
   return outcome.success ? kDone : kNotPossible;
 }
 
@@ -451,7 +418,7 @@ Subcommand addCalibrate(CLI::App& app) {
   addOption(*command, "--curve", options->curve,
             "kind of contraction curve: spline (fitted to free lengths and captures together), "
             "quintic or table (to free lengths alone); default spline with captures, else quintic",
-            CLI::IsMember({"quintic", "table", "spline"}));
+            CLI::IsMember(kCurveNames));
   addOption(*command, "--branch", options->branch,
             "branch of the free lengths: both, rising or falling",
             CLI::IsMember({"both", "rising", "falling"}), kShowDefault);

@@ -17,6 +17,7 @@
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/camera_placing.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "nlohmann/json.hpp"
@@ -28,6 +29,7 @@ namespace {
 
 using nlohmann::json;
 using procedures::CameraPlacing;
+using regulator::steadyNow;
 using vision::CalibratedView;
 using vision::CameraCalibration;
 using vision::CameraParameter;
@@ -89,28 +91,24 @@ struct CameraArguments {
 // Gets each picture and whether it follows the last one in time; returns false if it wants no more.
 using TakePicture = std::function<bool(const vision::Frame&, bool)>;
 
-double steadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 void readWebcam(const CameraSource& source, const TakePicture& take, PicturesRead& read) {
   const auto camera = vision::FrameSource::webcam(source.webcam);
-  const double begin = steadySeconds();
+  const double begin = steadyNow();
   double last = begin, retry = begin;
   vision::Frame frame;
-  while (!interrupted() && steadySeconds() - begin < source.seconds) {
-    if (steadySeconds() < retry) {
+  while (!interrupted() && steadyNow() - begin < source.seconds) {
+    if (steadyNow() < retry) {
       std::this_thread::sleep_for(kBetweenTries);
       continue;
     }
     if (camera->next(frame) == vision::FrameStatus::kFrame) {
-      last = steadySeconds();
+      last = steadyNow();
       ++read.pictures;
       if (!take(frame, true)) return;
       continue;
     }
-    retry = steadySeconds() + frame.retry_after;
-    if (steadySeconds() - last < kPatience) continue;
+    retry = steadyNow() + frame.retry_after;
+    if (steadyNow() - last < kPatience) continue;
     read.faults.push_back(faultOf(frame));
     return;
   }
@@ -146,9 +144,7 @@ PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
   }
   vision::Frame frame;
   for (const auto& file : files) {
-    for (;;) {
-      const vision::FrameStatus status = file->next(frame);
-      if (status == vision::FrameStatus::kEnd) break;
+    for (vision::FrameStatus status; (status = file->next(frame)) != vision::FrameStatus::kEnd;) {
       read.interrupted = interrupted();
       if (read.interrupted) return read;
       if (status == vision::FrameStatus::kFault) {
@@ -181,13 +177,11 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   if (!arguments.device.empty()) source.webcam.device = arguments.device;
   if (arguments.focus) source.webcam.focus = *arguments.focus;
   if (!arguments.size.empty()) {
-    const std::vector<double> size = numberList("--size", arguments.size, 2);
-    const auto fits = [](double side) {
-      return side >= 1 && side <= estimation::Camera::kMaxSide && side == std::floor(side);
-    };
-    if (!fits(size[0]) || !fits(size[1])) {
+    const Eigen::Vector2d size = numberList("--size", arguments.size, 2);
+    constexpr int kMost = estimation::Camera::kMaxSide;
+    if (size.minCoeff() < 1 || size.maxCoeff() > kMost || size != size.array().floor().matrix()) {
       throw CallerError("--size is " + arguments.size + "; expected whole numbers from 1 to " +
-                        std::to_string(estimation::Camera::kMaxSide));
+                        std::to_string(kMost));
     }
     source.webcam.width = static_cast<int>(size[0]);
     source.webcam.height = static_cast<int>(size[1]);
@@ -296,22 +290,22 @@ struct Calibrated {
 json reportOf(const Calibrated& result) {
   const CameraCalibration& calibration = result.calibration;
   const bool charuco = std::holds_alternative<vision::CharucoBoard>(result.board);
-  json parameters = json::object(), views = json::array();
+  json parameters = json::object();
   for (const CameraParameter& one : calibration.parameters) {
     parameters[one.name] = {
         {"value", one.value}, {"standard_error", one.standard_error}, {"unit", one.unit}};
   }
-  for (const CalibratedView& view : calibration.views) {
+  const json views = listJson(calibration.views, [charuco](const CalibratedView& view) -> json {
     const bool fitted = view.distance > 0;
-    views.push_back({{"file", view.name},
-                     {"tags", charuco ? json() : json(view.parts)},
-                     {"corners", view.corners},
-                     {"used", view.used},
-                     {"reason", textOrNull(view.reason)},
-                     {"rms_px", fitted ? json(view.rms) : json()},
-                     {"distance_m", fitted ? json(view.distance) : json()},
-                     {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}});
-  }
+    return {{"file", view.name},
+            {"tags", charuco ? json() : json(view.parts)},
+            {"corners", view.corners},
+            {"used", view.used},
+            {"reason", textOrNull(view.reason)},
+            {"rms_px", fitted ? json(view.rms) : json()},
+            {"distance_m", fitted ? json(view.distance) : json()},
+            {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}};
+  });
   return {{"scene", result.scene ? json(result.scene->name) : json()},
           {"board", charuco ? "charuco" : "tags"},
           {"charuco", charuco ? boardJson(result.board) : json()},
@@ -339,15 +333,6 @@ CsvTable parameterTable(const CameraCalibration& calibration) {
                {"unit", one.unit}});
   }
   return table;
-}
-
-void write(const CameraArguments& arguments, const GlobalOptions& global,
-           const estimation::Camera& camera) {
-  const std::string text =
-      arguments.scene.empty()
-          ? io::cameraInfoText(camera, "camera")
-          : io::sceneTextWithCamera(arguments.scene, overridesOf(global), {camera, std::nullopt});
-  io::writeFileAtomically(arguments.out, text);
 }
 
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
@@ -386,12 +371,16 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
   }
   if (result.calibration.success && !arguments.out.empty()) {
-    write(arguments, global, result.calibration.camera);
+    const estimation::Camera& camera = result.calibration.camera;
     result.out = arguments.out;
+    io::writeFileAtomically(
+        result.out, result.scene ? io::sceneTextWithCamera(arguments.scene, overridesOf(global),
+                                                           {camera, std::nullopt})
+                                 : io::cameraInfoText(camera, "camera"));
   }
   const json report = reportOf(result);
-  printResult(
-      global.format, report, [&result] { return parameterTable(result.calibration); }, report);
+  printResult(global.format, report, report,
+              [&result] { return parameterTable(result.calibration); });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
@@ -406,15 +395,6 @@ struct Placed {
 
   Eigen::VectorXd errors() const { return placing.covariance.diagonal().cwiseMax(0).cwiseSqrt(); }
 };
-
-// Any shape balances an arm at rest, or the caller must say another pressure.
-model::Shape shapeOf(const io::Scene& scene, const Eigen::VectorXd& inputs) {
-  const statics::Solution solution = scene.model.solve(inputs);
-  if (solution.converged()) return solution.shape;
-  throw CallerError("no shape of scene " + scene.name +
-                    " balances its load at these pressures; take the pictures at others, and give "
-                    "them with --pressure-kpa");
-}
 
 json reportOf(const Placed& result) {
   const CameraPlacing& placing = result.placing;
@@ -488,8 +468,13 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
                       "; expected a scene with the sections camera and tags");
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
-  const Eigen::VectorXd inputs = inputsOrRest(scene, arguments.pressure_kpa, arguments.input);
-  const model::Shape shape = shapeOf(scene, inputs);
+  const statics::Solution model =
+      scene.model.solve(inputsOrRest(scene, arguments.pressure_kpa, arguments.input));
+  if (!model.converged()) {
+    throw CallerError("no shape of scene " + scene.name +
+                      " balances its load at these pressures; take the pictures at others, and "
+                      "give them with --pressure-kpa");
+  }
   const CameraSource source = sourceOf(arguments, scene);
   vision::TagDetector detector(scene.vision.detector);
   std::vector<std::vector<vision::TagDetection>> pictures;
@@ -503,7 +488,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
   if (const auto reason = whyNoPicture(result.read)) {
     result.placing.reason = *reason;
   } else {
-    result.placing = procedures::placeCamera(scene, shape, pictures);
+    result.placing = procedures::placeCamera(scene, model.shape, pictures);
   }
   if (result.placing.success && !arguments.out.empty()) {
     io::writeFileAtomically(arguments.out,
@@ -512,8 +497,8 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
     result.out = arguments.out;
   }
   const json report = reportOf(result);
-  printResult(
-      global.format, report, [&result] { return placeTable(result); }, without(report, {"pose"}));
+  printResult(global.format, report, without(report, {"pose"}),
+              [&result] { return placeTable(result); });
   return result.placing.success ? kDone : kNotPossible;
 }
 

@@ -57,9 +57,7 @@ void judge(const io::Scene& scene, const regulator::Pressures& readings,
          "read the gauge of the supply: it must show the highest max_pressure_kpa or more"});
     return;
   }
-  for (const Finding& finding : procedures::checkSupply(scene, *supply)) {
-    findings.push_back(finding);
-  }
+  for (const Finding& one : procedures::checkSupply(scene, *supply)) findings.push_back(one);
 }
 
 // Connects, which vents, and reads once; nothing if it does not answer.
@@ -98,14 +96,13 @@ json visionJson(const std::optional<VisionFigures>& vision) {
 
 json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
               const std::optional<regulator::Pressures>& readings) {
-  json findings = json::array();
-  for (const Finding& finding : check.findings) {
-    findings.push_back({{"severity", nameOf(finding.severity)},
-                        {"check", finding.check},
-                        {"culprit", finding.culprit},
-                        {"value", finding.value},
-                        {"remedy", finding.remedy}});
-  }
+  const json findings = listJson(check.findings, [](const Finding& finding) -> json {
+    return {{"severity", nameOf(finding.severity)},
+            {"check", finding.check},
+            {"culprit", finding.culprit},
+            {"value", finding.value},
+            {"remedy", finding.remedy}};
+  });
   return {{"scene", scene.name},
           {"passed", !check.hasFault()},
           {"findings", findings},
@@ -144,7 +141,7 @@ int run(const CheckArguments& arguments, const GlobalOptions& global) {
     if (scene.regulator && regulator::isHardware(*scene.regulator) && !arguments.probe) {
       shown["notes"] = {"the regulator was not asked: --probe connects to it, which vents"};
     }
-    printResult(global.format, report, {}, shown);
+    printResult(global.format, report, shown, {});
   }
   return check.hasFault() ? kNotPossible : kDone;
 }

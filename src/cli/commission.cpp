@@ -88,13 +88,10 @@ int run(const CommissionOptions& options, const GlobalOptions& global) {
     if (good) io::writeFileAtomically(options.out, correction.scene_text);
     report[good ? "out" : "reason"] = good ? options.out : correction.reason;
   }
-  printResult(
-      global.format, report,
-      [&report] {
-        return CsvTable(report["channels"], {"actuator", "expected_deg", "seen_deg", "expected_mm",
-                                             "seen_mm", "verdict", "answers_as"});
-      },
-      without(report, {"suspects", "reason"}));
+  printResult(global.format, report, without(report, {"suspects", "reason"}), [&report] {
+    return CsvTable(report["channels"], {"actuator", "expected_deg", "seen_deg", "expected_mm",
+                                         "seen_mm", "verdict", "answers_as"});
+  });
   return good ? kDone : kNotPossible;
 }
 

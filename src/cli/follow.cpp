@@ -53,14 +53,12 @@ const char* visionName(const FollowPlan& plan) {
 
 // If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
-  json alarms = json::array();
-  for (const procedures::FollowAlarm& alarm : result.alarms) {
-    alarms.push_back({{"time_s", alarm.time},
-                      {"onset_s", alarm.onset},
-                      {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
-                      {"covariance", rowsJson(alarm.covariance)}});
-  }
-  return alarms;
+  return listJson(result.alarms, [](const procedures::FollowAlarm& alarm) -> json {
+    return {{"time_s", alarm.time},
+            {"onset_s", alarm.onset},
+            {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
+            {"covariance", rowsJson(alarm.covariance)}};
+  });
 }
 
 json spreadJson(const char* name, const estimation::TipSpread& spread) {
@@ -146,14 +144,11 @@ json runJson(const char* name, const FollowPlan& plan, const FollowResult& resul
           {"error_m", errors}};
 }
 
-std::string failureOf(const FollowReport& report) {
-  return procedures::failureOf(report.plan, report.result);
-}
-
-// The same after the first suspect, which is told as well where the loop is not closed at the end.
+// Of a failure, after the first suspect, which is told as well where the loop is not closed at the
+// end.
 std::string reasonOf(const FollowReport& report) {
   const FollowResult& result = report.result;
-  const std::string failure = failureOf(report);
+  const std::string failure = failureOf(report.plan, result);
   const bool closed =
       !result.states.empty() && result.states.back().state == follow::LoopState::kClosed;
   if (result.suspects.empty() || (failure.empty() && closed)) return failure;
@@ -254,10 +249,8 @@ json shownOf(const FollowReport& report, json shown) {
 // What plot_report draws.
 // @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
-  json wanted = json::array();
-  for (const FollowRow* row : drawnRows(report.plan, report.result)) {
-    wanted.push_back(toJson(*row->wanted));
-  }
+  const json wanted = listJson(drawnRows(report.plan, report.result),
+                               [](const FollowRow* row) { return toJson(*row->wanted); });
   json runs = json::array();
   if (open != nullptr) runs.push_back(runJson("open loop", report.plan, *open));
   runs.push_back(
@@ -278,16 +271,14 @@ struct FollowArguments {
 };
 
 Eigen::Vector3d tipOf(const std::string& text) {
-  const std::vector<double> numbers = numberList("--tip", text, 3);
-  const Eigen::Vector3d tip(numbers[0], numbers[1], numbers[2]);
+  const Eigen::Vector3d tip = numberList("--tip", text, 3);
   if (tip.cwiseAbs().maxCoeff() <= statics::kFarthestTarget) return tip;
   throw CallerError("--tip " + text + " is farther than 1e6 m; expected metres from the base");
 }
 
 std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
   std::vector<Eigen::Vector3d> tips;
-  std::istringstream texts(arguments.tip);
-  for (std::string text; std::getline(texts, text, ';');) tips.push_back(tipOf(text));
+  for (const std::string& text : wordsOf(arguments.tip, ';')) tips.push_back(tipOf(text));
   if (tips.size() > kMostTips) {
     throw CallerError("--tip has " + std::to_string(tips.size()) + " tips; expected at most " +
                       std::to_string(kMostTips));
@@ -303,14 +294,14 @@ std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
 }
 
 model::Range blindOf(const std::string& text) {
-  const std::vector<double> times = numberList("--blind", text, 2);
+  const Eigen::Vector2d times = numberList("--blind", text, 2);
   if (times[0] <= times[1]) return {times[0], times[1]};
   throw CallerError("--blind " + text + " ends before it begins; expected from,to [s]");
 }
 
 procedures::TimedForce forceOf(const std::string& text) {
-  const std::vector<double> numbers = numberList("--force", text, 4);
-  const procedures::TimedForce out{numbers[0], {numbers[1], numbers[2], numbers[3]}};
+  const Eigen::Vector4d numbers = numberList("--force", text, 4);
+  const procedures::TimedForce out{numbers[0], numbers.tail<3>()};
   if (out.force.norm() <= kMostForce) return out;
   throw CallerError("--force " + text + " is more than 100 N; expected time,x,y,z in s and N");
 }
@@ -359,11 +350,10 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
 
 // Prints the progress on stderr, every 10 %. Returns false once interrupted.
 std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string& what) {
-  const auto tenths = std::make_shared<int>(0);
-  return [seconds = plan.seconds, what, tenths](double time) {
+  return [seconds = plan.seconds, what, tenths = 0](double time) mutable {
     const int reached = static_cast<int>(10 * time / seconds);
-    if (reached > *tenths) {
-      *tenths = reached;
+    if (reached > tenths) {
+      tenths = reached;
       std::cerr << what << ": " << time << " of " << seconds << " s\n";
     }
     return !interrupted();
@@ -398,7 +388,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     std::cerr << "interrupted; nothing was written\n";
     return kInterrupted;
   }
-  if (report.proof && !failureOf(report).empty()) report.out.clear();
+  if (report.proof && !failureOf(plan, result).empty()) report.out.clear();
   if (!report.out.empty()) {
     io::writeFileAtomically(
         report.out, report.proof ? procedures::provenSceneText(arguments.scene, overridesOf(global),
@@ -413,7 +403,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     std::cout << csvOf(report);
   } else {
     const json tree = reportOf(report);
-    printResult(global.format, tree, {}, shownOf(report, tree));
+    printResult(global.format, tree, shownOf(report, tree), {});
   }
   for (const std::string& text : procedures::textsOf(result.suspects)) std::cerr << text << "\n";
   if (!result.uncalibrated_tags.empty()) {
@@ -424,7 +414,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
               << procedures::kContactBlind << "\n";
   }
   if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
-  return failureOf(report).empty() ? kDone : kNotPossible;
+  return failureOf(plan, result).empty() ? kDone : kNotPossible;
 }
 
 int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {

@@ -51,12 +51,12 @@ struct ForwardResult {
   statics::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
   statics::Solution solution;
-  int full_rank;
-  std::vector<json> sections;  // {rank, condition, null_space}
-  std::vector<model::CurvePoint<lie::SE3>> curve;
-  model::ArmResponse response;   // at the inputs
-  Eigen::VectorXd measured;      // (n) last row of the history, or the inputs
-  std::vector<HistoryRow> rows;  // of the history
+  model::ArmResponse response;  // at the inputs
+  Eigen::VectorXd measured;     // (n) last row of the history, or the inputs
+  int full_rank = lie::SE3::kDof;
+  std::vector<json> sections = {};  // {rank, condition, null_space}
+  std::vector<model::CurvePoint<lie::SE3>> curve = {};
+  std::vector<HistoryRow> rows = {};  // of the history
 };
 
 template <class Group>
@@ -82,12 +82,10 @@ ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inp
                        inputs,
                        model.arm().lengths(inputs),
                        model.solve(inputs),
-                       planar ? lie::SE2::kDof : lie::SE3::kDof,
-                       planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
-                       {},
                        model::ArmResponse(model.arm()),
-                       inputs,
-                       {}};
+                       inputs};
+  if (planar) result.full_rank = lie::SE2::kDof;
+  result.sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
   if (samples > 0) result.curve = model.curve(inputs, samples);
   return result;
 }
@@ -162,26 +160,24 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
   addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
   if (!result.rows.empty()) {
     document["effective_pressure_pa"] = toJson(result.inputs);
-    json& rows = document["history"] = json::array();
-    for (const HistoryRow& row : result.rows) {
-      rows.push_back({{"time_s", toJson(row.time)},
-                      {"pressure_pa", toJson(row.pressure)},
-                      {"effective_pressure_pa", toJson(row.effective)},
-                      {"memory_known", row.known},
-                      {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}});
-    }
+    document["history"] = listJson(result.rows, [](const HistoryRow& row) -> json {
+      return {{"time_s", toJson(row.time)},
+              {"pressure_pa", toJson(row.pressure)},
+              {"effective_pressure_pa", toJson(row.effective)},
+              {"memory_known", row.known},
+              {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}};
+    });
   }
   if (result.solution.shape.piecesPerSection() > 1) {
     document["pieces"] = result.solution.shape.piecesPerSection();
     document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
   }
   if (!result.curve.empty()) {
-    json& curve = document["curve"] = json::array();
-    for (const auto& point : result.curve) {
+    document["curve"] = listJson(result.curve, [](const auto& point) {
       json entry = toJson(point.X);
       entry["s"] = point.s;
-      curve.push_back(std::move(entry));
-    }
+      return entry;
+    });
   }
   return document;
 }
@@ -241,8 +237,7 @@ json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
 
 // One result per row of a table.
 int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  if (!options.pressure_kpa.empty() || !options.input.empty() || !options.history.empty() ||
-      options.samples > 0) {
+  if (!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0) {
     throw CallerError("--inputs excludes --pressure-kpa, --input, --history and --samples");
   }
   const io::DataSet data = tableOf(options.inputs);
@@ -269,8 +264,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   if (!options.history.empty() && options.samples > 0 && global.format == Format::kCsv) {
     throw CallerError("with --history, csv has the rows of the history; leave out --samples");
   }
-  if (options.pressure_kpa.empty() && options.input.empty() && options.inputs.empty() &&
-      options.history.empty()) {
+  if ((options.pressure_kpa + options.input + options.inputs + options.history).empty()) {
     throw CallerError("give --pressure-kpa, --input, --inputs or --history");
   }
   const io::Scene scene = loadScene(options.scene, global);
@@ -284,9 +278,8 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
                 options.samples)
           : forward(model, historyOfFile(scene, options.history), options.samples);
   const json report = reportOf(scene, result);
-  printResult(
-      global.format, report, [&] { return csvTable(scene, result); },
-      shownOf(scene, result, report));
+  printResult(global.format, report, shownOf(scene, result, report),
+              [&] { return csvTable(scene, result); });
   return result.solution.converged() ? kDone : kNotPossible;
 }
 
@@ -299,9 +292,8 @@ struct InverseArguments {
   bool cocontraction_given = false;
 };
 
-// @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
-// Position, then the quaternion x, y, z, w. Its norm is an error if it is not 1; a cell of a file
-// is not repeated.
+// @param p  (7) position, quaternion xyzw, whose norm is an error if it is not 1; of a file it is
+//     not repeated. @param culprit  whose they are.
 lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
@@ -310,18 +302,7 @@ lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repea
                       (repeat_norm ? basics::format("norm %g", q.norm()) : "another norm") +
                       "; expected 1, in the order qx,qy,qz,qw");
   }
-  return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
-}
-
-lie::SE3 poseArgument(const std::string& text) {
-  const std::vector<double> p = numberList("--pose", text, 7);
-  return poseOf("--pose", Eigen::Map<const Eigen::VectorXd>(p.data(), 7), true);
-}
-
-model::Twists twistArgument(const std::string& text, int sections) {
-  const std::vector<double> numbers =
-      numberList("--twist", text, 6 * static_cast<std::size_t>(sections));
-  return Eigen::Map<const Eigen::MatrixXd>(numbers.data(), 6, sections);
+  return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
@@ -346,8 +327,6 @@ const char* statusName(InverseStatus status) {
   return status == InverseStatus::kUnreachable ? "unreachable" : "not_converged";
 }
 
-const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
-
 std::string reasonFor(const InverseResult& result) {
   if (result.status == InverseStatus::kReached && std::isfinite(result.residual)) return {};
   if (result.status == InverseStatus::kUnreachable) {
@@ -369,7 +348,8 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   json limits = json::array();
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (result.limits[i] == Limit::kNone) continue;
-    limits.push_back({{"actuator", arm.actuator(i).name}, {"limit", limitName(result.limits[i])}});
+    limits.push_back({{"actuator", arm.actuator(i).name},
+                      {"limit", result.limits[i] == Limit::kLower ? "lower" : "upper"}});
   }
   return limits;
 }
@@ -512,12 +492,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
 
   InverseResult result;
   if (!arguments.tip.empty()) {
-    const std::vector<double> p = numberList("--tip", arguments.tip, 3);
-    result = solver.toPosition({p[0], p[1], p[2]}, start);
+    result = solver.toPosition(numberList("--tip", arguments.tip, 3), start);
   } else if (!arguments.pose.empty()) {
-    result = solver.toPose(poseArgument(arguments.pose), start);
+    const Eigen::VectorXd pose = numberList("--pose", arguments.pose, 7);
+    result = solver.toPose(poseOf("--pose", pose, true), start);
   } else {
-    result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
+    const int sections = scene.arm.sectionCount();
+    const Eigen::VectorXd twists = numberList("--twist", arguments.twist, 6 * sections);
+    result = solver.toTwists(twists.reshaped(6, sections), start);
   }
   InverseAnswer answer{result, result.input, response, rows};
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
@@ -527,8 +509,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   json shown = without(report, {"response", "converged", "order"});
   shown["tier"] = tier.name();
   if (rows == 0) addNote(scene.arm, shown);
-  printResult(
-      global.format, report, [&] { return rowOf(scene, tier, answer, reached); }, shown);
+  printResult(global.format, report, shown, [&] { return rowOf(scene, tier, answer, reached); });
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 

@@ -53,14 +53,12 @@ json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOpt
 }
 
 json tagsJson(const std::vector<TagDetection>& detections) {
-  json tags = json::array();
-  for (const TagDetection& tag : detections) {
-    tags.push_back({{"id", tag.id},
-                    {"corners_px", rowsJson(tag.corners.transpose())},
-                    {"hamming", tag.hamming},
-                    {"margin", tag.margin}});
-  }
-  return tags;
+  return listJson(detections, [](const TagDetection& tag) -> json {
+    return {{"id", tag.id},
+            {"corners_px", rowsJson(tag.corners.transpose())},
+            {"hamming", tag.hamming},
+            {"margin", tag.margin}};
+  });
 }
 
 // A picture's entry of the report.
@@ -188,11 +186,9 @@ class Locator {
     std::vector<int> used;
     for (const TagDetection& tag : observation.detections) {
       const int index = scene_.tags->find(tag.id);
-      if (index < 0 || isOneOf(tag.id, observation.repeated_ids) ||
-          isOneOf(tag.id, observation.unusable_ids)) {
-        continue;
-      }
-      used.push_back(index);
+      const bool usable =
+          !isOneOf(tag.id, observation.repeated_ids) && !isOneOf(tag.id, observation.unusable_ids);
+      if (index >= 0 && usable) used.push_back(index);
     }
     if (observation.state == ObservationState::kNoTags) {
       if (!observation.repeated_ids.empty())
@@ -230,9 +226,7 @@ json locateAll(const std::vector<std::string>& paths, Locator& locator) {
   vision::Frame frame;
   for (const auto& source : sources) {
     locator.reset();
-    for (;;) {
-      const vision::FrameStatus status = source->next(frame);
-      if (status == vision::FrameStatus::kEnd) break;
+    for (vision::FrameStatus status; (status = source->next(frame)) != vision::FrameStatus::kEnd;) {
       if (!source->continuous()) locator.reset();
       const bool sound = status == vision::FrameStatus::kFrame;
       located.push_back(sound ? locator.locate(frame) : locator.broken(frame));
@@ -292,8 +286,7 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   for (json& frame : shown["frames"]) {
     for (json& tag : frame["tags"]) tag = json(tag["id"]);
   }
-  printResult(
-      global.format, report, [&] { return tagTable(scene, frames); }, shown);
+  printResult(global.format, report, shown, [&] { return tagTable(scene, frames); });
   return std::any_of(frames.begin(), frames.end(), isFailure) ? kNotPossible : kDone;
 }
 

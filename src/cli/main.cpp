@@ -76,8 +76,7 @@ std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
     app.parse(std::move(arguments));
     return std::nullopt;
   } catch (const CLI::ParseError& error) {
-    const bool unknown_command = app.get_subcommands().empty() && !app.remaining().empty();
-    if (unknown_command) {
+    if (app.get_subcommands().empty() && !app.remaining().empty()) {
       std::cerr << "there is no command " << app.remaining().front() << ": ";
     }
     if (app.exit(error) == 0) return kDone;  // --help and --version

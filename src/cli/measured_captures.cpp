@@ -30,12 +30,12 @@ using nlohmann::json;
 
 // One capture of tag poses and the shape fitted to it.
 struct FittedCapture {
-  int number;                                     // as the file counts them
+  int number = 0;                                 // as the file counts them
   Eigen::VectorXd pressure;                       // (n) gauge [Pa]
   std::vector<estimation::PoseObservation> seen;  // the tags that the scene has
   std::vector<int> unknown_tags;                  // ids that it has not
   statics::Solution model;                        // at these pressures
-  estimation::FitStatus status;
+  estimation::FitStatus status = estimation::FitStatus::kConverged;
   std::string reason;  // why it did not converge; empty where it did
   // Absent where the tags do not determine a shape, or no shape fits most of them.
   std::optional<estimation::TwistFit> fit;
@@ -78,6 +78,16 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
 
+// Takes the fit's result over; of no shape, its status and the reason alone.
+void take(const io::Scene& scene, const estimation::TwistFit& fit, FittedCapture& capture) {
+  capture.status = fit.status;
+  capture.reason = reasonOf(scene, capture);
+  if (fit.status == estimation::FitStatus::kConverged ||
+      fit.status == estimation::FitStatus::kNotConverged) {
+    capture.fit = fit;
+  }
+}
+
 void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
   std::vector<std::optional<estimation::CaptureScatter>> scatter;
   for (const FittedCapture& capture : captures) {
@@ -105,7 +115,9 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}, {}};
+    FittedCapture& capture = captures.emplace_back();
+    capture.number = measured.number;
+    capture.pressure = measured.pressure;
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);
       if (index < 0) {
@@ -116,15 +128,8 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     }
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
     capture.model = scene.model.solve(pressure);
-    const estimation::TwistFit& fit =
-        fitter.fitCold(capture.seen, statics::startingShape(scene.model, capture.model, pressure));
-    capture.status = fit.status;
-    capture.reason = reasonOf(scene, capture);
-    if (fit.status == estimation::FitStatus::kConverged ||
-        fit.status == estimation::FitStatus::kNotConverged) {
-      capture.fit = fit;
-    }
-    captures.push_back(std::move(capture));
+    const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
+    take(scene, fitter.fitCold(capture.seen, start), capture);
   }
   compareScatter(scene.vision.fit.planar, captures);
   return captures;
@@ -138,25 +143,23 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<FittedCapture> captures;
   for (const estimation::Capture& measured : read.captures) {
-    FittedCapture capture{
-        measured.number, measured.pressure, {}, read.unknownIds(), {}, {}, {}, {}, {}};
+    FittedCapture& capture = captures.emplace_back();
+    capture.number = measured.number;
+    capture.pressure = measured.pressure;
+    capture.unknown_tags = read.unknownIds();
     capture.model = scene.model.solve(measured.pressure);
     const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
     const estimation::TwistFit& fit =
         fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
                        statics::startingShape(scene.model, capture.model, measured.pressure));
     for (const estimation::CornerObservation& tag : seen) capture.seen.push_back({tag.tag, {}});
-    capture.status = fit.status;
-    capture.reason = reasonOf(scene, capture);
-    if (fit.status == estimation::FitStatus::kConverged ||
-        fit.status == estimation::FitStatus::kNotConverged) {
-      capture.fit = fit;
-      const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
-      for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
-    } else {
+    take(scene, fit, capture);
+    if (!capture.fit) {
       capture.seen.clear();
+      continue;
     }
-    captures.push_back(std::move(capture));
+    const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
+    for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
   }
   return captures;
 }
@@ -173,11 +176,18 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
           {"unknown_tags", capture.unknown_tags}};
 }
 
-// Names a capture that no shape explains, with its RMS, what is usual, and what to do; empty for
-// the others.
-std::string noteOnScatter(const FittedCapture& capture) {
-  if (!capture.usual_rms) return {};
-  return procedures::scatterText(capture.fit->rms, *capture.usual_rms);
+// Notes on captures that no shape explains, with RMS, what is usual, and what to do; and on those
+// whose model the function has a note on.
+void addNotes(const std::vector<FittedCapture>& captures,
+              std::string (*noteOn)(const statics::Solution&), json& shown) {
+  for (const FittedCapture& capture : captures) {
+    if (capture.usual_rms) {
+      shown["notes"].push_back(procedures::scatterText(capture.fit->rms, *capture.usual_rms));
+    }
+    const std::string note = noteOn(capture.model);
+    if (note.empty()) continue;
+    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
+  }
 }
 
 // Why there is no result; empty where some capture is sound.
@@ -210,25 +220,24 @@ struct CaptureOptions {
 };
 
 json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
-  json tags = json::array();
   json result = captureJson(capture, layout);
+  result["tags"] = json::array();
   result["usual_rms_m"] = toJson(capture.usual_rms);
   for (const char* key : {"twist", "covariance", "rms_m", "tip", "base"}) result[key] = nullptr;
   if (capture.fit) {
     const estimation::TwistFit& fit = *capture.fit;
-    for (const estimation::TagResidual& tag : fit.tags) {
-      tags.push_back({{"id", layout.tags[tag.tag].id},
-                      {"residual_m", tag.rms},
-                      {"weight", tag.weight},
-                      {"outlier", tag.outlier}});
-    }
+    result["tags"] = listJson(fit.tags, [&layout](const estimation::TagResidual& tag) -> json {
+      return {{"id", layout.tags[tag.tag].id},
+              {"residual_m", tag.rms},
+              {"weight", tag.weight},
+              {"outlier", tag.outlier}};
+    });
     result["twist"] = toJson(fit.twists);
     result["covariance"] = rowsJson(fit.covariance);
     result["rms_m"] = fit.rms;
     result["tip"] = toJson(measuredTip(fit));
     result["base"] = toJson(fit.X_B0B);
   }
-  result["tags"] = tags;
   return result;
 }
 
@@ -276,8 +285,9 @@ void appendFit(const json& capture, const TagLayout& layout, int sections, CsvTa
 
 // The table, after comments that are printed at once.
 CsvTable csvTable(const io::Scene& scene, const json& report) {
-  if (!report["median_rms_m"].is_null()) printComments(report, {"median_rms_m"});
-  printReason(report);
+  std::vector<const char*> figures;
+  if (!report["median_rms_m"].is_null()) figures.push_back("median_rms_m");
+  printComments(report, figures);
   CsvTable table;
   for (const json& capture : report["captures"]) {
     CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
@@ -300,12 +310,7 @@ json shownOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
         "an RMS of about %.1f mm is expected: vision.tag_position_noise_m is %g mm per axis",
         std::sqrt(scene.vision.fit.planar ? 2.0 : 3.0) * noise, noise));
   }
-  for (const FittedCapture& capture : captures) {
-    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
-    const std::string note = noteOnStart(capture.model);
-    if (note.empty()) continue;
-    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
-  }
+  addNotes(captures, noteOnStart, shown);
   return shown;
 }
 
@@ -318,8 +323,7 @@ int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   const json report = reportOf(scene, captures, suspects);
   json shown = shownOf(scene, captures, report);
   for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
-  printResult(
-      global.format, report, [&] { return csvTable(scene, report); }, shown);
+  printResult(global.format, report, shown, [&] { return csvTable(scene, report); });
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
@@ -338,9 +342,10 @@ std::optional<double> tagDistance(const io::Scene& scene, const FittedCapture& c
   return count > 0 ? std::optional(std::sqrt(square / count)) : std::nullopt;
 }
 
-json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted) {
-  double arm_length = 0;  // at rest [m]
-  for (int k = 0; k < scene.arm.sectionCount(); ++k) arm_length += scene.arm.restLength(k);
+// @param fit_rms  the key of a fit's RMS, whose unit it names.
+json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitted,
+                  const char* fit_rms) {
+  const double arm_length = scene.arm.restLength();
   const auto percent = [arm_length](const std::optional<double>& error) {
     return error ? json(100 * *error / arm_length) : json();
   };
@@ -367,15 +372,15 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
     captures.back().update({{"rms_m", toJson(tags)},
                             {"tip_error_m", toJson(tip)},
                             {"tip_error_percent", percent(tip)},
-                            {"fit_rms_m", capture.fit ? json(capture.fit->rms) : json()},
+                            {fit_rms, capture.fit ? json(capture.fit->rms) : json()},
                             {"usual_fit_rms_m", toJson(capture.usual_rms)}});
   }
   const std::optional<double> tip_error = median(tip_errors);
   std::string reason = rms.empty() ? reasonForNoFit(fitted) : "";
   if (reason.empty() && rms.empty()) {
-    const auto lacking =
-        std::find_if(fitted.begin(), fitted.end(),
-                     [](const FittedCapture& capture) { return !capture.model.converged(); });
+    const auto lacking = std::find_if(fitted.begin(), fitted.end(), [](const auto& capture) {
+      return !capture.model.converged();
+    });
     reason = "the model finds no shape for any valid capture: " +
              reasonForNoShape(lacking->model.status);
   }
@@ -396,27 +401,19 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   const bool corners = data.find("x1_px") >= 0;
   const std::vector<FittedCapture> captures =
       corners ? fitCorners(scene, data) : fitCaptures(scene, data);
-  json report = comparisonOf(scene, captures);
-  for (json& one : report["captures"]) {
-    if (!corners) break;
-    one["fit_rms_px"] = one["fit_rms_m"];
-    one.erase("fit_rms_m");
-  }
+  const json report = comparisonOf(scene, captures, corners ? "fit_rms_px" : "fit_rms_m");
   json shown = without(report, {"converged", "usual_fit_rms_m"});
-  for (const FittedCapture& capture : captures) {
-    if (capture.usual_rms) shown["notes"].push_back(noteOnScatter(capture));
-    if (capture.model.converged()) continue;
-    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " +
-                             reasonForNoShape(capture.model.status));
-  }
+  const auto noteOn = [](const statics::Solution& model) {
+    return model.converged() ? "" : reasonForNoShape(model.status);
+  };
+  addNotes(captures, noteOn, shown);
   const auto table = [&report] {
     printComments(report, {"median_rms_m", "median_tip_error_percent"});
-    printReason(report);
     return CsvTable(report["captures"],
                     {"capture", "status", "pressure_pa", "rms_m", "tip_error_m",
                      "tip_error_percent", "outlier_tags", "unknown_tags", "model_status"});
   };
-  printResult(format, report, table, shown);
+  printResult(format, report, shown, table);
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
@@ -470,10 +467,9 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   shown["points"] = points;
   const auto table = [&] {
     printComments(report, {"rms_rad", "max_rad"});
-    printReason(report);
     return CsvTable(points, {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
   };
-  printResult(format, report, table, shown);
+  printResult(format, report, shown, table);
   return reason.is_null() ? kDone : kNotPossible;
 }
 
@@ -545,14 +541,13 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
   }
   const auto table = [&] {
     printComments(report, {"rms_m", "rms_without_offset_m", "worst_m"});
-    printReason(report);
     std::vector<const char*> columns{
         "trial",   "rows",          "rms_m",           "rms_without_offset_m",
         "worst_m", "rms_at_rest_m", "rms_in_motion_m", "offset_m"};
     if (report.contains("rms_rad")) columns.push_back("rms_rad");
     return CsvTable(trials, columns);
   };
-  printResult(format, report, table, report);
+  printResult(format, report, report, table);
   return solved ? kDone : kNotPossible;
 }
 

@@ -231,12 +231,9 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   shown["notes"] = {
       "its contraction curve and stiffness are guesses: edit the file, then run helix_arm check " +
       arguments.out};
-  printResult(
-      global.format, report,
-      [&report] {
-        return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
-      },
-      shown);
+  printResult(global.format, report, shown, [&report] {
+    return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
+  });
   return kDone;
 }
 

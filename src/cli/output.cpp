@@ -111,14 +111,12 @@ json toJson(const lie::SE3& pose) {
 }
 
 json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
-  json out = json::array();
-  for (const estimation::Suspect& one : suspects) {
-    out.push_back({{"cause", one.cause},
-                   {"where", one.where},
-                   {"explains", one.explains},
-                   {"remedy", one.remedy}});
-  }
-  return out;
+  return listJson(suspects, [](const estimation::Suspect& one) -> json {
+    return {{"cause", one.cause},
+            {"where", one.where},
+            {"explains", one.explains},
+            {"remedy", one.remedy}};
+  });
 }
 
 json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
@@ -134,11 +132,7 @@ std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure,
   return basics::joined(parts);
 }
 
-json readingsJson(const Eigen::VectorXd& pressure) {
-  json result = json::array();
-  for (const double each : pressure) result.push_back(finite(each));
-  return result;
-}
+json readingsJson(const Eigen::VectorXd& pressure) { return listJson(pressure, finite); }
 
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
   json units = json::array();
@@ -181,7 +175,9 @@ CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) 
   CsvTable::Row row;
   for (const std::string key : keys) {
     const json& value = report.at(key);
-    if (!value.is_array() || value.empty() || !value.front().is_number_float()) {
+    const bool numbers = value.is_array() && !value.empty() &&
+                         (value.front().is_number_float() || value.front().is_null());
+    if (!numbers) {
       row.emplace_back(key, cellOf(value));
       continue;
     }
@@ -194,14 +190,11 @@ CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) 
   return row;
 }
 
-void printComments(const json& report, const std::vector<const char*>& keys) {
+void printComments(const json& report, std::vector<const char*> keys) {
+  if (!report["reason"].is_null()) keys.push_back("reason");
   for (const auto& [key, cell] : cellsOf(report, keys)) {
     std::cout << "# " << key << " " << cell << "\n";
   }
-}
-
-void printReason(const json& report) {
-  if (!report["reason"].is_null()) printComments(report, {"reason"});
 }
 
 std::string quotedCell(const std::string& text) {
@@ -278,8 +271,8 @@ void RowPrinter::end() {
   if (format_ == Format::kJson) std::cout << "\n]}\n";
 }
 
-void printResult(Format format, const json& report, const std::function<CsvTable()>& table,
-                 const json& shown) {
+void printResult(Format format, const json& report, const json& shown,
+                 const std::function<CsvTable()>& table) {
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
   if (format == Format::kCsv) table().print(std::cout);
   if (format == Format::kText) printText(shown, std::cout);

@@ -28,6 +28,13 @@ nlohmann::json toJson(const Eigen::MatrixBase<Vector>& vector) {
 nlohmann::json rowsJson(const Eigen::MatrixXd& matrix);
 /// null where there is none.
 nlohmann::json toJson(const std::optional<double>& number);
+/// What the function makes of each of the values.
+template <class Values, class JsonOf>
+nlohmann::json listJson(const Values& values, const JsonOf& jsonOf) {
+  nlohmann::json out = nlohmann::json::array();
+  for (const auto& value : values) out.push_back(jsonOf(value));
+  return out;
+}
 /// null where it is NaN or infinite.
 nlohmann::json finite(double number);
 /// null where it is empty.
@@ -69,10 +76,8 @@ class CsvTable {
 /// numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa` gives
 /// pressure_1_pa and so on.
 CsvTable::Row cellsOf(const nlohmann::json& report, const std::vector<const char*>& keys);
-/// The same as lines "# key value" in front of a table.
-void printComments(const nlohmann::json& report, const std::vector<const char*>& keys);
-/// Likewise the `reason` of a report, where there is one.
-void printReason(const nlohmann::json& report);
+/// The same as lines "# key value" in front of a table, and the `reason`, where there is one.
+void printComments(const nlohmann::json& report, std::vector<const char*> keys);
 /// A text in quotes, by RFC 4180.
 std::string quotedCell(const std::string& text);
 
@@ -128,10 +133,10 @@ std::string lineOf(const nlohmann::json& result);
 nlohmann::json without(nlohmann::json report, const std::vector<std::string>& keys);
 
 /// Prints a result in the chosen format.
-/// @param table  of the result; called for csv alone.
 /// @param shown  what text shows instead of the report.
-void printResult(Format format, const nlohmann::json& report,
-                 const std::function<CsvTable()>& table, const nlohmann::json& shown);
+/// @param table  of the result; called for csv alone.
+void printResult(Format format, const nlohmann::json& report, const nlohmann::json& shown,
+                 const std::function<CsvTable()>& table);
 
 /// Checks the file of --png, which may be empty, before work that takes long.
 /// @param out  the file of --out, may be empty.

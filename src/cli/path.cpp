@@ -43,10 +43,9 @@ Named withName(const std::string& name, const Named (&all)[kCount]) {
 }
 
 ShapedPath pathOf(const PathArguments& arguments) {
-  const std::vector<double> centre = numberList("--centre", arguments.centre, 3);
   ShapedPath path = arguments.path;
   path.shape = withName(arguments.shape, control::kTipShapes);
-  path.centre = {centre[0], centre[1], centre[2]};
+  path.centre = numberList("--centre", arguments.centre, 3);
   path.plane = withName(arguments.plane, control::kPathPlanes);
   return path;
 }
@@ -100,12 +99,9 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
   const json report = reportOf(path, points, out);
   json shown = report;
   shown["begin_m"] = toJson(points.front().position);
-  printResult(
-      global.format, report,
-      [&] {
-        return cellsOf(report, {"shape", "points", "duration_s", "out"});
-      },
-      shown);
+  printResult(global.format, report, shown, [&] {
+    return cellsOf(report, {"shape", "points", "duration_s", "out"});
+  });
   return kDone;
 }
 

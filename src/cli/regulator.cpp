@@ -8,7 +8,6 @@
 #include <iostream>
 #include <limits>
 #include <memory>
-#include <sstream>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -75,11 +74,6 @@ std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
   return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
 }
 
-// A reading for csv, empty where there is none.
-std::string readingCell(double pressure) {
-  return std::isfinite(pressure) ? exact(pressure) : std::string();
-}
-
 // What a regulator answered.
 struct Answers {
   explicit Answers(int channels)
@@ -133,6 +127,18 @@ Answers ventAll(regulator::Driver& driver, const io::Scene& scene) {
     }
     std::this_thread::sleep_for(kBetweenReadings);
   }
+}
+
+// Connects, and vents as ventAll() does; with the reason if there is no link.
+Answers connectAndVent(regulator::Driver& driver, const io::Scene& scene) {
+  Answers result(scene.arm.actuatorCount());
+  try {
+    driver.connect();
+    result = ventAll(driver, scene);
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+  }
+  return result;
 }
 
 Answers probe(const io::Scene& scene, double seconds) {
@@ -193,44 +199,28 @@ int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   if (!std::isfinite(result.supply)) shown["supply"] = "not measured";
   shown["notes"] = {"connected, which vents; nothing else was written"};
   if (!(result.seconds > 0)) shown = nullptr;
-  printResult(
-      global.format, report, [&table] { return table; }, shown);
+  printResult(global.format, report, shown, [&table] { return table; });
   if (result.reason.empty()) return kDone;
   std::cerr << result.reason << "\n";
   return kNotPossible;
 }
 
-// For text, which tells whose the pressures are.
-json namedActuators(const model::Arm& arm, json report) {
-  report["actuators"] = actuatorNames(arm);
-  return report;
-}
-
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
-  Answers result(scene.arm.actuatorCount());
-  try {
-    const auto driver = makeDriver(scene);
-    driver->connect();
-    result = ventAll(*driver, scene);
-  } catch (const regulator::LinkError& error) {
-    result.reason = error.what();
-  }
+  const Answers result = connectAndVent(*makeDriver(scene), scene);
   const bool vented = result.reason.empty();
   const json report{{"vented", vented},
                     {"pressure_pa", readingsJson(result.pressure)},
                     {"reason", textOrNull(result.reason)}};
-  const auto table = [&] {
-    CsvTable::Row row{{"vented", vented ? "true" : "false"}};
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      row.emplace_back("pressure_" + std::to_string(i + 1) + "_pa",
-                       readingCell(result.pressure[i]));
-    }
-    return row;
+  const auto table = [&report, vented] {
+    json cells = report;
+    cells["vented"] = vented ? "true" : "false";
+    return cellsOf(cells, {"vented", "pressure_pa"});
   };
-  json shown = namedActuators(scene.arm, report);
+  json shown = report;
+  shown["actuators"] = actuatorNames(scene.arm);  // tells whose the pressures are
   shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
-  printResult(global.format, report, table, vented ? shown : json());
+  printResult(global.format, report, vented ? shown : json(), table);
   if (vented) return kDone;
   std::cerr << "not vented: " << result.reason << "\n";
   return kNotPossible;
@@ -366,16 +356,18 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
                     {"state", state},
                     {"reason", textOrNull(outcome.reason)}};
   const auto table = [&] {
-    CsvTable rows;
+    json rows;
     for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      rows.add({{"name", scene.arm.actuator(i).name},
-                {"target_pa", exact(target[i])},
-                {"pressure_pa", readingCell(outcome.pressure[i])},
-                {"state", state}});
+      rows.push_back({{"name", scene.arm.actuator(i).name},
+                      {"target_pa", target[i]},
+                      {"pressure_pa", finite(outcome.pressure[i])},
+                      {"state", state}});
     }
-    return rows;
+    return CsvTable(rows, {"name", "target_pa", "pressure_pa", "state"});
   };
-  printResult(global.format, report, table, without(namedActuators(scene.arm, report), {"reason"}));
+  json shown = without(report, {"reason"});
+  shown["actuators"] = actuatorNames(scene.arm);
+  printResult(global.format, report, shown, table);
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";
   return kNotPossible;
@@ -417,22 +409,6 @@ void endWard() {
   if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
 }
 
-// Connects and vents, for at most kTrying.
-Answers vent(regulator::Driver& driver, const io::Scene& scene) {
-  const double end = steadyNow() + kTrying;
-  for (;;) {
-    Answers result(scene.arm.actuatorCount());
-    try {
-      driver.connect();
-      result = ventAll(driver, scene);
-    } catch (const regulator::LinkError& error) {
-      result.reason = error.what();
-    }
-    if (result.reason.empty() || steadyNow() >= end) return result;
-    std::this_thread::sleep_for(kBetweenVents);
-  }
-}
-
 int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
@@ -446,22 +422,24 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   if (end == End::kDismissesGuard) return kDone;
   if (end == End::kStandsStill) endWard();
   const double begin = steadyNow();
-  const Answers result = vent(*driver, scene);
-  std::ostringstream line;
-  line << "guard: the process that moved the arm "
-       << (end == End::kStandsStill ? "did not respond and was killed; "
-                                    : "ended without venting it; ")
-       << regulator::describe(*scene.regulator);
-  if (result.reason.empty()) {
-    line << " is vented, after " << steadyNow() - begin << " s\n";
-  } else {
-    line << " is NOT vented: " << result.reason
-         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
-            "`helix_arm regulator "
-         << options.scene << " vent`\n";
+  Answers result = connectAndVent(*driver, scene);
+  while (!result.reason.empty() && steadyNow() < begin + kTrying) {
+    std::this_thread::sleep_for(kBetweenVents);
+    result = connectAndVent(*driver, scene);
   }
-  std::cerr << line.str();
-  return result.reason.empty() ? kDone : kNotPossible;
+  const std::string line = std::string("guard: the process that moved the arm ") +
+                           (end == End::kStandsStill ? "did not respond and was killed; "
+                                                     : "ended without venting it; ") +
+                           regulator::describe(*scene.regulator);
+  if (result.reason.empty()) {
+    std::cerr << line + basics::format(" is vented, after %g s\n", steadyNow() - begin);
+    return kDone;
+  }
+  std::cerr << line + " is NOT vented: " + result.reason +
+                   "; the arm may be under pressure: shut the supply, open the relief valve by "
+                   "hand, then `helix_arm regulator " +
+                   options.scene + " vent`\n";
+  return kNotPossible;
 }
 
 std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {
@@ -488,15 +466,8 @@ std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {
 }
 
 const char* wordOf(Valve valve) {
-  switch (valve) {
-    case Valve::kVent:
-      return "vents";
-    case Valve::kRegulate:
-      return "regulates";
-    case Valve::kClose:
-      break;
-  }
-  return "is closed";
+  if (valve == Valve::kVent) return "vents";
+  return valve == Valve::kRegulate ? "regulates" : "is closed";
 }
 
 void tell(const simulation::EmulatedDevice& device, const io::Scene& scene) {
@@ -519,10 +490,10 @@ void obey(const std::string& word, simulation::EmulatedDevice& device) {
   if (const auto fault = simulation::parseDeviceFault(word)) {
     device.setFault(*fault);
     std::cout << "fault: " << word << std::endl;
-    return;
+  } else {
+    std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
+              << "\n";
   }
-  std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
-            << "\n";
 }
 
 // Reads stdin line by line, until its end.

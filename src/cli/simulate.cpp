@@ -325,12 +325,9 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
     shown["notes"] = {std::string("no pictures: the scene has no ") +
                       (set.tags > 0 ? "camera" : "tags to see")};
   }
-  printResult(
-      global.format, report,
-      [&report] {
-        return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
-      },
-      shown);
+  printResult(global.format, report, shown, [&report] {
+    return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
+  });
   return kDone;
 }
 

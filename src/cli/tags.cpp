@@ -140,14 +140,11 @@ json reportOf(const Print& print, const TagsArguments& arguments, const json& pa
               {"paper", arguments.paper},
               {"pages", pages},
               {"out", arguments.out}};
-  if (print.scene) {
-    result["scene"] = print.scene->name;
-    result["family"] = print.scene->vision.detector.family;
-    result["size_m"] = print.scene->tags->size;
-    for (const estimation::TagPlacement& tag : print.scene->tags->tags) {
-      result["ids"].push_back(tag.id);
-    }
-  }
+  if (!print.scene) return result;
+  result["scene"] = print.scene->name;
+  result["family"] = print.scene->vision.detector.family;
+  result["size_m"] = print.scene->tags->size;
+  result["ids"] = listJson(print.scene->tags->tags, [](const auto& tag) { return tag.id; });
   return result;
 }
 
@@ -178,12 +175,9 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   shown.erase("ids");
   shown["board"] = textOrNull(arguments.board.kind);
   shown["notes"] = {"print at 100 % (\"actual size\"); both rulers must then be 100 mm long"};
-  printResult(
-      global.format, report,
-      [&counts] {
-        return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
-      },
-      shown);
+  printResult(global.format, report, shown, [&counts] {
+    return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
+  });
   return kDone;
 }
 

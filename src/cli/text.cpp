@@ -27,13 +27,11 @@ constexpr Unit kUnits[] = {{"_m", "mm", 1e3},   {"_pa", "kPa", 1e-3},
                            {"_m2", "m^2", 1},   {"_nats", "nats", 1}};
 
 // Keys that stand for others, since their own tell no unit, or another word.
-struct Renamed {
-  const char *key, *read_as;
-};
-constexpr Renamed kNames[] = {{"out", "written"},          {"sight", "vision"},
-                              {"twist", "twist [m, rad]"}, {"quaternion_xyzw", "quaternion"},
-                              {"warnings", "warning"},     {"notes", "note"},
-                              {"residual", "residual_m"}};
+constexpr std::pair<const char*, const char*> kNames[] = {
+    {"out", "written"},          {"sight", "vision"},
+    {"twist", "twist [m, rad]"}, {"quaternion_xyzw", "quaternion"},
+    {"warnings", "warning"},     {"notes", "note"},
+    {"residual", "residual_m"}};
 // Keys in front of, and behind, all others; those in no list stand by the alphabet: numbers and
 // words, then tables.
 const char* const kFirst[] = {"scene", "name",    "id",          "file",    "capture", "line",
@@ -54,8 +52,8 @@ int placeIn(const char* const (&list)[kCount], const std::string& key) {
 }
 
 std::string readAs(const std::string& key) {
-  for (const Renamed& one : kNames) {
-    if (key == one.key) return one.read_as;
+  for (const auto& [name, read_as] : kNames) {
+    if (key == name) return read_as;
   }
   return key;
 }

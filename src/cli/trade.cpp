@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <iostream>
@@ -18,6 +17,7 @@
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -56,6 +56,10 @@ struct TradeRow {
   bool on_frontier = false;
 };
 
+void append(const std::vector<TradeRow>& more, std::vector<TradeRow>& rows) {
+  rows.insert(rows.end(), more.begin(), more.end());
+}
+
 // For a scene without load: the loaded tiers are measured all the same.
 statics::Load loadOf(const io::Scene& scene) {
   if (scene.model.load()) return *scene.model.load();
@@ -69,13 +73,9 @@ std::vector<statics::TierSetting> settingsOf(const io::Scene& scene, const stati
   std::vector<statics::TierSetting> out;
   for (const Tier tier : statics::kTiers) {
     if (tier == Tier::kPlanar && !(scene.planar && statics::inPlane(load))) continue;
-    if (tier != Tier::kLoaded) {
-      out.push_back({tier, 0});
-      continue;
-    }
-    for (int order = statics::kLeastOrder; order <= statics::kMostOrder; ++order) {
-      out.push_back({tier, order});
-    }
+    const bool loaded = tier == Tier::kLoaded;
+    const int first = loaded ? statics::kLeastOrder : 0, last = loaded ? statics::kMostOrder : 0;
+    for (int order = first; order <= last; ++order) out.push_back({tier, order});
   }
   return out;
 }
@@ -179,7 +179,7 @@ std::vector<TradeRow> drawingRows(const io::Scene& scene) {
     markers.push_back(
         {"markers", "muscles", setting, muscle_time, muscle_error / arm.restLength()});
   }
-  rows.insert(rows.end(), markers.begin(), markers.end());
+  append(markers, rows);
   return rows;
 }
 
@@ -210,8 +210,8 @@ Film shoot(const io::Scene& scene, int count) {
   return film;
 }
 
-double tipDistance(const model::Shape& a, const model::Shape& b) {
-  return (model::tipPose(a).translation - model::tipPose(b).translation).norm();
+double tipDistance(const Eigen::Vector3d& tip, const model::Shape& truth) {
+  return (tip - model::tipPose(truth).translation).norm();
 }
 
 const char* nameOf(TrackingMode mode) {
@@ -220,18 +220,17 @@ const char* nameOf(TrackingMode mode) {
 }
 
 TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, double decimate) {
-  using Clock = std::chrono::steady_clock;
   vision::LocalizerConfig config = scene.vision;
   config.tracking = mode;
   config.detector.quad_decimate = decimate;
   vision::ArmLocalizer localizer(scene.view(), config);
   std::vector<double> times, errors;
   for (std::size_t i = 0; i < film.pictures.size(); ++i) {
-    const Clock::time_point begin = Clock::now();
+    const double begin = regulator::steadyNow();
     const vision::Observation& vision = localizer.locate(film.pictures[i], film.model[i]);
-    times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+    times.push_back(regulator::steadyNow() - begin);
     errors.push_back(vision.state == vision::ObservationState::kMeasured
-                         ? tipDistance(vision.fit.shape, film.truth[i])
+                         ? tipDistance(model::tipPose(vision.fit.shape).translation, film.truth[i])
                          : kInfinity);
   }
   return {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate),
@@ -240,14 +239,12 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
 
 // Parameters that a fit estimates in addition to the shape.
 struct FitMode {
-  const char* tier;
   const char* setting;
   bool free_base, free_bleed, cold;
 };
 
 // The corners of all pictures are detected once, so that only the fit is timed.
 std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
-  using Clock = std::chrono::steady_clock;
   const estimation::ArmView view = scene.view();
   const double focal = view.camera.focal();
   vision::TagDetector detector(scene.vision.detector);
@@ -262,29 +259,27 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
     }
   }
   std::vector<TradeRow> rows;
-  for (const FitMode& mode : {FitMode{"corners", "from the model", false, false, false},
-                              FitMode{"corners", "base free", true, false, false},
-                              FitMode{"corners", "bleed free", false, true, false},
-                              FitMode{"corners", "base and bleed free", true, true, false},
-                              FitMode{"corners", "cold", false, false, true}}) {
+  for (const FitMode& mode :
+       {FitMode{"from the model", false, false, false}, FitMode{"base free", true, false, false},
+        FitMode{"bleed free", false, true, false},
+        FitMode{"base and bleed free", true, true, false}, FitMode{"cold", false, false, true}}) {
     estimation::TwistFitOptions options = scene.vision.fit;
     options.free_base = mode.free_base;
     options.free_bleed = mode.free_bleed;
     estimation::TwistFitter fitter(view.layout, view.sections, options);
     std::vector<double> times, errors;
     for (std::size_t i = 0; i < seen.size(); ++i) {
-      const auto begin = Clock::now();
+      const double begin = regulator::steadyNow();
       const estimation::TwistFit& fit =
           mode.cold ? fitter.fitCold(seen[i], view.X_CB, focal, film.model[i])
                     : fitter.fit(seen[i], view.X_CB, focal, film.model[i]);
-      times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+      times.push_back(regulator::steadyNow() - begin);
       const bool measured = fit.status == estimation::FitStatus::kConverged;
-      errors.push_back(measured ? (fit.X_B0B * model::tipPose(fit.shape).translation -
-                                   model::tipPose(film.truth[i]).translation)
-                                      .norm()
-                                : kInfinity);
+      errors.push_back(
+          measured ? tipDistance(fit.X_B0B * model::tipPose(fit.shape).translation, film.truth[i])
+                   : kInfinity);
     }
-    rows.push_back({"fit", mode.tier, mode.setting, basics::medianOf(times),
+    rows.push_back({"fit", "corners", mode.setting, basics::medianOf(times),
                     basics::medianOf(errors) / scene.arm.restLength()});
   }
   return rows;
@@ -303,7 +298,7 @@ std::vector<TradeRow> visionRows(const io::Scene& scene, int pictures) {
       rows.push_back(searchRow(scene, film, mode, decimate));
     }
   }
-  for (TradeRow& row : fitRows(scene, film)) rows.push_back(std::move(row));
+  append(fitRows(scene, film), rows);
   return rows;
 }
 
@@ -331,23 +326,20 @@ struct TradeOptions {
 json measure(const io::Scene& scene, const TradeOptions& options) {
   std::vector<TradeRow> rows = modelRows(scene);
   json notes = json::array();
-  const auto append = [&rows](const std::vector<TradeRow>& more) {
-    rows.insert(rows.end(), more.begin(), more.end());
-  };
   if (rows.empty()) {
     notes.push_back(
         "no shape balances the scene's load at any sampled input, so there is nothing to measure; "
         "check load and K_eps_n: less load, or stiffer muscles");
   } else {
-    append(drawingRows(scene));
+    append(drawingRows(scene), rows);
     if (options.pictures == 0) {
       notes.push_back("no pictures were requested: sight and fit are not measured");
     } else if (!scene.camera || !scene.tags) {
       notes.push_back("the scene has no camera or no tags: sight and fit are not measured");
     } else {
-      const std::size_t before = rows.size();
-      append(visionRows(scene, options.pictures));
-      if (rows.size() == before) {
+      const std::vector<TradeRow> seen = visionRows(scene, options.pictures);
+      append(seen, rows);
+      if (seen.empty()) {
         notes.push_back(
             "the scene's tier finds no shape to start from at any picture: sight and fit are not "
             "measured");
@@ -355,15 +347,14 @@ json measure(const io::Scene& scene, const TradeOptions& options) {
     }
     markFrontier(rows);
   }
-  json table = json::array();
-  for (const TradeRow& row : rows) {
-    table.push_back({{"part", row.part},
-                     {"tier", row.tier},
-                     {"setting", row.setting},
-                     {"time_ns", 1e9 * row.time},
-                     {"tip_error_percent", finite(100 * row.error)},
-                     {"on_frontier", row.on_frontier}});
-  }
+  const json table = listJson(rows, [](const TradeRow& row) -> json {
+    return {{"part", row.part},
+            {"tier", row.tier},
+            {"setting", row.setting},
+            {"time_ns", 1e9 * row.time},
+            {"tip_error_percent", finite(100 * row.error)},
+            {"on_frontier", row.on_frontier}};
+  });
   return {{"scene", scene.name}, {"rows", table}, {"notes", notes}};
 }
 
@@ -390,7 +381,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   shown["notes"].push_back(
       "tip errors in % of the arm's length; on the frontier: no faster row of "
       "the same part is as accurate");
-  printResult(global.format, report, table, shown);
+  printResult(global.format, report, shown, table);
   if (report["rows"].empty()) return kNotPossible;
   if (!folder) return kDone;
   std::ostringstream csv;

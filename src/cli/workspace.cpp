@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -29,6 +28,7 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "measurements.hpp"
 #include "nlohmann/json.hpp"
@@ -222,14 +222,12 @@ class Progress {
   }
 
   // Since it was made [s].
-  double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
+  double seconds() const { return regulator::steadyNow() - start_; }
 
  private:
   const std::uint64_t total_;
   const bool terminal_ = ::isatty(STDERR_FILENO) == 1;
-  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  const double start_ = regulator::steadyNow();
   double next_ = 0.0;         // when the terminal's line may be written again [s]
   std::uint64_t tenths_ = 0;  // that were told
 };
@@ -311,11 +309,6 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
   return summary;
 }
 
-// Why there are no points; empty where there are some.
-std::string workspaceFailure(const WorkspaceSummary& summary) {
-  return summary.points() > 0 ? "" : "no shape balances the load at any sampled input";
-}
-
 json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
               const WorkspaceArguments& arguments, const WorkspaceSummary& summary) {
   const bool some = summary.points() > 0;
@@ -334,7 +327,7 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                 {"seed", arguments.seed},
                 {"count", summary.inputs},
                 {"unbalanced", summary.unbalanced},
-                {"failure", textOrNull(workspaceFailure(summary))},
+                {"failure", nullptr},
                 {"seconds", summary.seconds},
                 {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
                 {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
@@ -347,6 +340,7 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                 {"out", some ? textOrNull(arguments.out) : json()},
                 {"png", some ? textOrNull(arguments.png) : json()},
                 {"sensitivity", sensitivity}};
+  if (!some) document["failure"] = "no shape balances the load at any sampled input";
   addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
   return document;
 }
@@ -408,8 +402,8 @@ constexpr int kMostThreads = 256;
 
 void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
               const CloudOrigin& origin, const WorkspaceSummary& summary) {
-  Eigen::Array3d sides =
-      summary.kept.tips.colwise().maxCoeff() - summary.kept.tips.colwise().minCoeff();
+  const auto& tips = summary.kept.tips;
+  Eigen::Array3d sides = tips.colwise().maxCoeff() - tips.colwise().minCoeff();
   std::sort(sides.begin(), sides.end());
   if (!(sides[2] > 0) || sides[1] < kLeastWidth * sides[2]) {
     throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
@@ -458,18 +452,17 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     if (!arguments.out.empty()) file.emplace(arguments.out);
     summary = sampleWorkspace(workspace, arguments, format, file ? &*file : nullptr);
   }
-  if (summary.whole && summary.points() > 0) {
-    summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);
-  }
   if (!summary.whole) {
     std::cerr << "interrupted after " << summary.inputs << " of " << arguments.inputs()
               << " inputs; nothing was written\n";
     return kInterrupted;
   }
+  const bool some = summary.points() > 0;
+  if (some) summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);
   // If the picture fails, the summary is printed all the same, without it.
   std::exception_ptr fault;
   try {
-    if (!arguments.png.empty() && summary.points() > 0) {
+    if (!arguments.png.empty() && some) {
       drawMaps(arguments, CloudFormat(scene.arm, origin, true), origin, summary);
     }
   } catch (const CallerError&) {
@@ -477,11 +470,10 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     arguments.png.clear();
   }
   const json report = reportOf(scene, setting, arguments, summary);
-  printResult(
-      global.format, report, [&report] { return csvTable(report); },
-      shownOf(scene, setting, report));
+  printResult(global.format, report, shownOf(scene, setting, report),
+              [&report] { return csvTable(report); });
   if (fault) std::rethrow_exception(fault);
-  return summary.points() > 0 ? kDone : kNotPossible;
+  return some ? kDone : kNotPossible;
 }
 
 }  // namespace

@@ -131,19 +131,18 @@ Solvers::Loan Solvers::take(const statics::InverseOptions& options) {
   const auto give_back = [this, options](statics::InverseSolver* solver) {
     giveBack(options, std::unique_ptr<statics::InverseSolver>(solver));
   };
+  Loan loan(nullptr, give_back);
   {
     const basics::MutexLock lock(mutex_);
     const auto found = std::find_if(kept_.rbegin(), kept_.rend(), [&options](const Kept& one) {
       return same(one.options, options);
     });
     if (found != kept_.rend()) {
-      Loan loan(nullptr, give_back);
       loan.reset(found->solver.release());
       kept_.erase(std::prev(found.base()));
       return loan;
     }
   }
-  Loan loan(nullptr, give_back);
   loan.reset(new statics::InverseSolver(model_, options));
   ++made_;
   return loan;
@@ -293,7 +292,7 @@ void bindScene(py::class_<Scene>& scene) {
              const OthersRun others_run;
              return std::make_unique<Scene>(path, values);
            }),
-           py::arg("path"), py::arg("overrides"))
+           "path"_a, "overrides"_a)
       .def_property_readonly("path", &Scene::path, "File of the scene.")
       .def_property_readonly("_overrides",
                              [](const Scene& self) {
@@ -345,23 +344,22 @@ PYBIND11_MODULE(_core, module) {
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
       "Names of the shipped scenes.");
-  module.def("scene_path", &io::scenePath, py::arg("path_or_name"),
+  module.def("scene_path", &io::scenePath, "path_or_name"_a,
              "Path of a scene file, or of a shipped scene by name.");
-  module.def("array", &argumentArray, py::arg("given"), py::arg("name"),
-             "The float64 array of an argument.");
+  module.def("array", &argumentArray, "given"_a, "name"_a, "The float64 array of an argument.");
   module.def(
       "rows",
       [](const py::handle& given, const char* name, py::ssize_t columns) {
         return Rows(given, name, columns).array();
       },
-      py::arg("given"), py::arg("name"), py::arg("columns"),
+      "given"_a, "name"_a, "columns"_a,
       "The float64 array of an argument with one row or several.");
   module.def(
       "require_finite",
       [](const py::array& rows, const char* name) {
         Rows(rows, name, rows.shape(rows.ndim() - 1)).requireFinite();
       },
-      py::arg("rows"), py::arg("name"), "Raises ValueError naming the entry that is not finite.");
+      "rows"_a, "name"_a, "Raises ValueError naming the entry that is not finite.");
 }
 
 }  // namespace helix_arm::python

@@ -419,17 +419,14 @@ py::dict contactProof(const Scene& self, double highest, double seconds, double 
 }  // namespace
 
 void bindMeasurements(py::class_<Scene>& scene) {
-  scene.def("_fit", fit, py::arg("captures"))
-      .def("_localize", localize, py::arg("pictures"), py::arg("pressures_pa"))
-      .def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
-           py::arg("noises"), py::arg("errors"), py::arg("curve") = "", py::arg("branch") = "both",
-           py::arg("force") = false)
-      .def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"), py::arg("open"),
-           py::arg("rendered"), py::arg("force"), py::arg("blind"), py::arg("latency_s"),
-           py::arg("seed"), py::arg("rig"), py::arg("plant"))
-      .def("_quiet_path", quietPath, py::arg("seconds"), py::arg("seed"))
-      .def("_contact_proof", contactProof, py::arg("highest_score"), py::arg("seconds"),
-           py::arg("unit_force"));
+  scene.def("_fit", fit, "captures"_a)
+      .def("_localize", localize, "pictures"_a, "pressures_pa"_a)
+      .def("_calibrate", calibrate, "data"_a, "fit"_a, "contraction"_a, "noises"_a, "errors"_a,
+           "curve"_a = "", "branch"_a = "both", "force"_a = false)
+      .def("_follow", follow, "tips"_a, "path"_a, "seconds"_a, "open"_a, "rendered"_a, "force"_a,
+           "blind"_a, "latency_s"_a, "seed"_a, "rig"_a, "plant"_a)
+      .def("_quiet_path", quietPath, "seconds"_a, "seed"_a)
+      .def("_contact_proof", contactProof, "highest_score"_a, "seconds"_a, "unit_force"_a);
 }
 
 }  // namespace helix_arm::python

@@ -295,15 +295,14 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
 }  // namespace
 
 void bindModel(py::class_<Scene>& scene) {
-  scene.def("_forward", forward, py::arg("pressures_pa"), py::arg("threads"))
-      .def("_tips", tips, py::arg("pressures_pa"), py::arg("out"), py::arg("threads"))
-      .def("_curve", curve, py::arg("pressures_pa"), py::arg("points"), py::arg("threads"))
-      .def("_jacobian", jacobian, py::arg("pressures_pa"), py::arg("by"), py::arg("threads"))
-      .def("_inverse", inverse, py::arg("kind"), py::arg("wanted"), py::arg("start"),
-           py::arg("prefer"), py::arg("cocontraction"), py::arg("position_tolerance_m"),
-           py::arg("threads"))
-      .def("_workspace", workspace, py::arg("points"), py::arg("seed"), py::arg("sensitivity"),
-           py::arg("extremes"), py::arg("threads"));
+  scene.def("_forward", forward, "pressures_pa"_a, "threads"_a)
+      .def("_tips", tips, "pressures_pa"_a, "out"_a, "threads"_a)
+      .def("_curve", curve, "pressures_pa"_a, "points"_a, "threads"_a)
+      .def("_jacobian", jacobian, "pressures_pa"_a, "by"_a, "threads"_a)
+      .def("_inverse", inverse, "kind"_a, "wanted"_a, "start"_a, "prefer"_a, "cocontraction"_a,
+           "position_tolerance_m"_a, "threads"_a)
+      .def("_workspace", workspace, "points"_a, "seed"_a, "sensitivity"_a, "extremes"_a,
+           "threads"_a);
 }
 
 }  // namespace helix_arm::python
