@@ -161,9 +161,8 @@ class TableReader {
     data_.lines.push_back(line);
     const std::size_t count = cellCount(content);
     if (count != columns) {
-      faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
-                            std::to_string(columns) + ", one per column");
-      return;
+      return faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
+                                   std::to_string(columns) + ", one per column");
     }
     for (std::size_t i = 0; i < columns; ++i) {
       const std::string_view cell = takeCell(content);

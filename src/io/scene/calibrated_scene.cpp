@@ -139,10 +139,7 @@ void putContraction(const Scene& scene, const std::string& name,
 void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
-  if (response.instant()) {
-    eraseValue(contraction, kResponseKey);
-    return;
-  }
+  if (response.instant()) return eraseValue(contraction, kResponseKey);
   Value keys = mapOf({});
   setValue(keys, "rise_time_constant_s", numberValue(response.rise_time));
   setValue(keys, "fall_time_constant_s", numberValue(response.fall_time));

@@ -80,10 +80,8 @@ class SimulatedRigNode : public Node {
     if (options_.regulator == "scene") {
       const regulator::Config& config = requireRegulator(scene_);
       const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
-      if (simulated == nullptr) {
-        throw std::invalid_argument("scene " + scene_.name + " has another regulator, " +
-                                    regulator::describe(config) + "; expected regulator.simulated");
-      }
+      basics::require(simulated != nullptr, "scene ", scene_.name, " has another regulator, ",
+                      regulator::describe(config), "; expected regulator.simulated");
       warnOfShortSupply(scene_);
       regulator_.emplace(scene_.arm.actuatorCount(), *simulated);
     }
@@ -141,40 +139,36 @@ class SimulatedRigNode : public Node {
   void onCommand(const PressureArrayConstPtr& command) {
     const auto checked =
         control::checkCommand(scene_.arm, command_, command->name, command->pressure);
-    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      command_ = *pressure;
-      regulator_->command(command_);
-      noteInput();
-    } else {
-      drop(names::kPressureCommand, std::get<control::Refusal>(checked).message, bad_inputs_);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(names::kPressureCommand, refusal->message, bad_inputs_);
     }
+    command_ = std::get<Eigen::VectorXd>(checked);
+    regulator_->command(command_);
+    noteInput();
   }
 
   void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
     const auto checked = fromMsg(*wrench, options_.frame_prefix + names::kBaseFrame);
-    std::string fault;
-    if (const auto* force = std::get_if<Eigen::Vector3d>(&checked)) {
-      try {
-        true_arm_.setTipForce(*force);
-        return;
-      } catch (const std::invalid_argument& error) {
-        fault = error.what();
-      }
-    } else {
-      fault = std::get<control::Refusal>(checked).message;
+    const std::string topic = std::string("~") + names::kTipForce;
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(topic, refusal->message, bad_forces_);
     }
-    drop(std::string("~") + names::kTipForce, fault, bad_forces_);
+    try {
+      true_arm_.setTipForce(std::get<Eigen::Vector3d>(checked));
+    } catch (const std::invalid_argument& error) {
+      drop(topic, error.what(), bad_forces_);
+    }
   }
 
   void onReading(const PressureArrayConstPtr& reading) {
     const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
-    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      noteInput();
-      publishTruth(reading->header,
-                   [&] { true_arm_.follow(reading->header.stamp.toSec(), *pressure); });
-    } else {
-      drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(names::kPressureMeasured, refusal->message, bad_inputs_);
     }
+    noteInput();
+    publishTruth(reading->header, [&] {
+      true_arm_.follow(reading->header.stamp.toSec(), std::get<Eigen::VectorXd>(checked));
+    });
   }
 
   void onLoop(const ros::SteadyTimerEvent&) {
@@ -211,11 +205,10 @@ class SimulatedRigNode : public Node {
     if (silent_ || now - last_input_ <= ros::WallDuration(longest)) return;
     silent_ = true;
     if (!heard_) {
-      logWarning(
+      return logWarning(
           "no %s has come for %g s: neither truth nor picture until one does; is the node of "
           "the regulator running, and in this namespace?",
           names::kPressureMeasured, longest);
-      return;
     }
     if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
     logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",
