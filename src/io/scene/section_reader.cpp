@@ -212,15 +212,9 @@ std::optional<model::Actuator> readFitting(const MapReader& keys,
   }
   if (!found->second) return std::nullopt;
   const auto& [curve, drive, response] = *found->second;
-  return model::Actuator{{},
-                         {},
-                         stiffness.value.value_or(model::Stiffness()),
-                         curve,
-                         readLimits(keys, *name, *found->second),
-                         drive,
-                         response,
-                         {},
-                         *name};
+  const model::Stiffness K = stiffness.value.value_or(model::Stiffness());
+  const model::Range limits = readLimits(keys, *name, *found->second);
+  return model::Actuator{{}, {}, K, curve, limits, drive, response, {}, *name};
 }
 
 // Factors on a contraction curve.
