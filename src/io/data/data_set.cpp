@@ -215,16 +215,18 @@ class TableReader {
   bool full_ = false;  // the rest is not read
 };
 
-DataSet parsed(const std::string& name, const std::string& content, FaultList& faults,
-               const std::vector<std::string>& skipped) {
-  std::string_view text = content;
+// @param content  nothing after a fault.
+DataSet parsed(const std::string& name, const std::optional<std::string>& content,
+               FaultList& faults, const std::vector<std::string>& skipped) {
+  faults.throwIfAny();
+  std::string_view text = *content;
   const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
   if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
     text.remove_prefix(byte_order_mark.size());
   }
   DataSet data;
   data.path = name;
-  data.sha256 = sha256Of(content);
+  data.sha256 = sha256Of(*content);
   TableReader reader(data, faults, skipped);
   reader.read(text);
   faults.throwIfAny();
@@ -252,17 +254,13 @@ void requireColumns(const DataSet& data, const std::vector<std::string>& columns
 
 DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {
   FaultList faults(path);
-  const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
-  faults.throwIfAny();
-  return parsed(path, *content, faults, skipped);
+  return parsed(path, readTextFile(path, kMostTableBytes, faults), faults, skipped);
 }
 
 DataSet readDataSet(std::istream& in, const std::string& name,
                     const std::vector<std::string>& skipped) {
   FaultList faults(name);
-  const std::optional<std::string> content = readTextStream(in, kMostTableBytes, faults);
-  faults.throwIfAny();
-  return parsed(name, *content, faults, skipped);
+  return parsed(name, readTextStream(in, kMostTableBytes, faults), faults, skipped);
 }
 
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {

@@ -201,8 +201,7 @@ void AtomicFile::commit() {
   // Not every file system can sync a folder; those that cannot return EINVAL.
   if (::fsync(folder_) != 0 && errno != EINVAL) {
     throw FileError(basics::printable(path_) +
-                    " is written, but a loss of power may undo it: its folder cannot be "
-                    "synced: " +
+                    " is written, but a loss of power may undo it: its folder cannot be synced: " +
                     std::strerror(errno) + "; check the disk");
   }
 }

@@ -173,8 +173,8 @@ std::vector<Value*> stiffnessesOf(Value& document) {
 
 // Of a list, or of a single number.
 Eigen::VectorXd numbersOf(const Value& given) {
-  if (given.kind != Value::Kind::kList)
-    return Eigen::VectorXd::Constant(1, *parseNumber(given.text));
+  const bool single = given.kind != Value::Kind::kList;
+  if (single) return Eigen::VectorXd::Constant(1, *parseNumber(given.text));
   Eigen::VectorXd numbers(static_cast<Eigen::Index>(given.entries.size()));
   std::transform(given.entries.begin(), given.entries.end(), numbers.begin(),
                  [](const Value::Entry& one) { return *parseNumber(one.value.text); });

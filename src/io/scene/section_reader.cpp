@@ -370,17 +370,16 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   const InheritedStiffness stiffness = readStiffness(keys, inherited);
   const Value* own = keys.find("stiffness");
   const bool depends = !inherited.bending.empty() || !stiffness.bending.empty();
+  const auto refuse = [&keys](const char* key, const Value& given, const char* why) {
+    report(keys.faults(), given.place,
+           keys.path(key) + " is that of one actuator; expected it in the stiffness of the " +
+               "section or of arm" + why);
+  };
   if (own != nullptr && depends) {
-    report(keys.faults(), own->place,
-           keys.path("stiffness.K_kappa_m2") +
-               " is that of one actuator; expected it in the stiffness of the section or of arm, "
-               "where it depends on pressure, and none here");
+    refuse("stiffness.K_kappa_m2", *own, ", where it depends on pressure, and none here");
   }
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
-    report(keys.faults(), K_eps->place,
-           keys.path("stiffness.K_eps_n") +
-               " is that of one actuator; expected it in the stiffness of the section or of arm: K "
-               "of a section is relative to one K_eps");
+    refuse("stiffness.K_eps_n", *K_eps, ": K of a section is relative to one K_eps");
   }
   const std::optional<model::Actuator> fitting = readFitting(keys, stiffness, arm);
   if (!stiffness.value) keys.fault("stiffness", "it here, in the section or in arm");

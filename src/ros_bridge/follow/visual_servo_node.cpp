@@ -32,8 +32,7 @@ control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sectio
                                 " numbers in twist_covariance; send " +
                                 std::to_string(size * size) + ", the covariance of `twist`"};
   }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+  return Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size).eval();
 }
 
 using control::Fault;
@@ -588,13 +587,11 @@ class FollowAction {
 
   void end(const GoalEnding& ending) {
     const Result result = resultOfRun(ending);
-    if (ending.code == Result::SUCCESSFUL) {
-      logInfo("follow_tip_path: %s", ending.message.c_str());
-      run_->handle.setSucceeded(result, ending.message);
-    } else {
-      logWarning("follow_tip_path: %s", ending.message.c_str());
-      run_->handle.setAborted(result, ending.message);
-    }
+    const bool done = ending.code == Result::SUCCESSFUL;
+    logLine(done ? ros::console::levels::Info : ros::console::levels::Warn, "follow_tip_path: %s",
+            ending.message.c_str());
+    done ? run_->handle.setSucceeded(result, ending.message)
+         : run_->handle.setAborted(result, ending.message);
     leave();
   }
 

@@ -91,18 +91,16 @@ class SimulatedRigNode : public Node {
       clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
       publishClock();
     }
+    using Self = SimulatedRigNode;
     truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
     if (regulator_) {
       measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
-      pressure_subscriber_ =
-          listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+      pressure_subscriber_ = listen(node_, names::kPressureCommand, 10, &Self::onCommand, this);
     } else {
-      pressure_subscriber_ =
-          listen(node_, names::kPressureMeasured, 10, &SimulatedRigNode::onReading, this);
+      pressure_subscriber_ = listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
     }
-    force_subscriber_ =
-        listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
-    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
+    force_subscriber_ = listen(private_node_, names::kTipForce, 10, &Self::onTipForce, this);
+    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &Self::onLoop, this);
     const bool seen = scene_.camera && scene_.tags;
     if (seen) {
       image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
