@@ -5,10 +5,8 @@
 #include <iterator>
 #include <map>
 #include <regex>
-#include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"

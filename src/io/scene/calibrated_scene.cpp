@@ -3,13 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/io/number.hpp"
 #include "scene_readers.hpp"
 

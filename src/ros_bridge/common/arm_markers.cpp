@@ -572,10 +572,7 @@ bool TipHandle::held() const {
 void TipHandle::follow(const lie::SE3& X_BT) {
   if (held() || (X_BT.translation - position_).norm() < kFollowStep) return;
   position_ = X_BT.translation;
-  geometry_msgs::Pose pose;
-  pose.position = toPointMsg(position_);
-  pose.orientation.w = 1.0;
-  server_.setPose(kHandle, pose);
+  server_.setPose(kHandle, toPoseMsg({Eigen::Matrix3d::Identity(), position_}));
   server_.applyChanges();
 }
 

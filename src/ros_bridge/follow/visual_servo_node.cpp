@@ -160,13 +160,10 @@ class CommandLink {
                         : is(Fault::kRested)       ? Fault::kRested
                                                    : Fault::kNotEnabled;
     const control::Refusal refusal{fault, basics::quoted(status->message, kLongestMessage)};
-    if (is(Fault::kStale)) {
-      passing_ = refusal;
-      return;
-    }
+    const bool stale = is(Fault::kStale);
     // A commander that had the arm and lost it does not wait for it again.
-    const bool passes = is(Fault::kOtherCommander) && !accepted_;
-    accepted_ = false;
+    const bool passes = stale || (is(Fault::kOtherCommander) && !accepted_);
+    accepted_ = accepted_ && stale;
     (passes ? passing_ : lasting_) = refusal;
   }
 
