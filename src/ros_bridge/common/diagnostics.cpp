@@ -20,6 +20,11 @@ constexpr std::size_t kMostWaiting = 200;
 struct Current {
   basics::Mutex mutex;
   LogThread* thread HELIX_ARM_GUARDED_BY(mutex) = nullptr;
+
+  void set(LogThread* next) HELIX_ARM_EXCLUDES(mutex) {
+    const basics::MutexLock lock(mutex);
+    thread = next;
+  }
 };
 
 Current& current() {
@@ -84,18 +89,10 @@ HELIX_ARM_LOG(levels::Fatal, logFatal, const char* format, ...)
 HELIX_ARM_LOG(level, logLine, LogLevel level, const char* format, ...)
 #undef HELIX_ARM_LOG
 
-LogThread::LogThread() : thread_([this] { run(); }) {
-  Current& to = current();
-  const basics::MutexLock lock(to.mutex);
-  to.thread = this;
-}
+LogThread::LogThread() : thread_([this] { run(); }) { current().set(this); }
 
 LogThread::~LogThread() {
-  {
-    Current& to = current();
-    const basics::MutexLock lock(to.mutex);
-    to.thread = nullptr;
-  }
+  current().set(nullptr);
   {
     const basics::MutexLock lock(mutex_);
     ended_ = true;

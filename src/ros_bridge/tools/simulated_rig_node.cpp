@@ -44,8 +44,7 @@ struct SimulatedRigOptions {
     reader.finish();
     if (time_factor == 0) return;
     const auto require = [this](bool holds, const std::string& rule) {
-      if (!holds)
-        throw std::invalid_argument("~time_factor is " + std::to_string(time_factor) + rule);
+      basics::require(holds, "~time_factor is ", std::to_string(time_factor), rule);
     };
     require(kTimeFactors.contains(time_factor), "; expected 0, or a number from 0.01 to 1000");
     require(regulator == "scene",
