@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <map>
-#include <string>
 #include <utility>
 
 #include <unistd.h>
@@ -214,9 +213,7 @@ procedures::CalibrationData loadMeasurements(const io::Scene& scene,
     const std::string sha256 = io::sha256OfFile(file, path, kMostBagBytes);
     const auto seen = numbered(samplesOf(file, path, scene, rules), scene.arm);
     if (!file.isUnchanged()) {
-      throw io::DocumentError(path +
-                              " changed while it was read; expected one that is "
-                              "closed");
+      throw io::DocumentError(path + " changed while it was read; expected one that is closed");
     }
     procedures::LoadedCaptures loaded =
         procedures::makeCaptures(scene, seen, path, procedures::OutsideLimits::kKept);

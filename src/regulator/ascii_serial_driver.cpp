@@ -138,12 +138,9 @@ class AsciiSerialDriver : public Driver {
     }
     int i = 0;
     for (Channel& channel : channels_) {
-      const int wanted = profile_.one_by_one ? 1 : count_;
-      for (int k = 0; k < static_cast<int>(channel.readings.size()); ++k) {
-        pressures.pressure[i + k] = channel.readings[static_cast<std::size_t>(k)];
-      }
+      std::copy(channel.readings.begin(), channel.readings.end(), pressures.pressure.data() + i);
       channel.readings.clear();
-      i += wanted;
+      i += profile_.one_by_one ? 1 : count_;
     }
     if (supply_) pressures.supply = *supply_;
     supply_.reset();

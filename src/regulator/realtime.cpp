@@ -5,7 +5,6 @@
 #include <fstream>
 #include <thread>
 
-#include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/resource.h>

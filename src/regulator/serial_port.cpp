@@ -35,8 +35,7 @@ std::string openingFault(int error) {
     case EACCES:
     case EPERM:
       return "cannot be opened without permission; add yourself to the group dialout (sudo usermod "
-             "-aG dialout "
-             "$USER) and log in again";
+             "-aG dialout $USER) and log in again";
     case EBUSY:
       return "is used by another program; end that one (fuser shows which it is)";
     case EISDIR:

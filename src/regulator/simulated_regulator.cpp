@@ -22,6 +22,57 @@ int requireChannels(int channels) {
   return channels;
 }
 
+class SimulatedDriver : public Driver {
+ public:
+  SimulatedDriver(int channels, const SimulatedRegulatorConfig& config)
+      : regulator_(channels, config),
+        valve_(static_cast<std::size_t>(channels), control::Valve::kVent),
+        set_point_(Eigen::VectorXd::Zero(channels)) {}
+
+  void connect() override { vent(); }
+
+  void write(const control::ValveOrders& orders) override {
+    catchUp();
+    for (Eigen::Index i = 0; i < set_point_.size(); ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const bool closes = orders.valve[k] == control::Valve::kClose;
+      if (orders.valve[k] == control::Valve::kVent) set_point_[i] = 0;
+      if (orders.valve[k] == control::Valve::kRegulate) set_point_[i] = orders.set_point[i];
+      // A closed channel without leaks keeps its pressure.
+      if (closes && valve_[k] != control::Valve::kClose) set_point_[i] = regulator_.pressure()[i];
+      valve_[k] = orders.valve[k];
+    }
+    regulator_.command(set_point_);
+  }
+
+  void read(Pressures& pressures) override {
+    catchUp();
+    pressures.pressure = regulator_.measure();
+    pressures.supply = regulator_.supply();
+  }
+
+  void vent() override {
+    catchUp();
+    valve_.assign(valve_.size(), control::Valve::kVent);
+    set_point_.setZero();
+    regulator_.command(set_point_);
+  }
+
+  void close() noexcept override {}
+
+ private:
+  void catchUp() {
+    const double now = steadyNow();
+    regulator_.step(now - time_);
+    time_ = now;
+  }
+
+  SimulatedRegulator regulator_;
+  std::vector<control::Valve> valve_;
+  Eigen::VectorXd set_point_;
+  double time_ = steadyNow();  // up to which it was simulated [s]
+};
+
 }  // namespace
 
 void SimulatedRegulatorConfig::validate() const {
@@ -104,61 +155,6 @@ Eigen::VectorXd SimulatedRegulator::measure() {
   for (int i = 0; i < reading.size(); ++i) reading[i] += config_.noise * normal_(generator_);
   return reading;
 }
-
-namespace {
-
-class SimulatedDriver : public Driver {
- public:
-  SimulatedDriver(int channels, const SimulatedRegulatorConfig& config)
-      : regulator_(channels, config),
-        valve_(static_cast<std::size_t>(channels), control::Valve::kVent),
-        set_point_(Eigen::VectorXd::Zero(channels)) {}
-
-  void connect() override { vent(); }
-
-  void write(const control::ValveOrders& orders) override {
-    catchUp();
-    for (Eigen::Index i = 0; i < set_point_.size(); ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const bool closes = orders.valve[k] == control::Valve::kClose;
-      if (orders.valve[k] == control::Valve::kVent) set_point_[i] = 0;
-      if (orders.valve[k] == control::Valve::kRegulate) set_point_[i] = orders.set_point[i];
-      // A closed channel without leaks keeps its pressure.
-      if (closes && valve_[k] != control::Valve::kClose) set_point_[i] = regulator_.pressure()[i];
-      valve_[k] = orders.valve[k];
-    }
-    regulator_.command(set_point_);
-  }
-
-  void read(Pressures& pressures) override {
-    catchUp();
-    pressures.pressure = regulator_.measure();
-    pressures.supply = regulator_.supply();
-  }
-
-  void vent() override {
-    catchUp();
-    valve_.assign(valve_.size(), control::Valve::kVent);
-    set_point_.setZero();
-    regulator_.command(set_point_);
-  }
-
-  void close() noexcept override {}
-
- private:
-  void catchUp() {
-    const double now = steadyNow();
-    regulator_.step(now - time_);
-    time_ = now;
-  }
-
-  SimulatedRegulator regulator_;
-  std::vector<control::Valve> valve_;
-  Eigen::VectorXd set_point_;
-  double time_ = steadyNow();  // up to which it was simulated [s]
-};
-
-}  // namespace
 
 DeviceFacts SimulatedRegulatorConfig::facts() const {
   DeviceFacts facts{kKind};

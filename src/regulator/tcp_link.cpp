@@ -1,11 +1,9 @@
 #include "tcp_link.hpp"
 
-#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 #include <fstream>
 #include <memory>
 #include <thread>

@@ -198,9 +198,7 @@ class PressureBox : public QGroupBox {
             makeText(this, ("reading_" + number).c_str())};
     row.label->setText(QString::fromStdString(name));
     row.label->setStyleSheet("color: " + colorOfChannel(index).name() + "; font-weight: bold;");
-    row.label->setWordWrap(false);
-    row.limits->setWordWrap(false);
-    row.reading->setWordWrap(false);
+    for (QLabel* text : {row.label, row.limits, row.reading}) text->setWordWrap(false);
     // Of a fixed width, so that a slider keeps its own.
     row.reading->setMinimumWidth(row.reading->fontMetrics().horizontalAdvance("-9999.9 kPa"));
     row.slider->setObjectName(("slider_" + number).c_str());

@@ -5,10 +5,8 @@
 #include <iterator>
 #include <map>
 #include <regex>
-#include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
@@ -161,9 +159,8 @@ class TableReader {
     data_.lines.push_back(line);
     const std::size_t count = cellCount(content);
     if (count != columns) {
-      faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
-                            std::to_string(columns) + ", one per column");
-      return;
+      return faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
+                                   std::to_string(columns) + ", one per column");
     }
     for (std::size_t i = 0; i < columns; ++i) {
       const std::string_view cell = takeCell(content);
@@ -216,16 +213,18 @@ class TableReader {
   bool full_ = false;  // the rest is not read
 };
 
-DataSet parsed(const std::string& name, const std::string& content, FaultList& faults,
-               const std::vector<std::string>& skipped) {
-  std::string_view text = content;
+// @param content  nothing after a fault.
+DataSet parsed(const std::string& name, const std::optional<std::string>& content,
+               FaultList& faults, const std::vector<std::string>& skipped) {
+  faults.throwIfAny();
+  std::string_view text = *content;
   const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
   if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
     text.remove_prefix(byte_order_mark.size());
   }
   DataSet data;
   data.path = name;
-  data.sha256 = sha256Of(content);
+  data.sha256 = sha256Of(*content);
   TableReader reader(data, faults, skipped);
   reader.read(text);
   faults.throwIfAny();
@@ -253,17 +252,13 @@ void requireColumns(const DataSet& data, const std::vector<std::string>& columns
 
 DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {
   FaultList faults(path);
-  const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
-  faults.throwIfAny();
-  return parsed(path, *content, faults, skipped);
+  return parsed(path, readTextFile(path, kMostTableBytes, faults), faults, skipped);
 }
 
 DataSet readDataSet(std::istream& in, const std::string& name,
                     const std::vector<std::string>& skipped) {
   FaultList faults(name);
-  const std::optional<std::string> content = readTextStream(in, kMostTableBytes, faults);
-  faults.throwIfAny();
-  return parsed(name, *content, faults, skipped);
+  return parsed(name, readTextStream(in, kMostTableBytes, faults), faults, skipped);
 }
 
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {

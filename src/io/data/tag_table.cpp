@@ -1,6 +1,5 @@
 #include "helix_arm/io/tag_table.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -9,7 +8,6 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 
 namespace helix_arm::io {

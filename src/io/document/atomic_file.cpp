@@ -106,6 +106,34 @@ std::string targetOf(const std::string& path) {
   return target;
 }
 
+constexpr std::size_t kBlock = 1 << 16;
+
+class Sha256 {
+ public:
+  Sha256() { check(context_ && EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) == 1); }
+  void add(const void* bytes, std::size_t count) {
+    check(EVP_DigestUpdate(context_.get(), bytes, count) == 1);
+  }
+  std::string digits() {
+    std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+    unsigned int size = 0;
+    check(EVP_DigestFinal_ex(context_.get(), digest.data(), &size) == 1);
+    std::string text;
+    for (unsigned int i = 0; i < 2 * size; ++i) {
+      text += kDigits[i % 2 == 0 ? digest[i / 2] >> 4 : digest[i / 2] & 15];
+    }
+    return text;
+  }
+
+ private:
+  static void check(bool done) {
+    if (!done) throw std::runtime_error("SHA-256 is not available from OpenSSL");
+  }
+
+  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_{EVP_MD_CTX_new(),
+                                                                   &EVP_MD_CTX_free};
+};
+
 }  // namespace
 
 // Once the other constructor is done, the destructor cleans up, even if this one throws.
@@ -173,8 +201,7 @@ void AtomicFile::commit() {
   // Not every file system can sync a folder; those that cannot return EINVAL.
   if (::fsync(folder_) != 0 && errno != EINVAL) {
     throw FileError(basics::printable(path_) +
-                    " is written, but a loss of power may undo it: its folder cannot be "
-                    "synced: " +
+                    " is written, but a loss of power may undo it: its folder cannot be synced: " +
                     std::strerror(errno) + "; check the disk");
   }
 }
@@ -184,38 +211,6 @@ void writeFileAtomically(const std::string& path, const std::string& text) {
   file.write(text);
   file.commit();
 }
-
-namespace {
-
-constexpr std::size_t kBlock = 1 << 16;
-
-class Sha256 {
- public:
-  Sha256() { check(context_ && EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) == 1); }
-  void add(const void* bytes, std::size_t count) {
-    check(EVP_DigestUpdate(context_.get(), bytes, count) == 1);
-  }
-  std::string digits() {
-    std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-    unsigned int size = 0;
-    check(EVP_DigestFinal_ex(context_.get(), digest.data(), &size) == 1);
-    std::string text;
-    for (unsigned int i = 0; i < 2 * size; ++i) {
-      text += kDigits[i % 2 == 0 ? digest[i / 2] >> 4 : digest[i / 2] & 15];
-    }
-    return text;
-  }
-
- private:
-  static void check(bool done) {
-    if (!done) throw std::runtime_error("SHA-256 is not available from OpenSSL");
-  }
-
-  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_{EVP_MD_CTX_new(),
-                                                                   &EVP_MD_CTX_free};
-};
-
-}  // namespace
 
 std::string sha256Of(const std::string& content) {
   Sha256 hash;

@@ -173,15 +173,13 @@ struct Conversion {
     const Place here = place(key.Mark(), map.place);
     count();  // omitted ones, too
     if (!key.IsScalar()) {
-      report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
-      return;
+      return report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
     }
     const std::string& name = key.Scalar();
     if (name.size() > kLongestKey) {
-      report(faults, here,
-             nameOf(path) + " has a key of " + std::to_string(name.size()) +
-                 " characters; expected a name of at most " + std::to_string(kLongestKey));
-      return;
+      return report(faults, here,
+                    nameOf(path) + " has a key of " + std::to_string(name.size()) +
+                        " characters; expected a name of at most " + std::to_string(kLongestKey));
     }
     if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
       is_text = false;
@@ -190,8 +188,7 @@ struct Conversion {
       return;
     }
     if (!names.insert(name).second) {
-      report(faults, here, joinPath(path, name) + " is given twice; expected it once");
-      return;
+      return report(faults, here, joinPath(path, name) + " is given twice; expected it once");
     }
     map.entries.push_back({name, convert(node, joinPath(path, name), here, depth + 1)});
   }
@@ -388,16 +385,14 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
   std::string path;
   for (const std::string& part : splitKey(change.key)) {
     if (part.empty()) {
-      report(faults, place, "is not a key; expected words and numbers separated by dots");
-      return;
+      return report(faults, place, "is not a key; expected words and numbers separated by dots");
     }
     if (target->kind == Value::Kind::kList) {
       Value* entry = entryOf(*target, part);
       if (entry == nullptr) {
-        report(faults, place,
-               nameOf(path) + " has " + std::to_string(target->entries.size()) +
-                   " entries; expected an index from 0, not " + part);
-        return;
+        return report(faults, place,
+                      nameOf(path) + " has " + std::to_string(target->entries.size()) +
+                          " entries; expected an index from 0, not " + part);
       }
       target = entry;
       path += "[" + part + "]";

@@ -1,7 +1,6 @@
 #include "map_reader.hpp"
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 

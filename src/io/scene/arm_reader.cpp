@@ -102,7 +102,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   if (std::all_of(tables.begin(), tables.end(), [](const auto& one) { return one.empty(); })) {
     tables.clear();
   }
-  std::vector<double> K_eps = extensionalStiffness(scene, parts);
+  const std::vector<double> K_eps = extensionalStiffness(scene, parts);
   // An unknown contraction omits its actuators, which is not a fault of their own.
   if (!arm->isSound()) return std::nullopt;
   std::vector<model::Section> sections;
@@ -115,13 +115,8 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   try {
     std::optional<model::PlanarArm> flat;
     if (planar) flat = planarArm(sections, tool);
-    model::Arm spatial = flat ? model::embed(*flat) : model::Arm(std::move(sections), tool);
-    return ArmParts{X_WB,
-                    std::move(spatial),
-                    std::move(flat),
-                    std::move(looks),
-                    std::move(K_eps),
-                    std::move(tables)};
+    const model::Arm spatial = flat ? model::embed(*flat) : model::Arm(std::move(sections), tool);
+    return ArmParts{X_WB, spatial, flat, looks, K_eps, tables};
   } catch (const std::invalid_argument& error) {
     arm->complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;

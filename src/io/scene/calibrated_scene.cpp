@@ -3,13 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/io/number.hpp"
 #include "scene_readers.hpp"
 
@@ -77,24 +72,19 @@ Eigen::VectorXd vectorOf(const double* numbers, std::size_t count) {
 
 Value curveValue(const estimation::ContractionFit& fit) {
   Value curve = mapOf({}), value = mapOf({});
-  switch (fit.kind) {
-    case estimation::CurveKind::kQuintic:
-      setValue(curve, "coefficients_m",
-               numbersValue(vectorOf(fit.coefficients.data(), fit.coefficients.size())));
-      for (const char* key : {"reference_pressure_kpa", "max_pressure_kpa"}) {
-        setValue(curve, key, numberValue(kilopascals(fit.reference_pressure)));
-      }
-      setValue(value, "quintic", std::move(curve));
-      break;
-    case estimation::CurveKind::kTable:
-    case estimation::CurveKind::kSpline:
-      setValue(curve, "pressure_kpa",
-               numbersValue(
-                   vectorOf(fit.pressures.data(), fit.pressures.size()).unaryExpr(&kilopascals)));
-      setValue(curve, "length_m", numbersValue(vectorOf(fit.lengths.data(), fit.lengths.size())));
-      setValue(value, "table", std::move(curve));
-      break;
+  const bool quintic = fit.kind == estimation::CurveKind::kQuintic;
+  if (quintic) {
+    setValue(curve, "coefficients_m",
+             numbersValue(vectorOf(fit.coefficients.data(), fit.coefficients.size())));
+    for (const char* key : {"reference_pressure_kpa", "max_pressure_kpa"}) {
+      setValue(curve, key, numberValue(kilopascals(fit.reference_pressure)));
+    }
+  } else {
+    const Eigen::VectorXd pressures = vectorOf(fit.pressures.data(), fit.pressures.size());
+    setValue(curve, "pressure_kpa", numbersValue(pressures.unaryExpr(&kilopascals)));
+    setValue(curve, "length_m", numbersValue(vectorOf(fit.lengths.data(), fit.lengths.size())));
   }
+  setValue(value, quintic ? "quintic" : "table", std::move(curve));
   return value;
 }
 
@@ -139,10 +129,7 @@ void putContraction(const Scene& scene, const std::string& name,
 void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
-  if (response.instant()) {
-    eraseValue(contraction, kResponseKey);
-    return;
-  }
+  if (response.instant()) return eraseValue(contraction, kResponseKey);
   Value keys = mapOf({});
   setValue(keys, "rise_time_constant_s", numberValue(response.rise_time));
   setValue(keys, "fall_time_constant_s", numberValue(response.fall_time));
@@ -179,6 +166,16 @@ std::vector<Value*> stiffnessesOf(Value& document) {
   return given;
 }
 
+// Of a list, or of a single number.
+Eigen::VectorXd numbersOf(const Value& given) {
+  const bool single = given.kind != Value::Kind::kList;
+  if (single) return Eigen::VectorXd::Constant(1, *parseNumber(given.text));
+  Eigen::VectorXd numbers(static_cast<Eigen::Index>(given.entries.size()));
+  std::transform(given.entries.begin(), given.entries.end(), numbers.begin(),
+                 [](const Value::Entry& one) { return *parseNumber(one.value.text); });
+  return numbers;
+}
+
 // K_kappa that depends on pressure: as before and scaled as a whole, or as a new table says.
 void putKappa(double least, const std::optional<model::StiffnessTable>& bending, Value& stiffness) {
   Value* const given = findValue(stiffness, "K_kappa_m2");
@@ -190,11 +187,8 @@ void putKappa(double least, const std::optional<model::StiffnessTable>& bending,
                     {"ratio_m2", Numbers{kStiffness}, ratio}}));
   } else if (given != nullptr && given->kind == Value::Kind::kMap) {
     Value& list = *findValue(*given, "ratio_m2");
-    Eigen::VectorXd ratio(static_cast<Eigen::Index>(list.entries.size()));
-    std::transform(list.entries.begin(), list.entries.end(), ratio.begin(),
-                   [](const Value::Entry& one) { return *parseNumber(one.value.text); });
-    ratio *= least / ratio.minCoeff();
-    list = numbersValue(ratio);
+    const Eigen::VectorXd ratio = numbersOf(list);
+    list = numbersValue(least / ratio.minCoeff() * ratio);
   } else {
     setValue(stiffness, "K_kappa_m2", numberValue(least));
   }
@@ -233,26 +227,12 @@ void putScales(const Scene& scene, const char* key, const char* what,
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
     if (const Value* given = entry.keys->find(key)) {
-      const bool each = given->kind == Value::Kind::kList;
-      for (int i = 0; i < entry.count; ++i) {
-        scales[i] *= *parseNumber(each ? given->entries[i].value.text : given->text);
-      }
+      const Eigen::VectorXd before = numbersOf(*given);
+      for (int i = 0; i < entry.count; ++i) scales[i] *= before[before.size() > 1 ? i : 0];
     }
     const bool common = (scales.array() == scales[0]).all();
     setValue(*entry.keys, key, common ? numberValue(scales[0]) : numbersValue(scales));
   }
-}
-
-// A number or a list of numbers, each changed.
-template <class Change>
-Value changedNumbers(const Value& given, const Change& change) {
-  if (given.kind != Value::Kind::kList) return numberValue(change(*parseNumber(given.text)));
-  Eigen::VectorXd numbers(static_cast<Eigen::Index>(given.entries.size()));
-  for (Eigen::Index i = 0; i < numbers.size(); ++i) {
-    const Value& one = given.entries[static_cast<std::size_t>(i)].value;
-    numbers[i] = change(*parseNumber(one.text));
-  }
-  return numbersValue(numbers);
 }
 
 void putRings(const SceneCalibration& changes, Value& document) {
@@ -263,9 +243,10 @@ void putRings(const SceneCalibration& changes, Value& document) {
                     " lists its actuators; expected a ring, whose radius and phase can be fitted");
     const auto index = static_cast<Eigen::Index>(k);
     if (changes.ring_radius) {
-      const double factor = (*changes.ring_radius)[index];
+      const Eigen::VectorXd radius =
+          (*changes.ring_radius)[index] * numbersOf(*ring->find("radius_m"));
       setValue(*ring, "radius_m",
-               changedNumbers(*ring->find("radius_m"), [factor](double r) { return factor * r; }));
+               radius.size() > 1 ? numbersValue(radius) : numberValue(radius[0]));
     }
     if (changes.ring_phase) {
       const Value* before = ring->find("phase_deg");
@@ -314,10 +295,16 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
   return group;
 }
 
+Value& tagsOf(const Scene& scene, Value& document) {
+  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
+                  scene.name, " has none; expected one with tags");
+  return *findValue(document, "tags");
+}
+
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
+  Value& groups = *findValue(tagsOf(scene, document), "groups");
   basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
                        "the number of tags", layout.tags.size(), scene.tags->tags.size());
-  Value& groups = *findValue(*findValue(document, "tags"), "groups");
   std::vector<Value> placed;
   std::size_t next = 0;
   for (const Value::Entry& entry : groups.entries) {
@@ -339,12 +326,6 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
     placed.insert(placed.end(), split.begin(), split.end());
   }
   groups = listValue(placed);
-}
-
-Value& tagsOf(const Scene& scene, Value& document) {
-  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
-                  scene.name, " has none; expected one with tags");
-  return *findValue(document, "tags");
 }
 
 // The map `follow`, which may be new.
@@ -383,10 +364,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     putPose(*changes.X_BF, frame);
     setValue(tagsOf(scene, document), "frame", std::move(frame));
   }
-  if (changes.tags) {
-    tagsOf(scene, document);
-    putTags(scene, *changes.tags, document);
-  }
+  if (changes.tags) putTags(scene, *changes.tags, document);
   for (const auto& [parameter, values] : changes.numbers) {
     if (parameter == estimation::FitParameter::kStrokeScaleEach) {
       putScales(scene, kStrokeScaleKey, "the number of stroke scales", values, document);
@@ -477,6 +455,32 @@ void putIntrinsics(const estimation::Camera& camera, Value& map) {
   }
 }
 
+// What a calibration found of the base is no more known of a camera that was placed anew.
+void forgetBase(Value& document) {
+  Value* const calibration = findValue(document, "calibration");
+  Value* const parameters =
+      calibration == nullptr ? nullptr : findValue(*calibration, "parameters");
+  if (parameters == nullptr) return;
+  const auto& base = estimation::infoOf(estimation::FitParameter::kBase);
+  for (const estimation::FitNumber& number : base.numbers) {
+    eraseValue(*parameters, std::string(base.name) + number.suffix);
+  }
+}
+
+// Gives each actuator the address or slot of another one.
+void putChannels(const Scene& scene, const std::vector<int>& channels, Value& document) {
+  const auto facts =
+      scene.regulator ? regulator::factsOf(*scene.regulator) : regulator::DeviceFacts{};
+  basics::require(facts.channels.size() == channels.size(), "the regulator of scene ", scene.name,
+                  " has no addresses or slots to exchange: exchange the hoses at the regulator");
+  std::vector<Value> list;
+  for (const int channel : channels) {
+    list.push_back(plainValue(facts.channels[static_cast<std::size_t>(channel)]));
+  }
+  Value& device = *findValue(*findValue(document, "regulator"), facts.kind);
+  setValue(device, facts.channel_word, listValue(list));
+}
+
 void addMatrix(const char* name, int rows, const Eigen::VectorXd& entries, std::ostream& out) {
   out << name << ":\n  rows: " << rows << "\n  cols: " << entries.size() / rows << "\n  data: [";
   for (Eigen::Index i = 0; i < entries.size(); ++i) {
@@ -519,22 +523,6 @@ CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
 }
 
-namespace {
-
-// What a calibration found of the base is no more known of a camera that was placed anew.
-void forgetBase(Value& document) {
-  Value* const calibration = findValue(document, "calibration");
-  Value* const parameters =
-      calibration == nullptr ? nullptr : findValue(*calibration, "parameters");
-  if (parameters == nullptr) return;
-  const auto& base = estimation::infoOf(estimation::FitParameter::kBase);
-  for (const estimation::FitNumber& number : base.numbers) {
-    eraseValue(*parameters, std::string(base.name) + number.suffix);
-  }
-}
-
-}  // namespace
-
 std::string sceneTextWithCamera(const std::string& path, const std::vector<Override>& overrides,
                                 const CameraChange& change) {
   FaultList faults(path);
@@ -553,24 +541,6 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
   return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
                      document, path + ", with the new camera,");
 }
-
-namespace {
-
-// Gives each actuator the address or slot of another one.
-void putChannels(const Scene& scene, const std::vector<int>& channels, Value& document) {
-  const auto facts =
-      scene.regulator ? regulator::factsOf(*scene.regulator) : regulator::DeviceFacts{};
-  basics::require(facts.channels.size() == channels.size(), "the regulator of scene ", scene.name,
-                  " has no addresses or slots to exchange: exchange the hoses at the regulator");
-  std::vector<Value> list;
-  for (const int channel : channels) {
-    list.push_back(plainValue(facts.channels[static_cast<std::size_t>(channel)]));
-  }
-  Value& device = *findValue(*findValue(document, "regulator"), facts.kind);
-  setValue(device, facts.channel_word, listValue(list));
-}
-
-}  // namespace
 
 std::string sceneTextWithRig(const std::string& path, const std::vector<Override>& overrides,
                              const std::optional<estimation::TagLayout>& tags,

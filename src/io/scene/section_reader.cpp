@@ -35,14 +35,13 @@ void readPlays(const MapReader& keys, model::Response& response) {
   const auto reach = keys.read("play_kpa", Numbers{kPlayReach});
   if (!reach) return;
   if (reach->empty()) {
-    keys.complain("play_kpa",
-                  "is empty; expected 1 to 4 numbers, or leave out play_kpa and "
-                  "play_weight for none");
-    return;
+    return keys.complain("play_kpa",
+                         "is empty; expected 1 to 4 numbers, or leave out play_kpa and "
+                         "play_weight for none");
   }
   if (reach->size() > model::kMaxPlays) {
-    keys.complainOfSize("play_kpa", reach->size(), "at most " + std::to_string(model::kMaxPlays));
-    return;
+    return keys.complainOfSize("play_kpa", reach->size(),
+                               "at most " + std::to_string(model::kMaxPlays));
   }
   if (!areAscending(keys, "play_kpa", *reach, "values")) return;
   const auto weight = keys.read("play_weight", Numbers{kPlayWeight, reach->size()});
@@ -213,15 +212,9 @@ std::optional<model::Actuator> readFitting(const MapReader& keys,
   }
   if (!found->second) return std::nullopt;
   const auto& [curve, drive, response] = *found->second;
-  return model::Actuator{{},
-                         {},
-                         stiffness.value.value_or(model::Stiffness()),
-                         curve,
-                         readLimits(keys, *name, *found->second),
-                         drive,
-                         response,
-                         {},
-                         *name};
+  const model::Stiffness K = stiffness.value.value_or(model::Stiffness());
+  const model::Range limits = readLimits(keys, *name, *found->second);
+  return model::Actuator{{}, {}, K, curve, limits, drive, response, {}, *name};
 }
 
 // Factors on a contraction curve.
@@ -249,10 +242,9 @@ void addActuator(const MapReader& keys, std::optional<model::Actuator> actuator,
   const double rest = curve.restLength();
   const double least = rest + scale.stroke * (curve.lengthRange().lower - rest);
   if (!(least > 0)) {
-    keys.complain("stroke_scale", "makes " + name + " as short as " +
-                                      formatNumber(scale.length * least) +
-                                      " m; expected lengths > 0");
-    return;
+    return keys.complain("stroke_scale", "makes " + name + " as short as " +
+                                             formatNumber(scale.length * least) +
+                                             " m; expected lengths > 0");
   }
   actuator->contraction = curve.scaledBy(scale.length, scale.stroke);
   if (along.size() > 1) actuator->taper = along;
@@ -315,10 +307,9 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
   if (!count || radius.empty() || tilt_deg.empty()) return;
   const std::size_t places = std::max(radius.size(), tilt_deg.size());
   if (std::min(radius.size(), tilt_deg.size()) > 1 && radius.size() != tilt_deg.size()) {
-    ring.complain("tilt_deg", "has " + std::to_string(tilt_deg.size()) + " values; expected " +
-                                  std::to_string(radius.size()) +
-                                  ", as many as radius_m, or one number");
-    return;
+    return ring.complain("tilt_deg", "has " + std::to_string(tilt_deg.size()) +
+                                         " values; expected " + std::to_string(radius.size()) +
+                                         ", as many as radius_m, or one number");
   }
   const auto size = static_cast<std::size_t>(*count);
   const std::vector<double> lengths = readScales(ring, "length_scale", size),
@@ -379,17 +370,16 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   const InheritedStiffness stiffness = readStiffness(keys, inherited);
   const Value* own = keys.find("stiffness");
   const bool depends = !inherited.bending.empty() || !stiffness.bending.empty();
+  const auto refuse = [&keys](const char* key, const Value& given, const char* why) {
+    report(keys.faults(), given.place,
+           keys.path(key) + " is that of one actuator; expected it in the stiffness of the " +
+               "section or of arm" + why);
+  };
   if (own != nullptr && depends) {
-    report(keys.faults(), own->place,
-           keys.path("stiffness.K_kappa_m2") +
-               " is that of one actuator; expected it in the stiffness of the section or of arm, "
-               "where it depends on pressure, and none here");
+    refuse("stiffness.K_kappa_m2", *own, ", where it depends on pressure, and none here");
   }
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
-    report(keys.faults(), K_eps->place,
-           keys.path("stiffness.K_eps_n") +
-               " is that of one actuator; expected it in the stiffness of the section or of arm: K "
-               "of a section is relative to one K_eps");
+    refuse("stiffness.K_eps_n", *K_eps, ": K of a section is relative to one K_eps");
   }
   const std::optional<model::Actuator> fitting = readFitting(keys, stiffness, arm);
   if (!stiffness.value) keys.fault("stiffness", "it here, in the section or in arm");
@@ -414,18 +404,16 @@ void readEntry(const MapReader& owner, const StiffnessKeys& of, double& least,
                model::StiffnessTable& table) {
   const Value* const given = owner.find(of.key);
   if (given == nullptr || given->kind != Value::Kind::kMap) {
-    Key(of.key, of.number, least).required().read(owner);
-    return;
+    return Key(of.key, of.number, least).required().read(owner);
   }
   const MapReader keys = *owner.map(of.key, {of.pressure, of.value});
   const auto pressure = keys.read(of.pressure, Numbers{kPressure});
   const auto value = keys.read(of.value, Numbers{of.entry});
   if (!pressure || !value) return;
   if (pressure->size() < 2 || pressure->size() != value->size()) {
-    keys.complain(of.value, "has " + std::to_string(value->size()) + " entries for " +
-                                std::to_string(pressure->size()) + " of " + of.pressure +
-                                "; expected 2 or more of each");
-    return;
+    return keys.complain(of.value, "has " + std::to_string(value->size()) + " entries for " +
+                                       std::to_string(pressure->size()) + " of " + of.pressure +
+                                       "; expected 2 or more of each");
   }
   if (!areAscending(keys, of.pressure, *pressure, "pressures")) return;
   least = *std::min_element(value->begin(), value->end());

@@ -24,8 +24,7 @@ void readDistortion(const MapReader& camera, std::array<double, 8>& distortion) 
   const auto given = camera.read("distortion", Numbers{within(kFinite, -1e4, 1e4)});
   if (!given) return;
   if (given->size() != 4 && given->size() != 5 && given->size() != 8) {
-    camera.complainOfSize("distortion", given->size(), "4, 5 or 8: k1 k2 p1 p2 k3 k4 k5 k6");
-    return;
+    return camera.complainOfSize("distortion", given->size(), "4, 5 or 8: k1 k2 p1 p2 k3 k4 k5 k6");
   }
   std::copy(given->begin(), given->end(), distortion.begin());
 }

@@ -37,55 +37,6 @@ std::string timeStamp() {
   return out;
 }
 
-}  // namespace
-
-void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
-  look();
-  const auto count = [&](bool given_up_too) {
-    return std::count_if(calls_.begin(), calls_.end(), [&](const Running& one) {
-      return one.what == what && (given_up_too || !one.given_up);
-    });
-  };
-  if (count(false) >= kMostWaiting) {
-    return tell(noAnswer(what, "earlier calls still wait for their answers; is the node alive?"),
-                remedy);
-  }
-  if (count(true) >= kMostRunning) {
-    return tell(noAnswer(what, "too many calls hang; end the node that hangs"), remedy);
-  }
-  std::packaged_task<CallAnswer()> task(std::move(call));
-  std::future<CallAnswer> answer = task.get_future();
-  try {
-    // Detached: nothing ends a call to a service that neither answers nor hangs up.
-    std::thread(std::move(task)).detach();
-  } catch (const std::system_error& fault) {
-    return tell(noAnswer(what, std::string("no thread for it: ") + fault.what()), remedy);
-  }
-  const ros::SteadyTime due = ros::SteadyTime::now() + ros::WallDuration(limit);
-  calls_.push_back({what, remedy, limit, due, std::move(answer)});
-}
-
-void CallDesk::look() {
-  for (auto it = calls_.begin(); it != calls_.end();) {
-    const bool ended = isReady(it->answer);
-    const bool late = !ended && ros::SteadyTime::now() > it->due;
-    if ((ended || late) && !std::exchange(it->given_up, true)) {
-      CallAnswer answer = noAnswer(
-          it->what, basics::format("no answer within %g s; is the node alive?", it->limit));
-      try {
-        if (ended) answer = it->answer.get();
-      } catch (const std::exception& fault) {
-        answer.message = fault.what();
-      }
-      answer.what = it->what;
-      tell(std::move(answer), it->remedy);
-    }
-    it = ended ? calls_.erase(it) : std::next(it);
-  }
-}
-
-namespace {
-
 constexpr double kLoopFresh = 2.0;     // [s]
 constexpr double kTargetPeriod = 0.1;  // of the targets [s]
 constexpr double kCallLimit = 3.0;     // [s]
@@ -186,6 +137,51 @@ void elsewhere(Body body) {
 }
 
 }  // namespace
+
+void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
+  look();
+  const auto count = [&](bool given_up_too) {
+    return std::count_if(calls_.begin(), calls_.end(), [&](const Running& one) {
+      return one.what == what && (given_up_too || !one.given_up);
+    });
+  };
+  if (count(false) >= kMostWaiting) {
+    return tell(noAnswer(what, "earlier calls still wait for their answers; is the node alive?"),
+                remedy);
+  }
+  if (count(true) >= kMostRunning) {
+    return tell(noAnswer(what, "too many calls hang; end the node that hangs"), remedy);
+  }
+  std::packaged_task<CallAnswer()> task(std::move(call));
+  std::future<CallAnswer> answer = task.get_future();
+  try {
+    // Detached: nothing ends a call to a service that neither answers nor hangs up.
+    std::thread(std::move(task)).detach();
+  } catch (const std::system_error& fault) {
+    return tell(noAnswer(what, std::string("no thread for it: ") + fault.what()), remedy);
+  }
+  const ros::SteadyTime due = ros::SteadyTime::now() + ros::WallDuration(limit);
+  calls_.push_back({what, remedy, limit, due, std::move(answer)});
+}
+
+void CallDesk::look() {
+  for (auto it = calls_.begin(); it != calls_.end();) {
+    const bool ended = isReady(it->answer);
+    const bool late = !ended && ros::SteadyTime::now() > it->due;
+    if ((ended || late) && !std::exchange(it->given_up, true)) {
+      CallAnswer answer = noAnswer(
+          it->what, basics::format("no answer within %g s; is the node alive?", it->limit));
+      try {
+        if (ended) answer = it->answer.get();
+      } catch (const std::exception& fault) {
+        answer.message = fault.what();
+      }
+      answer.what = it->what;
+      tell(std::move(answer), it->remedy);
+    }
+    it = ended ? calls_.erase(it) : std::next(it);
+  }
+}
 
 template <class Message>
 void CockpitLink::hear(const char* topic, Heard<Message> CockpitLink::*heard,

@@ -366,13 +366,8 @@ void Screen::addEllipsoid(const char* ns, const Eigen::Vector3d& centre,
   if (axes.determinant() < 0) axes.col(0) *= -1.0;  // right-handed
   Marker& out = add(ns, Marker::SPHERE, color);
   out.pose = toPoseMsg({axes, centre});
-  const auto diameter = [&](int axis) {
-    const double sigma = std::sqrt(std::max(0.0, solver.eigenvalues()[axis]));
-    return std::max(kThinnest, 2.0 * kSigmas * sigma);
-  };
-  out.scale.x = diameter(0);
-  out.scale.y = diameter(1);
-  out.scale.z = diameter(2);
+  const Eigen::Vector3d sigma = solver.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+  out.scale = toVectorMsg((2.0 * kSigmas * sigma).cwiseMax(kThinnest));
 }
 
 std_msgs::ColorRGBA Screen::addLegend(Legend line, const SideView& view, double opacity) {
@@ -577,10 +572,7 @@ bool TipHandle::held() const {
 void TipHandle::follow(const lie::SE3& X_BT) {
   if (held() || (X_BT.translation - position_).norm() < kFollowStep) return;
   position_ = X_BT.translation;
-  geometry_msgs::Pose pose;
-  pose.position = toPointMsg(position_);
-  pose.orientation.w = 1.0;
-  server_.setPose(kHandle, pose);
+  server_.setPose(kHandle, toPoseMsg({Eigen::Matrix3d::Identity(), position_}));
   server_.applyChanges();
 }
 

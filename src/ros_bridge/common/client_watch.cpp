@@ -129,9 +129,8 @@ void requestRest() {
       std::string(names::kPressureCommandNode) + "/" + names::kRest);
   std_srvs::Trigger rest;
   if (client.call(rest)) {
-    logInfo("%s: %s", client.getService().c_str(),
-            basics::quoted(rest.response.message, kLongestMessage).c_str());
-    return;
+    return logInfo("%s: %s", client.getService().c_str(),
+                   basics::quoted(rest.response.message, kLongestMessage).c_str());
   }
   // Nodes that are shut down together may miss each other.
   logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,

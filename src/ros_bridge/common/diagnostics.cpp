@@ -20,6 +20,11 @@ constexpr std::size_t kMostWaiting = 200;
 struct Current {
   basics::Mutex mutex;
   LogThread* thread HELIX_ARM_GUARDED_BY(mutex) = nullptr;
+
+  void set(LogThread* next) HELIX_ARM_EXCLUDES(mutex) {
+    const basics::MutexLock lock(mutex);
+    thread = next;
+  }
 };
 
 Current& current() {
@@ -70,38 +75,24 @@ std::string reason() {
 }  // namespace
 
 // With an ellipsis, arguments are passed on as a va_list only.
-#define HELIX_ARM_LOG(function, level)     \
-  void function(const char* format, ...) { \
-    std::va_list values;                   \
-    va_start(values, format);              \
-    hand(level, format, values);           \
-    va_end(values);                        \
+#define HELIX_ARM_LOG(level, function, ...) \
+  void function(__VA_ARGS__) {              \
+    std::va_list values;                    \
+    va_start(values, format);               \
+    hand(level, format, values);            \
+    va_end(values);                         \
   }
-HELIX_ARM_LOG(logInfo, levels::Info)
-HELIX_ARM_LOG(logWarning, levels::Warn)
-HELIX_ARM_LOG(logError, levels::Error)
-HELIX_ARM_LOG(logFatal, levels::Fatal)
+HELIX_ARM_LOG(levels::Info, logInfo, const char* format, ...)
+HELIX_ARM_LOG(levels::Warn, logWarning, const char* format, ...)
+HELIX_ARM_LOG(levels::Error, logError, const char* format, ...)
+HELIX_ARM_LOG(levels::Fatal, logFatal, const char* format, ...)
+HELIX_ARM_LOG(level, logLine, LogLevel level, const char* format, ...)
 #undef HELIX_ARM_LOG
 
-void logLine(LogLevel level, const char* format, ...) {
-  std::va_list values;
-  va_start(values, format);
-  hand(level, format, values);
-  va_end(values);
-}
-
-LogThread::LogThread() : thread_([this] { run(); }) {
-  Current& to = current();
-  const basics::MutexLock lock(to.mutex);
-  to.thread = this;
-}
+LogThread::LogThread() : thread_([this] { run(); }) { current().set(this); }
 
 LogThread::~LogThread() {
-  {
-    Current& to = current();
-    const basics::MutexLock lock(to.mutex);
-    to.thread = nullptr;
-  }
+  current().set(nullptr);
   {
     const basics::MutexLock lock(mutex_);
     ended_ = true;

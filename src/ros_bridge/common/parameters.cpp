@@ -306,17 +306,13 @@ io::Scene requirePneumatic(io::Scene scene) {
     if (model::isPressure(actuator.drive)) continue;
     faults += "\n" + actuator.name + " is a tendon; expected muscles and bellows only";
   }
-  if (!faults.empty()) {
-    throw std::invalid_argument("scene " + scene.name + " cannot be driven by pressure:" + faults);
-  }
+  basics::require(faults.empty(), "scene ", scene.name, " cannot be driven by pressure:", faults);
   return scene;
 }
 
 const regulator::Config& requireRegulator(const io::Scene& scene) {
-  if (!scene.regulator) {
-    throw std::invalid_argument("scene " + scene.name +
-                                " has no regulator; add the section `regulator` to it");
-  }
+  basics::require(scene.regulator.has_value(), "scene ", scene.name,
+                  " has no regulator; add the section `regulator` to it");
   return *scene.regulator;
 }
 

@@ -1,17 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <deque>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 
@@ -62,12 +50,8 @@ class CalibrationWatch {
       const double prior = estimate.prior[i];
       const bool differs =
           std::abs(estimate.value[i]) > kSigmas * prior && estimate.deviation[i] < kKnown * prior;
-      if (!differs) {
-        since_[k].reset();
-        continue;
-      }
-      if (!since_[k]) since_[k] = time;
-      if (time - *since_[k] < kPatience) continue;
+      since_[k] = differs ? std::optional(since_[k].value_or(time)) : std::nullopt;
+      if (!differs || time - *since_[k] < kPatience) continue;
       advice_ += (advice_.empty() ? "" : ", ") + estimate.names[k] +
                  basics::format(" %+.1f %%", 100 * std::expm1(estimate.value[i]));
     }
@@ -158,22 +142,22 @@ class LoopDiagnostics {
     DiagnosticStatus out = makeStatus(
         "correction", advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
         advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice);
+    const auto add = [&out](const std::string& what, double value, double deviation, int decimals) {
+      addValue(out, what, fixed(value, decimals) + " +- " + fixed(deviation, decimals));
+    };
     for (int i = 0; i < filter.parameterCount(); ++i) {
-      addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
-               percent(state.mean[i]) + " +- " +
-                   percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
+      const double deviation = std::sqrt(std::max(0.0, state.covariance(i, i)));
+      add(filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
+          100 * std::expm1(state.mean[i]), 100 * std::expm1(deviation), 2);
     }
     const estimation::Estimated lag = loop.response().lag(), play = loop.response().play();
     if (lag.deviation > 0) {
-      addValue(out, "lag [s]", fixed(lag.value, 3) + " +- " + fixed(lag.deviation, 3));
-      addValue(out, "play [kPa]",
-               fixed(1e-3 * play.value, 1) + " +- " + fixed(1e-3 * play.deviation, 1));
+      add("lag [s]", lag.value, lag.deviation, 3);
+      add("play [kPa]", 1e-3 * play.value, 1e-3 * play.deviation, 1);
     }
     if (const auto& mode = loop.mode()) {
-      addValue(out, "mode [Hz]",
-               fixed(mode->frequency, 2) + " +- " + fixed(mode->frequency_deviation, 2));
-      addValue(out, "damping of the mode",
-               fixed(mode->damping, 3) + " +- " + fixed(mode->damping_deviation, 3));
+      add("mode [Hz]", mode->frequency, mode->frequency_deviation, 2);
+      add("damping of the mode", mode->damping, mode->damping_deviation, 3);
     }
     const auto& rows = filter.rows();
     for (std::size_t k = 0; k < rows.size(); ++k) {
@@ -198,7 +182,6 @@ class LoopDiagnostics {
            estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
            (lead > 0 ? "" : ", or shorten the delay of the pictures");
   }
-  static std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
 
   std::uint64_t accepted_ = 0, refused_ = 0;
   std::uint64_t without_tags_ = 0;  ///< of accepted_

@@ -114,9 +114,8 @@ std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Tur
   if (state == follow::LoopState::kDoubtful && rules_.require_vision) {
     return GoalEnding{
         Result::VISION_LOST,
-        "the pictures have left what was learnt of the arm (see loop_status): the "
-        "camera, the base or the arm may have changed; check them and call ~reset, or "
-        "set require_vision to false"};
+        "the pictures have left what was learnt of the arm (see loop_status): the camera, the base "
+        "or the arm may have changed; check them and call ~reset, or set require_vision to false"};
   }
   // This state does not tell whether the arm is seen.
   const bool stands = state == follow::LoopState::kDiverging;

@@ -32,8 +32,7 @@ control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sectio
                                 " numbers in twist_covariance; send " +
                                 std::to_string(size * size) + ", the covariance of `twist`"};
   }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+  return Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size).eval();
 }
 
 using control::Fault;
@@ -161,13 +160,10 @@ class CommandLink {
                         : is(Fault::kRested)       ? Fault::kRested
                                                    : Fault::kNotEnabled;
     const control::Refusal refusal{fault, basics::quoted(status->message, kLongestMessage)};
-    if (is(Fault::kStale)) {
-      passing_ = refusal;
-      return;
-    }
+    const bool stale = is(Fault::kStale);
     // A commander that had the arm and lost it does not wait for it again.
-    const bool passes = is(Fault::kOtherCommander) && !accepted_;
-    accepted_ = false;
+    const bool passes = stale || (is(Fault::kOtherCommander) && !accepted_);
+    accepted_ = accepted_ && stale;
     (passes ? passing_ : lasting_) = refusal;
   }
 
@@ -312,8 +308,7 @@ class LoopTargets {
   void set(const TargetSender& sender, const follow::Target& target) {
     const double pause = scene_.safety.rules.target_timeout;
     if (rested_.refuses(sender.commander, regulator::steadyNow(), pause)) {
-      admission_.drop(sender, control::restedRefusal(pause));
-      return;
+      return admission_.drop(sender, control::restedRefusal(pause));
     }
     // A repeated target renews the lease but does not restart the watch for divergence.
     changed_ = changed_ || !target_ || !areEqual(*target_, target);
@@ -478,20 +473,19 @@ class FollowAction {
   void onGoal(Handle handle) {
     const UnreadGoal goal = *handle.getGoal();
     if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
-      reject(handle, *refusal);
-      return;
+      return reject(handle, *refusal);
     }
     const std::string& frame = goal.path_header.frame_id;
     const auto found = frames_.find(frame);
     const auto* const place = std::get_if<FrameLookup::Place>(&found);
     if (place == nullptr || !place->fixed) {
-      reject(handle,
-             {Result::INVALID_GOAL,
-              place == nullptr ? "the path: " + std::get<control::Refusal>(found).message
-                               : "the frame '" + basics::quoted(frame) + "' moves relative to '" +
-                                     frames_.baseFrame() +
-                                     "'; send the path in a frame with a static transform to it"});
-      return;
+      return reject(
+          handle,
+          {Result::INVALID_GOAL,
+           place == nullptr ? "the path: " + std::get<control::Refusal>(found).message
+                            : "the frame '" + basics::quoted(frame) + "' moves relative to '" +
+                                  frames_.baseFrame() +
+                                  "'; send the path in a frame with a static transform to it"});
     }
     if (candidate_) {
       candidate_->setCanceled(resultOf(
@@ -536,21 +530,17 @@ class FollowAction {
     if (!candidate_ || !decided) return;
     Handle next = std::move(*candidate_);
     candidate_.reset();
-    if (const auto* refusal = std::get_if<GoalEnding>(&*decided)) {
-      reject(next, *refusal);
-      return;
-    }
+    if (const auto* refusal = std::get_if<GoalEnding>(&*decided)) return reject(next, *refusal);
     auto& goal = std::get<PathGoal>(*decided);
     if (goal.hold > longestHold()) {
-      reject(next, {Result::INVALID_GOAL,
-                    basics::format("hold_s is %g; expected at most %g on hardware: a tip_target "
-                                   "that is repeated keeps the tip where it is for longer",
-                                   *goal.hold, longestHold())});
-      return;
+      return reject(next,
+                    {Result::INVALID_GOAL,
+                     basics::format("hold_s is %g; expected at most %g on hardware: a tip_target "
+                                    "that is repeated keeps the tip where it is for longer",
+                                    *goal.hold, longestHold())});
     }
     if (const auto other = targets_.admission().claim(names::kFollowTipPath)) {
-      reject(next, {Result::NOT_ENABLED, other->message});
-      return;
+      return reject(next, {Result::NOT_ENABLED, other->message});
     }
     if (run_) cancel("replaced by a newer goal");
     next.setAccepted("accepted");
@@ -594,13 +584,11 @@ class FollowAction {
 
   void end(const GoalEnding& ending) {
     const Result result = resultOfRun(ending);
-    if (ending.code == Result::SUCCESSFUL) {
-      logInfo("follow_tip_path: %s", ending.message.c_str());
-      run_->handle.setSucceeded(result, ending.message);
-    } else {
-      logWarning("follow_tip_path: %s", ending.message.c_str());
-      run_->handle.setAborted(result, ending.message);
-    }
+    const bool done = ending.code == Result::SUCCESSFUL;
+    logLine(done ? ros::console::levels::Info : ros::console::levels::Warn, "follow_tip_path: %s",
+            ending.message.c_str());
+    done ? run_->handle.setSucceeded(result, ending.message)
+         : run_->handle.setAborted(result, ending.message);
     leave();
   }
 

@@ -1,25 +1,9 @@
-#include <Eigen/Core>
-#include <algorithm>
-#include <array>
-#include <atomic>
-#include <cmath>
-#include <filesystem>
-#include <functional>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include <boost/make_shared.hpp>
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
 #include <ros/spinner.h>
 #include <ros/this_node.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_ros/static_transform_broadcaster.h>
-#include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
@@ -566,22 +550,17 @@ class ShapePublisher {
   /// if that reading is stale or has no shape.
   void draw(const control::SafetyReport& report, const std::string& reason) {
     markers_.tell(report, reason);
-    if (!measures() || !solution_.converged()) {
-      if (drawn_) {
-        marker_publisher_.publish(markers_.remove(ros::Time::now()));
-        if (!measures() && losses_.add()) {
-          logWarning(
-              "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
-              "until "
-              "they are",
-              kFresh, losses_.total(), unmeasuredText().c_str());
-        }
-      }
-      drawn_ = false;
-      return;
+    const bool was_drawn = std::exchange(drawn_, measures() && solution_.converged());
+    if (drawn_) {
+      marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
+    } else if (was_drawn) {
+      marker_publisher_.publish(markers_.remove(ros::Time::now()));
+      if (measures() || !losses_.add()) return;
+      logWarning(
+          "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn until "
+          "they are",
+          kFresh, losses_.total(), unmeasuredText().c_str());
     }
-    drawn_ = true;
-    marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
   }
 
   /// What the actuators remember of their measured pressures.
@@ -635,8 +614,8 @@ class ShapePublisher {
     at << (1e-3 * pressure).transpose();
     logWarning(
         "%s: the %s model finds no shape that balances the load at %s kPa (%s, residual %.2g; %lu "
-        "times "
-        "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
+        "times so far): no model is published there; check the scene's load and "
+        "arm.stiffness.K_eps_n",
         scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
         statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
   }
@@ -740,8 +719,7 @@ class TargetIntake {
     const TargetSender sender(names::kShapeTarget, event);
     const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
     if (const model::Twists* twists = admission_.admit(sender, checked)) {
-      const Eigen::VectorXd from = beginSearch();
-      follow(sender, solver_.toTwists(*twists, from));
+      follow(sender, solver_.toTwists(*twists, beginSearch()));
     }
   }
 
@@ -1058,12 +1036,9 @@ class PressureCommandNode : public Node {
  private:
   void refuseSimulatedTime() const {
     if (!ros::Time::isSimTime()) return;
-    if (!options_.allow_sim_time) {
-      throw std::invalid_argument(
-          "/use_sim_time is true, but scene " + scene_.name +
-          " drives hardware; end the recording or simulation that sets it, or set "
-          "~allow_sim_time to true if that is intended");
-    }
+    basics::require(options_.allow_sim_time, "/use_sim_time is true, but scene ", scene_.name,
+                    " drives hardware; end the recording or simulation that sets it, or set "
+                    "~allow_sim_time to true if that is intended");
     logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
   }
 
@@ -1072,12 +1047,9 @@ class PressureCommandNode : public Node {
     const int priority = options_.realtime_priority;
     if (priority == 0) return;
     const auto tell = [hardware](const std::string& refusal, const char* success) {
-      if (refusal.empty()) {
-        logInfo("%s", success);
-      } else {
-        logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
-                "%s; without it other programs may delay a vent", refusal.c_str());
-      }
+      if (refusal.empty()) return logInfo("%s", success);
+      logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
+              "%s; without it other programs may delay a vent", refusal.c_str());
     };
     tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
     if (hardware) tell(regulator::lockMemory(), "the node's memory is locked");
@@ -1102,19 +1074,15 @@ class PressureCommandNode : public Node {
       const std::string channels = regulator::describeChannels(*scene.regulator);
       return regulator::describe(*scene.regulator) + (channels.empty() ? "" : ", " + channels);
     };
-    if (describe(scene_) != describe(next)) {
-      throw std::invalid_argument("scene " + next.name +
-                                  " has another regulator: " + describe(next) + ", expected " +
-                                  describe(scene_) + "; restart the nodes to change it");
-    }
+    basics::require(describe(scene_) == describe(next), "scene ", next.name,
+                    " has another regulator: ", describe(next), ", expected ", describe(scene_),
+                    "; restart the nodes to change it");
     if (!guard_) return;
     const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
                                                  next.safety.channels, next.safety.rules);
-    if (!looser.empty()) {
-      throw std::invalid_argument("scene " + next.name +
-                                  " is less safe than the one that this node started with: " +
-                                  looser + "; restart the nodes to change that");
-    }
+    basics::require(looser.empty(), "scene ", next.name,
+                    " is less safe than the one that this node started with: ", looser,
+                    "; restart the nodes to change that");
   }
 
   void adopt(io::Scene next) {

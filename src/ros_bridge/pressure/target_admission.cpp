@@ -82,9 +82,9 @@ void TargetAdmission::accept(const TargetSender& sender) {
 
 void TargetAdmission::accept(const TargetSender& sender, const TargetSolution& solution) {
   if (solution.status == statics::InverseStatus::kNotConverged) {
-    drop(sender, {control::Fault::kNotConverged,
-                  "no pressures were found for it; send a target closer to the arm's shape"});
-    return;
+    return drop(sender,
+                {control::Fault::kNotConverged,
+                 "no pressures were found for it; send a target closer to the arm's shape"});
   }
   TargetStatus status = answerTo(sender);
   status.residual = solution.residual;

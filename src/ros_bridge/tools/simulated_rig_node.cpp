@@ -44,8 +44,7 @@ struct SimulatedRigOptions {
     reader.finish();
     if (time_factor == 0) return;
     const auto require = [this](bool holds, const std::string& rule) {
-      if (!holds)
-        throw std::invalid_argument("~time_factor is " + std::to_string(time_factor) + rule);
+      basics::require(holds, "~time_factor is ", std::to_string(time_factor), rule);
     };
     require(kTimeFactors.contains(time_factor), "; expected 0, or a number from 0.01 to 1000");
     require(regulator == "scene",
@@ -80,10 +79,8 @@ class SimulatedRigNode : public Node {
     if (options_.regulator == "scene") {
       const regulator::Config& config = requireRegulator(scene_);
       const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
-      if (simulated == nullptr) {
-        throw std::invalid_argument("scene " + scene_.name + " has another regulator, " +
-                                    regulator::describe(config) + "; expected regulator.simulated");
-      }
+      basics::require(simulated != nullptr, "scene ", scene_.name, " has another regulator, ",
+                      regulator::describe(config), "; expected regulator.simulated");
       warnOfShortSupply(scene_);
       regulator_.emplace(scene_.arm.actuatorCount(), *simulated);
     }
@@ -93,18 +90,16 @@ class SimulatedRigNode : public Node {
       clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
       publishClock();
     }
+    using Self = SimulatedRigNode;
     truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
     if (regulator_) {
       measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
-      pressure_subscriber_ =
-          listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+      pressure_subscriber_ = listen(node_, names::kPressureCommand, 10, &Self::onCommand, this);
     } else {
-      pressure_subscriber_ =
-          listen(node_, names::kPressureMeasured, 10, &SimulatedRigNode::onReading, this);
+      pressure_subscriber_ = listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
     }
-    force_subscriber_ =
-        listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
-    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
+    force_subscriber_ = listen(private_node_, names::kTipForce, 10, &Self::onTipForce, this);
+    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &Self::onLoop, this);
     const bool seen = scene_.camera && scene_.tags;
     if (seen) {
       image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
@@ -141,40 +136,36 @@ class SimulatedRigNode : public Node {
   void onCommand(const PressureArrayConstPtr& command) {
     const auto checked =
         control::checkCommand(scene_.arm, command_, command->name, command->pressure);
-    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      command_ = *pressure;
-      regulator_->command(command_);
-      noteInput();
-    } else {
-      drop(names::kPressureCommand, std::get<control::Refusal>(checked).message, bad_inputs_);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(names::kPressureCommand, refusal->message, bad_inputs_);
     }
+    command_ = std::get<Eigen::VectorXd>(checked);
+    regulator_->command(command_);
+    noteInput();
   }
 
   void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
     const auto checked = fromMsg(*wrench, options_.frame_prefix + names::kBaseFrame);
-    std::string fault;
-    if (const auto* force = std::get_if<Eigen::Vector3d>(&checked)) {
-      try {
-        true_arm_.setTipForce(*force);
-        return;
-      } catch (const std::invalid_argument& error) {
-        fault = error.what();
-      }
-    } else {
-      fault = std::get<control::Refusal>(checked).message;
+    const std::string topic = std::string("~") + names::kTipForce;
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(topic, refusal->message, bad_forces_);
     }
-    drop(std::string("~") + names::kTipForce, fault, bad_forces_);
+    try {
+      true_arm_.setTipForce(std::get<Eigen::Vector3d>(checked));
+    } catch (const std::invalid_argument& error) {
+      drop(topic, error.what(), bad_forces_);
+    }
   }
 
   void onReading(const PressureArrayConstPtr& reading) {
     const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
-    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      noteInput();
-      publishTruth(reading->header,
-                   [&] { true_arm_.follow(reading->header.stamp.toSec(), *pressure); });
-    } else {
-      drop(names::kPressureMeasured, std::get<control::Refusal>(checked).message, bad_inputs_);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      return drop(names::kPressureMeasured, refusal->message, bad_inputs_);
     }
+    noteInput();
+    publishTruth(reading->header, [&] {
+      true_arm_.follow(reading->header.stamp.toSec(), std::get<Eigen::VectorXd>(checked));
+    });
   }
 
   void onLoop(const ros::SteadyTimerEvent&) {
@@ -211,11 +202,10 @@ class SimulatedRigNode : public Node {
     if (silent_ || now - last_input_ <= ros::WallDuration(longest)) return;
     silent_ = true;
     if (!heard_) {
-      logWarning(
+      return logWarning(
           "no %s has come for %g s: neither truth nor picture until one does; is the node of "
           "the regulator running, and in this namespace?",
           names::kPressureMeasured, longest);
-      return;
     }
     if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
     logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",

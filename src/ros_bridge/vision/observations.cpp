@@ -337,8 +337,7 @@ void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& m
   const bool changed = state != status_.state;
   status_.state = state;
   status_.message = message;
-  if (state != VisionStatus::MEASURED && state != VisionStatus::FEW_TAGS &&
-      state != VisionStatus::NO_TAGS && state != VisionStatus::NO_FIT) {
+  if (std::find(std::begin(kStates), std::end(kStates), state) == std::end(kStates)) {
     status_.tags = 0;
     status_.unknown_ids.clear();
     status_.repeated_ids.clear();

@@ -36,10 +36,7 @@ class ModelHistory {
   /// equal to the last one (stopped clock) replaces its entry.
   void add(const ros::Time& stamp, const model::Shape& shape) {
     if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
-    if (!entries_.empty() && stamp == entries_.back().stamp) {
-      entries_.back().shape = shape;
-      return;
-    }
+    if (!entries_.empty() && stamp == entries_.back().stamp) entries_.pop_back();
     entries_.push_back({stamp, shape});
     if (entries_.size() > kMost) entries_.pop_front();
     while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();

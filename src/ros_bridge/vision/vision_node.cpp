@@ -202,8 +202,7 @@ class PictureSource {
       const auto due = steady_clock::now() + period;
       const vision::FrameStatus status = frames_->next(frame);
       if (status == vision::FrameStatus::kEnd) {
-        status_.enter(VisionStatus::ENDED, options_.source + " has ended");
-        return;
+        return status_.enter(VisionStatus::ENDED, options_.source + " has ended");
       }
       if (status == vision::FrameStatus::kFault) {
         status_.refuse({PictureFault::kSource, frame.fault});
@@ -618,10 +617,7 @@ class VisionNode : public Node {
 
   // In the thread that failed.
   void onFailure() {
-    if (host_ == Host::kOwnProcess) {
-      EndRequest::make();
-      return;
-    }
+    if (host_ == Host::kOwnProcess) return EndRequest::make();
     // Both threads stop for good; the other may still process a picture.
     status_.close("vision has failed and stopped: load its nodelet again");
     stop();
