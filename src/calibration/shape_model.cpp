@@ -202,8 +202,16 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
   };
   model::Arm arm = data.arm;
   if (fits_ratios) {
-    arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
-                            : arm.scaledStiffness(factors.ratios);
+    try {
+      arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
+                              : arm.scaledStiffness(factors.ratios);
+    } catch (const std::invalid_argument&) {  // a taper that is too steep for this stiffness
+      return [model = statics::ArmModel(data.arm)](const Eigen::VectorXd& lengths) {
+        statics::Solution none = model.solveLengths(lengths);
+        none.status = statics::SolveStatus::kUnsupported;
+        return none;
+      };
+    }
   }
   std::optional<statics::Load> load = data.load;
   if (load) {

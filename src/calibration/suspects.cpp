@@ -35,6 +35,7 @@ constexpr double kLowered = 0.91, kLoweredFar = 0.5;
 // What a scene may be off by: no mistake is smaller. Gains and scales as fractions [Pa, m, rad].
 constexpr double kLeastGainError = 0.12, kLeastOffset = 12e3, kLeastTagError = 0.03;
 constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
+constexpr double kMostTurn = 2.0;  // of what was knocked; beyond it, it was put up otherwise [rad]
 // Of captures whose pressures are outside the limits as they are.
 constexpr double kLoweredInside = 1.1;
 // Least share of what is beyond the noise that a suspect explains.
@@ -123,8 +124,10 @@ class Misfit {
     if (unsound(read)) return std::nullopt;
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, one.options, kind)) return std::nullopt;
-    // What a base takes up that is off by as much as a tape measure is nobody's mistake.
-    if (!one.options.base && read.size() == 1 &&
+    // What a base takes up that is off by as much as a tape measure is nobody's mistake. Shapes in
+    // pieces take too long for a second fit.
+    const bool quick = read.front().arm.isLinear() && !read.front().isLoaded();
+    if (!one.options.base && read.size() == 1 && quick &&
         (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
       CalibrationOptions near = one.options;
       near.base = true;
@@ -477,7 +480,8 @@ void addMove(bool corners, std::vector<Trial>& trials) {
                 " degrees from where the scene has it: fit base as well");
   };
   const auto shows = [](const Calibration& fit) {
-    return fit.X_B0B.translation.norm() > kLeastMove || turnOf(fit.X_B0B) > kLeastTurn;
+    const double turn = turnOf(fit.X_B0B);
+    return turn < kMostTurn && (turn > kLeastTurn || fit.X_B0B.translation.norm() > kLeastMove);
   };
   addFreedom({corners ? "camera_moved" : "base_moved", corners ? "the camera" : "the base", release,
               remedy},

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from suspect_table import HEIGHT, WIDTH, corners, pressures, tags, turned
+from suspect_table import HEIGHT, WIDTH, corners, from_the_tip, pressures, tags, turned
 
 NEW = ["--defaults", "--regulator", "festo_vtem", "--length-m", "0.3"]
 SETS = {"demo": (None, (3,)), "four": ([*NEW, "--muscles", "4"], (4,)), "two": ([*NEW, "--sections", "2"], (3, 3))}
@@ -52,12 +52,13 @@ def hoses(true):
 def each(change):
     def apply(rows, steps):
         for row in rows:
-            change(row)
+            change(row, DEMO)
         return rows
     return apply
 
 
-SOUND = each(lambda row: None)
+DEMO = [(3, 7, 0)]  # the layout of the demo's tags, as for a mistake of suspect_table
+SOUND = each(lambda row, layout: None)
 # Mistake, changes of the scene, and what tells it: the cause that comes first, or (list, index, verdict). All sets, then one section.
 HOSES = (
     (SOUND, [], "good"),
@@ -72,11 +73,11 @@ HOSES = (
     (each(pressures(lambda p: [p[0], p[1] + 20, *p[2:]])), [], ("sensors", 1, "offset")),
 )
 VIEWS = (
-    (each(tags(lambda column, place: (column, {2: 4, 4: 2}.get(place, place)))), [], "tag_rows_exchanged"),
-    (each(tags(lambda column, place: (column, 6 - place))), [], "tag_rows_reversed"),
-    (each(turned(2, range(7))), [], "tags_turned"), (each(turned(1, [1])), [], "tags_turned"),
+    (each(tags(lambda muscle, row, *_: (muscle, {2: 4, 4: 2}.get(row, row)))), [], "tag_rows_exchanged"),
+    (each(from_the_tip), [], "tag_rows_reversed"),
+    (each(turned(2)), [], "tags_turned"), (each(turned(1, 1)), [], "tags_turned"),
     (SOUND, ["tags.size_m=0.0395"], "tag_size"), (SOUND, ["tags.size_m=0.025"], "tag_size"),
-    (each(corners(lambda row, at: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at])), [], "picture_turned"),
+    (each(corners(lambda at, *_: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at])), [], "picture_turned"),
     (SOUND, ["arm.base.position_m=[0.05, 0, 0.6]"], "camera_moved"), (SOUND, ["arm.base.position_m=[0, 0, 0.63]"], "camera_moved"),
     (SOUND, ["arm.sections.0.ring.length_scale=%s"], "muscle_length"),
 )
