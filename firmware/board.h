@@ -24,7 +24,7 @@
 #ifndef VALVES_PROPORTIONAL
 #define VALVES_PROPORTIONAL 0
 #endif
-#define PULSE_LEAST_MS 3      // shortest pulse that a solenoid follows
+#define PULSE_LEAST_MS 3  // shortest pulse that a solenoid follows
 // Muscles that overshoot: raise FEED_PA_PER_MS if they fill much faster than in 0.25 s, lower
 // BLEED_MS if they vent much faster than in 0.2 s.
 #define FEED_PA_PER_MS 2000L  // a pulse of the inlet lasts for the error divided by this
@@ -48,8 +48,9 @@
 #define DEAD_BAND_PA 2500L          // no valve moves for a smaller error
 #define HYSTERESIS_PA 500L          // within it, where an inlet stops: above the noise of a reading
 #define RISE_PA 5000L               // by which a reading must rise, or come to its set point,
-#define RISE_MS 150                 // before the inlet was open for so long in all, else not_rising:
-                                    // raise it if large muscles are reported as that
+#define RISE_MS \
+  150  // before the inlet was open for so long in all, else not_rising:
+       // raise it if large muscles are reported as that
 
 // ---- Times [ms] ---------------------------------------------------------------------------------
 #define READING_MS 10                            // of which each is the mean

@@ -88,8 +88,8 @@ CORRECTED = ("tag_rows_exchanged", "tags_turned", "tag_size", "camera_moved")
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--command", required=True)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--sets", default="demo,four,two")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--sets", default="demo,two")
     options = parser.parse_args()
 
     def run(*arguments):

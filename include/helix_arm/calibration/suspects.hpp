@@ -15,7 +15,7 @@ struct Suspect {
   /// muscle_length, tags_turned, tag_rows_exchanged, tag_rows_reversed, tags_mirrored, tag_size,
   /// picture_size, picture_turned, base_moved, camera_moved, load or other_arm.
   std::string cause;
-  std::string where;   ///< "muscle_1 and muscle_2", "all channels", "tags 4, 5 and 6"
+  std::string where;  ///< "muscle_1 and muscle_2", "all channels", "tags 4, 5 and 6"
   /// Share of the readings' mean square beyond their noise, in [0, 1]; 0 of other_arm, which is
   /// named where no mistake brings the readings near to this arm.
   double explains;

@@ -162,8 +162,9 @@ std::vector<std::string> placementTexts(bool base, std::size_t tags);
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.
 std::string tipErrorText(const CalibrationOutcome& outcome);
 
-/// The usual mistakes of tags and pictures that would explain why single shapes fit captures of tags
-/// worse than their noise, whatever the pressures: estimation::suspectsOf() of at most 20 of them.
+/// The usual mistakes of tags and pictures that would explain why single shapes fit captures of
+/// tags worse than their noise, whatever the pressures: estimation::suspectsOf() of at most 20 of
+/// them.
 ///
 /// @param captures  of tag poses or corners; without the tags' scene or any capture, none.
 std::vector<estimation::Suspect> tagSuspectsOf(const io::Scene& scene,
