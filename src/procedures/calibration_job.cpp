@@ -694,9 +694,15 @@ class CalibrationJob {
     changes_.responses = curves_.responses;
     changes_.mode = curves_.mode;
     changes_.provenance = provenance();
-    outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
-    if (fitsArm() && !ofSeries()) compareTips();
     Refusal refusal = refuseWorse();
+    try {
+      outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
+    } catch (const io::DocumentError&) {
+      if (refusal) return refusal;  // which says why a value is what no scene can have
+      throw;
+    }
+    if (fitsArm() && !ofSeries()) compareTips();
+    refusal = refuseWorse();
     if (refusal) outcome_.scene_text.clear();
     return refusal;
   }
