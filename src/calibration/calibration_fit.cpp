@@ -478,9 +478,11 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
 double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
                   CalibrationProblem& fitted) {
   int residuals = 0;
-  for (const Comparison& one : fitted.compare(1.0, false)) residuals += one.residuals;
-  const double least = squaresOf(read, options, fitted);
-  double added = 0;
+  double least = 0, added = 0;
+  for (const Comparison& one : fitted.compare(1.0, false)) {
+    residuals += one.residuals;
+    least += one.square;
+  }
   const auto add = [&](const auto& shift) {
     for (const double sign : {1.0, -1.0}) {
       std::vector<ArmCaptures> shifted = read;
@@ -489,7 +491,8 @@ double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions
       if (std::isfinite(change)) added += change / 2;
     }
   };
-  for (int axis = 0; axis < 3 && !options.tags; ++axis) {
+  const bool places = !options.tags && isMet(FitNeed::kTags, kindOf(firstReading(read)));
+  for (int axis = 0; axis < 3 && places; ++axis) {
     add([&](double sign, ArmCaptures& arm) {
       for (TagPlacement& tag : arm.layout.tags) {
         tag.X_ST.translation[axis] += sign * options.tag_prior.translation;

@@ -568,34 +568,42 @@ class CalibrationJob {
     return suspects.empty() ? "" : "; " + suspects.front();
   }
 
-  // Why the calibrated scene would not be better than before.
-  Refusal refuseWorse() const {
+  Refusal refusedFor(const std::string& reason) const {
+    return reason + firstSuspect() + "; force writes the scene all the same";
+  }
+
+  // Why the fitted arm is not that of the captures.
+  Refusal refuseFar() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
     constexpr double kMostNoise = 5.0;
     // Where a suspect explains nearly all of an excess that is no small one.
     constexpr double kCertain = 0.9, kLeastNoise = 1.4;
-    // The median error of tips, which the fit does not minimise, hardly changes in a sound arm.
-    constexpr double kWorse = 1.2, kWorseBy = 0.5e-3;  // [m]
-    const auto refusal = [this](const std::string& reason) {
-      return reason + firstSuspect() + "; force writes the scene all the same";
-    };
     const double noise = outcome_.calibration->noise_scale;
     if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
         outcome_.suspects.front().explains >= kCertain) {
-      return refusal("a usual mistake explains the captures far better than the fitted arm");
+      return refusedFor("a usual mistake explains the captures far better than the fitted arm");
     }
     const double beyond = noise / outcome_.calibration->usual_scale;
     if (beyond > kMostNoise) {
-      return refusal(basics::messageOf("the readings are ", std::round(10 * beyond) / 10,
-                                       " times as far from the fitted arm as their noise and the "
-                                       "usual errors of tags and pressures; expected at most ",
-                                       kMostNoise));
-    }
-    if (outcome_.tip_error_before && outcome_.tip_error_after &&
-        *outcome_.tip_error_after > kWorse * *outcome_.tip_error_before + kWorseBy) {
-      return refusal("the fitted arm predicts worse than before, " + tipErrorText(outcome_));
+      return refusedFor(
+          basics::messageOf("the readings are ", std::round(10 * beyond) / 10,
+                            " times as far from the fitted arm as their noise and the "
+                            "usual errors of tags and pressures; expected at most ",
+                            kMostNoise));
     }
     return std::nullopt;
+  }
+
+  // Why the calibrated scene would be worse than before.
+  Refusal refuseWorse() const {
+    // The median error of tips, which the fit does not minimise, hardly changes in a sound arm.
+    constexpr double kWorse = 1.2, kWorseBy = 0.5e-3;  // [m]
+    if (request_.force || !outcome_.calibration || !outcome_.tip_error_before ||
+        !outcome_.tip_error_after ||
+        *outcome_.tip_error_after <= kWorse * *outcome_.tip_error_before + kWorseBy) {
+      return std::nullopt;
+    }
+    return refusedFor("the fitted arm predicts worse than before, " + tipErrorText(outcome_));
   }
 
   // The curve that captures and free lengths have in common is taken where it explains both.
@@ -694,7 +702,7 @@ class CalibrationJob {
     changes_.responses = curves_.responses;
     changes_.mode = curves_.mode;
     changes_.provenance = provenance();
-    Refusal refusal = refuseWorse();
+    Refusal refusal = refuseFar();
     try {
       outcome_.scene_text = io::calibratedSceneText(path_, overrides_, changes_, sha256_);
     } catch (const io::DocumentError&) {
@@ -702,7 +710,7 @@ class CalibrationJob {
       throw;
     }
     if (fitsArm() && !ofSeries()) compareTips();
-    refusal = refuseWorse();
+    if (!refusal) refusal = refuseWorse();
     if (refusal) outcome_.scene_text.clear();
     return refusal;
   }
@@ -787,10 +795,7 @@ std::optional<double> medianTipError(const io::Scene& scene,
     if (!seen) continue;
     const statics::Solution model = scene.model.solve(capture.pressure);
     if (!model.converged()) continue;
-    const estimation::TwistFit& fit =
-        corners != nullptr
-            ? fitter.fitCold(*corners, scene.X_CB(), scene.camera->model.focal(), model.shape)
-            : fitter.fitCold(*poses, model.shape);
+    const estimation::TwistFit& fit = fitTags(scene, capture.reading, model.shape, fitter);
     if (fit.status != estimation::FitStatus::kConverged) continue;
     const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
     errors.push_back((tip.translation - model.tip.translation).norm());

@@ -297,6 +297,15 @@ estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
   return arm;
 }
 
+const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Reading& reading,
+                                    const model::Shape& start, estimation::TwistFitter& fitter) {
+  if (const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&reading)) {
+    return fitter.fitCold(*poses, start);
+  }
+  const auto& corners = std::get<std::vector<estimation::CornerObservation>>(reading);
+  return fitter.fitCold(corners, scene.X_CB(), scene.camera->model.focal(), start);
+}
+
 estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar) {
   return estimation::scatterOf(fit, 3, planar);
 }

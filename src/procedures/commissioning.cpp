@@ -67,11 +67,7 @@ std::vector<std::optional<Stand>> standsOf(const io::Scene& scene,
   std::vector<std::optional<Stand>> out;
   for (const Capture& capture : captures) {
     const model::Shape start = modelAt(scene, capture.pressure);
-    const auto* const corners = std::get_if<CornersOfTags>(&capture.reading);
-    const estimation::TwistFit& fit =
-        corners != nullptr
-            ? fitter.fitCold(*corners, scene.X_CB(), scene.camera->model.focal(), start)
-            : fitter.fitCold(std::get<PosesOfTags>(capture.reading), start);
+    const estimation::TwistFit& fit = fitTags(scene, capture.reading, start, fitter);
     const bool found = fit.status == estimation::FitStatus::kConverged;
     out.push_back(found ? std::optional(standOf(fit.shape)) : std::nullopt);
   }

@@ -119,13 +119,7 @@ py::list fit(const Scene& self, const Data& data) {
       const OthersRun others_run;
       const model::Shape start = statics::startingShape(
           scene.model, scene.model.solve(capture.pressure), capture.pressure);
-      if (const auto* poses =
-              std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading)) {
-        found = &fitter.fitCold(*poses, start);
-      } else {
-        const auto& corners = std::get<std::vector<estimation::CornerObservation>>(capture.reading);
-        found = &fitter.fitCold(corners, scene.X_CB(), scene.camera->model.focal(), start);
-      }
+      found = &procedures::fitTags(scene, capture.reading, start, fitter);
     }
     const bool fitted = found->status == estimation::FitStatus::kConverged ||
                         found->status == estimation::FitStatus::kNotConverged;

@@ -64,6 +64,14 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures);
 
+/// Fits a shape to the tags of a capture, from this start.
+///
+/// @param fitter   of the scene's tags.
+/// @param reading  tag poses or, if the scene has a camera, tag corners.
+/// @return the fitter's result, valid until its next fit.
+const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Reading& reading,
+                                    const model::Shape& start, estimation::TwistFitter& fitter);
+
 // Captures that no shape explains, see estimation::checkCaptures().
 
 /// Of tag positions.
