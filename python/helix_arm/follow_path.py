@@ -30,6 +30,7 @@ MOST_ACTUATORS = 100
 LONGEST_NAME = 40  # of an actuator, a frame or a state
 LONGEST_OUTCOME = 300
 LAST_WORDS = 1.0  # of the topics that are recorded, after the end [s]
+LINK_PATIENCE = 5.0  # after which all links to the action are asked for again [s]
 WORD_PERIOD = 1.0  # between two lines of the log [s]
 
 
@@ -172,9 +173,13 @@ class FollowPath(Node):
         self._recorder: Optional[RunRecorder] = None
         if table or figure:
             self._recorder = RunRecorder(table, figure, self._path, self._seconds, self._lock)
+        self._connect()
+        self._sent_goal: Optional[actionlib.ClientGoalHandle] = None
+
+    def _connect(self) -> None:
         # A SimpleActionClient loses an answer that comes before its send_goal() returns.
         self._client = actionlib.ActionClient(self._action, FollowTipPathAction)
-        self._sent_goal: Optional[actionlib.ClientGoalHandle] = None
+        self._asked = time.monotonic()
 
     def finish(self) -> int:
         """Writes the record."""
@@ -215,6 +220,10 @@ class FollowPath(Node):
             log.fatal(f"no action {self._action} for {self._patience:g} s; is visual_servo up (closed_loop:=true of arm.launch)?")
             self._verdict = FAILED
             end.make()
+        elif not self._sent and time.monotonic() - self._asked > LINK_PATIENCE:
+            # ROS does not repeat a word between two nodes that was lost.
+            self._client.stop()
+            self._connect()
         return None
 
     def _send(self) -> None:

@@ -326,7 +326,8 @@ class AnyMessage(unittest.TestCase):
 
     def advertise(self, topic, of, subscribers):
         publisher = publisher_of(topic, of)
-        self.assertTrue(wait_for(lambda: publisher.get_num_connections() >= subscribers), topic)
+        self.assertTrue(wait_for(lambda: (not topic.startswith(WALK) or self.revive_path_client()) and
+                                 publisher.get_num_connections() >= subscribers, 60), topic)
         return publisher
 
     def send_extremes(self, topic, of, subscribers):

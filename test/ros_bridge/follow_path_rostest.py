@@ -7,15 +7,18 @@ import signal
 import sys
 import threading
 import time
+import xmlrpc.client
 
 import actionlib
+import rosgraph
 import rospy
 import rostest
 import yaml
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from helix_arm.msg import (FollowTipPathAction, FollowTipPathGoal, FollowTipPathResult, LoopStatus, PressureArray,  # noqa: E402
+from helix_arm.msg import (FollowTipPathAction, FollowTipPathActionFeedback, FollowTipPathActionGoal,  # noqa: E402
+                           FollowTipPathActionResult, FollowTipPathGoal, FollowTipPathResult, LoopStatus, PressureArray,
                            ProveContactAction, ProveContactGoal, SafetyState, TargetStatus)
 from helix_arm.srv import Reload  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, LoopRig, call, close_loop, goal_along, place, target_at, wait_for  # noqa: E402
@@ -297,6 +300,25 @@ class FollowPath(LoopRig):
             run = self.start(rows)
             self.assertEqual(run.code(60), code, run.output())
             self.assertIn(words, run.output())
+
+    def test_a_link_that_was_lost_is_asked_for_again(self):
+        def publisher(topic, of):
+            return rospy.Publisher("/late/" + topic, of, queue_size=10)
+
+        status, results = publisher("status", GoalStatusArray), publisher("result", FollowTipPathActionResult)
+        goals = []
+        for topic, of in (("goal", FollowTipPathActionGoal), ("cancel", GoalID)):
+            rospy.Subscriber("/late/" + topic, of, goals.append)
+        run = self.start([(0, 0), (1, 0.01)], "_action:=/late")
+        self.assert_wait(lambda: results.get_num_connections() == 1, 60)
+        node = xmlrpc.client.ServerProxy(rosgraph.Master("/test").lookupNode("/follow_path"))
+        node.publisherUpdate("/master", "/late/result", [])
+        self.assert_wait(lambda: results.get_num_connections() == 0)
+        feedback = publisher("feedback", FollowTipPathActionFeedback)
+        self.assert_wait(lambda: status.publish(GoalStatusArray()) or goals, 60)
+        self.assertEqual(feedback.get_num_connections(), 1)
+        results.publish(FollowTipPathActionResult(status=GoalStatus(goals[0].goal_id, GoalStatus.REJECTED, "")))
+        self.assertEqual(run.code(60), 1, run.output())
 
 
 class ContactProof(LoopRig):
