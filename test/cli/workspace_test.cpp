@@ -361,18 +361,15 @@ const json& rowOf(const json& rows, const std::string& tier, const std::string& 
 // Below 1e-11 % errors are rounding, and all the same.
 double errorOf(const json& row) { return std::max(row["tip_error_percent"].get<double>(), 1e-11); }
 
-TEST(Trade, MeasuresEveryTierThatTheSceneCanHave) {
-  const auto spatial = settingsOf(rowsOf("loaded"), "model");
+TEST(Trade, MeasuresEveryTierThatTheSceneCanHaveAndNothingBeatsARowOfTheFrontier) {
+  const json rows = rowsOf("loaded");
+  const auto spatial = settingsOf(rows, "model");
   EXPECT_EQ(spatial.size(), 9u);  // linear, orders 2 to 8, exact
   EXPECT_EQ(spatial.count({"planar", ""}), 0u);
   EXPECT_EQ(spatial.count({"exact", ""}), 1u);
   const auto planar = settingsOf(rowsOf("planar_76"), "model");
   EXPECT_EQ(planar.size(), 10u);
   EXPECT_EQ(planar.count({"planar", ""}), 1u);
-}
-
-TEST(Trade, NothingBeatsARowOfTheFrontier) {
-  const json rows = rowsOf("loaded");
   std::map<std::string, int> on_frontier;
   for (const json& row : rows) {
     ASSERT_GT(row["time_ns"].get<double>(), 0);

@@ -16,8 +16,6 @@
 namespace helix_arm::statics {
 namespace {
 
-using model::Twists;
-
 double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q,
                       const Eigen::VectorXd& reference) {
   double cost = 0;
