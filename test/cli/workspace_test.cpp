@@ -332,13 +332,8 @@ TEST(Workspace, InterruptedItLeavesWhatWasThere) {
 
 using nlohmann::json;
 
-json rowsOf(const std::string& scene, std::vector<std::string> more = {}) {
-  std::vector<std::string> arguments = {"trade", scenePath(scene), "--no-files", "--pictures",
-                                        "0",     "--format",       "json"};
-  arguments.insert(arguments.end(), more.begin(), more.end());
-  const Outcome outcome = runCommand(arguments);
-  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  return outcome.json()["rows"];
+json rowsOf(const std::string& scene) {
+  return resultOf({"trade", scenePath(scene), "--no-files", "--pictures", "0"})["rows"];
 }
 
 // (tier, setting) of the rows of a part.

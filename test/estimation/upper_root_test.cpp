@@ -1,4 +1,3 @@
-#include <Eigen/LU>
 #include <limits>
 #include <random>
 #include <vector>

@@ -220,9 +220,9 @@ TEST_P(BoardFaults, ABrownOutVentsWhileItLastsAndAfterwards) {
   bringTo("100");
 }
 
-// The simulated chip obeys them by hand; here the ELF asks for what is simulated, and those that a
-// reader burns, of `make fuses` and of the document, are its own.
-TEST_P(BoardFaults, TheFusesResetAtBrownOutKeepTheWatchdogOnAndAreThoseThatAreFlashed) {
+// They reset at brown-out and keep the watchdog on, which the simulated chip obeys by hand, and are
+// those that a reader burns, of `make fuses` and of the document.
+TEST_P(BoardFaults, TheFusesOfTheElfAreThoseThatAreFlashed) {
   constexpr std::uint8_t kWatchdogAlwaysOn = 1 << 4, kBrownOutLevel = 0x07, kBrownOut43 = 0x04;
   const auto fuses = board_.chip().fuses();
   EXPECT_EQ(fuses[1] & kWatchdogAlwaysOn, 0) << "programmed: 0";

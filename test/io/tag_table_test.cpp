@@ -1,7 +1,6 @@
 // Data sets of tags: their corners in pictures, and their poses.
 #include "helix_arm/io/tag_table.hpp"
 
-#include <Eigen/Geometry>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
