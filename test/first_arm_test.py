@@ -7,7 +7,6 @@ command has the word, <!-- end WORD -->, "sh webcam" not at all. rviz is left ou
 import argparse
 import json
 import math
-import os
 import re
 import signal
 import subprocess

@@ -25,53 +25,58 @@ STROKES, UNEVEN, GROWTH = (1.10, 0.93, 1.04), 0.05, 0.2
 MASS_KG, DISC_M, PLAY_PA, DEAD_S, STEP_S = 0.5, 0.037, 5e3, 0.02, 0.005
 
 
+# Each takes one, or any number of them in rows.
+
+
 def skew(w):
-    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    W = np.zeros(w.shape + (3,))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        W[..., k, j], W[..., j, k] = w[..., i], -w[..., i]
+    return W
 
 
 def adjoint(R, p):
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R
-    A[:3, 3:] = skew(p) @ R
+    A = np.zeros(R.shape[:-2] + (6, 6))
+    A[..., :3, :3] = A[..., 3:, 3:] = R
+    A[..., :3, 3:] = skew(p) @ R
     return A
 
 
 def small_ad(g):
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = skew(g[3:])
-    A[:3, 3:] = skew(g[:3])
+    A = np.zeros(g.shape + (6,))
+    A[..., :3, :3] = A[..., 3:, 3:] = skew(g[..., 3:])
+    A[..., :3, 3:] = skew(g[..., :3])
     return A
 
 
 def exponential(g):
-    w = g[3:]
-    angle = np.linalg.norm(w)
-    W = skew(w)
-    if angle < 1e-6:
-        a, b, c = 1.0, 0.5, 1 / 6
-    else:
-        a, b, c = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
+    angle = np.maximum(np.linalg.norm(g[..., 3:], axis=-1), 1e-6)[..., None, None]
+    W = skew(g[..., 3:])
+    a, b, c = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
     W2 = W @ W
-    return np.eye(3) + a * W + b * W2, (np.eye(3) + b * W + c * W2) @ g[:3]
+    return np.eye(3) + a * W + b * W2, ((np.eye(3) + b * W + c * W2) @ g[..., :3, None])[..., 0]
 
 
 def tangent(g):
     """Body velocity by rates of g: series of the right Jacobian; strains of a segment are below 1 rad."""
-    A = -small_ad(g)
-    out, term = np.eye(6), np.eye(6)
+    A, term = -small_ad(g), np.eye(6)
+    out = term
     for k in range(2, 8):
         term = term @ A / k
         out = out + term
     return out
 
 
-def quaternion(R):
+def quaternions(R):
+    """Of rotations in rows."""
+    r = np.moveaxis(R, 0, 2)
     K = np.array([
-        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
-        [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
-        [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R[0, 0] + R[1, 1] + R[2, 2]]])
-    return np.linalg.eigh(K)[1][:, -1]
+        [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
+        [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
+        [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
+        [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]]])
+    return np.linalg.eigh(np.moveaxis(K, 2, 0))[1][:, :, -1]
 
 
 class Arm:
@@ -97,7 +102,7 @@ class Arm:
         self.q = np.tile(g / N, (N, 1)).ravel()
         self.v = np.zeros(6 * N)
         # Scale of the stiffness at which the lowest mode at rest has the frequency.
-        M = self.mass(self.q)
+        M = self.mass(self.bodies(self.q)[2])
         big = np.kron(np.eye(N), A * N)
         lowest = np.sort(np.linalg.eigvals(np.linalg.solve(M, big)).real)[0]
         turn = 2 * math.pi * frequency_hz
@@ -120,18 +125,21 @@ class Arm:
         return A, b
 
     def bodies(self, q):
-        R, p, J, out = np.eye(3), np.zeros(3), np.zeros((6, 6 * N)), []
+        """Rotations and places of the base and of each disc, and Jacobians of the discs, (N, 6, 6 N)."""
+        g = q.reshape(N, 6)
+        E, e = exponential(g)
+        back, own = np.swapaxes(E, 1, 2), tangent(g)
+        inverse = adjoint(back, -(back @ e[..., None])[..., 0])
+        R, p, J = [np.eye(3)], [np.zeros(3)], np.zeros((N + 1, 6, 6 * N))
         for j in range(N):
-            g = q[6 * j:6 * j + 6]
-            E, e = exponential(g)
-            J = adjoint(E.T, -E.T @ e) @ J
-            J[:, 6 * j:6 * j + 6] += tangent(g)
-            R, p = R @ E, p + R @ e
-            out.append((R, p, J))
-        return out
+            J[j + 1] = inverse[j] @ J[j]
+            J[j + 1, :, 6 * j:6 * j + 6] += own[j]
+            R.append(R[j] @ E[j])
+            p.append(p[j] + R[j] @ e[j])
+        return R, p, J[1:]
 
-    def mass(self, q):
-        return sum(J.T @ self.inertia @ J for _, _, J in self.bodies(q)) + 1e-9 * np.eye(6 * N)
+    def mass(self, J):
+        return (np.swapaxes(J, 1, 2) @ self.inertia @ J).sum(axis=0) + 1e-9 * np.eye(6 * N)
 
     def step(self, pressure, dt):
         self.delayed.append(np.array(pressure))
@@ -145,15 +153,11 @@ class Arm:
             A, b = self.scale * A, self.scale * b
             K = np.kron(np.eye(N), A * N)
             D = self.beta * K
-            bodies = self.bodies(self.q)
-            M = 1e-9 * np.eye(6 * N)
-            inertial = np.zeros(6 * N)
-            later = self.bodies(self.q + 1e-4 * self.v)
-            for (R, _, J), (_, _, J2) in zip(bodies, later):
-                V = J @ self.v
-                acceleration = (J2 @ self.v - V) / 1e-4
-                M += J.T @ self.inertia @ J
-                inertial += J.T @ (self.inertia @ acceleration - small_ad(V).T @ self.inertia @ V)
+            J = self.bodies(self.q)[2]
+            V, M = J @ self.v, self.mass(J)
+            acceleration = (self.bodies(self.q + 1e-4 * self.v)[2] @ self.v - V) / 1e-4
+            turning = (np.swapaxes(small_ad(V), 1, 2) @ (V @ self.inertia)[..., None])[..., 0]
+            inertial = np.einsum("nij,ni->j", J, acceleration @ self.inertia - turning)
             elastic = K @ self.q - np.tile(b, N)
             force = -elastic - D @ self.v - inertial
             dv = np.linalg.solve(M + h / 2 * D + h * h / 4 * K, h * force - h * h / 2 * (K @ self.v))
@@ -161,13 +165,12 @@ class Arm:
             self.v = self.v + dv
 
     def poses(self, places):
-        out, bodies = [], self.bodies(self.q)
-        for _, s in places:
-            j = min(int(s * N), N - 1)
-            E, e = exponential(self.q[6 * j:6 * j + 6] * (s * N - j))
-            R, p = (np.eye(3), np.zeros(3)) if j == 0 else bodies[j - 1][:2]
-            out.append({"position_m": list(p + R @ e), "quaternion_xyzw": list(quaternion(R @ E))})
-        return out
+        s = N * np.array([s for _, s in places])
+        j = np.minimum(s.astype(int), N - 1)
+        E, e = exponential(self.q.reshape(N, 6)[j] * (s - j)[:, None])
+        R, p = (np.array(of_disc)[j] for of_disc in self.bodies(self.q)[:2])
+        found = zip((p + (R @ e[..., None])[..., 0]).tolist(), quaternions(R @ E).tolist())
+        return [{"position_m": place, "quaternion_xyzw": turn} for place, turn in found]
 
 
 def main():

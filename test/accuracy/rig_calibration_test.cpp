@@ -26,7 +26,6 @@
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
-#include "support/temporary_file.hpp"
 
 namespace helix_arm {
 namespace {

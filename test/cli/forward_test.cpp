@@ -1,4 +1,3 @@
-#include <Eigen/Geometry>
 #include <cmath>
 #include <set>
 
@@ -233,14 +232,6 @@ TEST(Inverse, NegativeNumbersAreNoOptions) {
     EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
     EXPECT_EQ(outcome.json()["status"], "unreachable");
   }
-}
-
-TEST(Inverse, AQuaternionThatIsRoundedGivesTheAnswerOfTheUnitOne) {
-  const auto pressure = [&](const std::string& q) {
-    return numbersOf(inverse("spatial_50", {"--pose", "0.4,0,0," + q}).json()["pressure_pa"]);
-  };
-  const std::vector<double> rounded = pressure("0,0,0,1.0009"), unit = pressure("0,0,0,1");
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(rounded[i], unit[i], 1e-3);
 }
 
 TEST(Inverse, TendonsAreAnsweredInRadians) {

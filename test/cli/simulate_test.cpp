@@ -7,7 +7,6 @@
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"

@@ -332,13 +332,8 @@ TEST(Workspace, InterruptedItLeavesWhatWasThere) {
 
 using nlohmann::json;
 
-json rowsOf(const std::string& scene, std::vector<std::string> more = {}) {
-  std::vector<std::string> arguments = {"trade", scenePath(scene), "--no-files", "--pictures",
-                                        "0",     "--format",       "json"};
-  arguments.insert(arguments.end(), more.begin(), more.end());
-  const Outcome outcome = runCommand(arguments);
-  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  return outcome.json()["rows"];
+json rowsOf(const std::string& scene) {
+  return resultOf({"trade", scenePath(scene), "--no-files", "--pictures", "0"})["rows"];
 }
 
 // (tier, setting) of the rows of a part.
@@ -361,18 +356,15 @@ const json& rowOf(const json& rows, const std::string& tier, const std::string& 
 // Below 1e-11 % errors are rounding, and all the same.
 double errorOf(const json& row) { return std::max(row["tip_error_percent"].get<double>(), 1e-11); }
 
-TEST(Trade, MeasuresEveryTierThatTheSceneCanHave) {
-  const auto spatial = settingsOf(rowsOf("loaded"), "model");
+TEST(Trade, MeasuresEveryTierThatTheSceneCanHaveAndNothingBeatsARowOfTheFrontier) {
+  const json rows = rowsOf("loaded");
+  const auto spatial = settingsOf(rows, "model");
   EXPECT_EQ(spatial.size(), 9u);  // linear, orders 2 to 8, exact
   EXPECT_EQ(spatial.count({"planar", ""}), 0u);
   EXPECT_EQ(spatial.count({"exact", ""}), 1u);
   const auto planar = settingsOf(rowsOf("planar_76"), "model");
   EXPECT_EQ(planar.size(), 10u);
   EXPECT_EQ(planar.count({"planar", ""}), 1u);
-}
-
-TEST(Trade, NothingBeatsARowOfTheFrontier) {
-  const json rows = rowsOf("loaded");
   std::map<std::string, int> on_frontier;
   for (const json& row : rows) {
     ASSERT_GT(row["time_ns"].get<double>(), 0);

@@ -393,13 +393,6 @@ TEST(SafetyTimes, ASetPointMovesByItsSlewAndAStalledLoopDoesNotJump) {
   EXPECT_EQ(bench.core.orders().set_point[0], 3e5 - 2e5 * kTurn);
 }
 
-TEST(SafetyTimes, WithoutASlewASetPointIsAtItsGoalAtOnce) {
-  Bench bench(benchRules(), benchChannels(kInfinity));
-  bench.goal << 1e5, 2e5, 3e5;
-  bench.start().turn(0);
-  EXPECT_EQ(bench.core.orders().set_point, bench.goal);
-}
-
 TEST(SafetyTimes, TargetsAreClampedAndGapsInThemStay) {
   Bench bench = enabledBench();
   bench.core.target(bench.now, Eigen::Vector3d(9e9, -1, std::nan("")));
@@ -450,24 +443,6 @@ TEST(SafetyRest, SetPointsRampDownAtTheirSlewAndTheArmThenRestsWithoutACause) {
   EXPECT_LE(bench.pressure.maxCoeff(), benchRules().vented_below);
   EXPECT_FALSE(bench.core.report().vent_overdue);
   EXPECT_TRUE(bench.core.mayEnableItself());
-}
-
-TEST(SafetyRest, AllChangesAreCounted) {
-  Bench bench = enabledBench();
-  bench.commands = false;
-  const std::uint64_t before = bench.core.report().changes;
-  EXPECT_TRUE(bench.core.rest(bench.now));
-  EXPECT_EQ(bench.core.report().changes, before + 1);
-  EXPECT_TRUE(bench.core.report().resting);
-  EXPECT_TRUE(bench.core.rest(bench.now));
-  EXPECT_EQ(bench.core.report().changes, before + 1);
-  bench.core.target(bench.now, bench.goal);
-  EXPECT_EQ(bench.core.report().changes, before + 2);
-  EXPECT_FALSE(bench.core.report().resting);
-  EXPECT_TRUE(bench.core.rest(bench.now));
-  ASSERT_TRUE(bench.reach(State::kDisabled));
-  EXPECT_EQ(bench.core.report().changes, before + 4);
-  EXPECT_FALSE(bench.core.report().resting);
 }
 
 TEST(SafetyRest, WithoutASlewItVentsOnceTheReadingsAreDown) {

@@ -382,8 +382,15 @@ TEST(SafetyTransitions, ChangesCountsWhatARepeatedReportWouldMiss) {
   EXPECT_FALSE(changed());
   enable(bench);
   EXPECT_TRUE(changed());
-  bench.run(3);
+  bench.silent().run(0.5);
   EXPECT_FALSE(changed());
+  for (const bool rests : {true, false}) {
+    rests ? rest(bench) : target(bench);
+    EXPECT_TRUE(changed());
+    EXPECT_EQ(bench.core.report().resting, rests);
+    if (rests) rest(bench);
+    EXPECT_FALSE(changed());
+  }
   stop(bench);
   EXPECT_TRUE(changed());
   stop(bench);

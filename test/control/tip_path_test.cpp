@@ -86,17 +86,6 @@ TEST(TipPath, WithoutVelocitiesACubicAtRestAtBothEndsIsReproduced) {
   }
 }
 
-TEST(TipPath, PassesItsPointsAtTheirTimes) {
-  test::Random random(3);
-  const std::vector<TipWayPoint> points = randomPoints(random, 30);
-  const TipPath path(points);
-  EXPECT_EQ(path.firstTime(), points.front().time);
-  EXPECT_EQ(path.lastTime(), points.back().time);
-  for (const TipWayPoint& point : points) {
-    EXPECT_LT((path.at(point.time).position - point.position).norm(), 1e-15);
-  }
-}
-
 TEST(TipPath, VelocityIsTheDerivativeOfPosition) {
   test::Random random(4);
   std::vector<TipWayPoint> points = randomPoints(random, 20);
@@ -143,7 +132,7 @@ TEST(TipPath, NoPlaceOfASegmentIsFasterThanItsTopSpeed) {
 }
 
 // Acceleration on each side of a point, linear there: from two differences of the velocity.
-TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
+TEST(TipPath, WithoutVelocitiesItPassesItsPointsWithoutAJerkAndTheEndsAreAtRest) {
   test::Random random(5);
   const std::vector<TipWayPoint> points = randomPoints(random, 30);
   const TipPath path(points);
@@ -154,7 +143,11 @@ TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
     return Vector3d((4 * v1 - 3 * v0 - v2) / (2 * side));
   };
   double largest = 0;
-  for (std::size_t i = 1; i + 1 < points.size(); ++i) {
+  EXPECT_EQ(path.firstTime(), points.front().time);
+  EXPECT_EQ(path.lastTime(), points.back().time);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    EXPECT_LT((path.at(points[i].time).position - points[i].position).norm(), 1e-15);
+    if (i == 0 || i + 1 == points.size()) continue;
     const Vector3d before = acceleration(points[i].time, -kStep);
     EXPECT_LT((before - acceleration(points[i].time, kStep)).norm(), 1e-9) << i;
     largest = std::max(largest, before.norm());
@@ -508,16 +501,11 @@ TEST(TipApproach, CoversTheLineWithTheLeastJerkPolynomial) {
   }
 }
 
-TEST(TipApproach, ReachesExactlyItsLargestSpeedHalfWay) {
-  test::Random random(1);
+// Half way, where the polynomial is fastest.
+TEST(TipApproach, ReachesExactlyItsLargestSpeed) {
+  const Vector3d from(0.3, 0.1, -0.1), to(0.35, -0.05, 0.05);
   for (const double most_speed : {kApproachSpeed, 0.02, 3.0}) {
-    const Vector3d from = random.direction<3>(), to = random.direction<3>();
     const TipApproach approach(from, to, most_speed);
-    double largest = 0;
-    for (int i = 0; i <= 1000; ++i) {
-      largest = std::max(largest, approach.at(1e-3 * i * approach.duration()).velocity.norm());
-    }
-    EXPECT_NEAR(largest, most_speed, 1e-12);
     EXPECT_NEAR(approach.at(0.5 * approach.duration()).velocity.norm(), most_speed, 1e-12);
   }
   EXPECT_EQ(TipApproach(Vector3d(0, 0, 0), Vector3d(0.1, 0, 0)).duration(), 1.875);

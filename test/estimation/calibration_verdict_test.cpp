@@ -61,14 +61,16 @@ void print(const char* what, const Tallies& tallies) {
 
 // Stiffness as far off as its prior says, and nothing else.
 const test::RigErrors kStiffnessErrors{0.3, 0.4, 0, 0, 0, 0, 0, 0};
+test::RigTruth drawTruth(const model::Arm& known, Random& random) {
+  return test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+}
 
 TEST(CalibrationVerdict, CurvaturesOfUntiltedArmsAlwaysTellTheBending) {
   const model::Arm known = test::ringArm(test::straightRing());
   Tallies tallies;
   for (int set = 0; set < 400; ++set) {
     Random random(100 + set);
-    const test::RigTruth truth =
-        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    const test::RigTruth truth = drawTruth(known, random);
     const Calibration found =
         calibrated({curvatures(known, truth, kCurvatureNoise, random)}, {}, std::to_string(set));
     expectAgreement(found, set);
@@ -117,8 +119,7 @@ TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
   Tally kappa;
   for (int set = 0; set < 300; ++set) {
     Random random(2000 + set);
-    const test::RigTruth truth =
-        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    const test::RigTruth truth = drawTruth(known, random);
     ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     for (Capture& capture : data.captures) {
       if (random.uniform(0, 1) > 0.1) continue;
@@ -238,8 +239,7 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
   constexpr int kSets = 200;
   for (int set = 0; set < kSets; ++set) {
     Random random(30000 + set);
-    test::RigTruth truth =
-        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    test::RigTruth truth = drawTruth(known, random);
     truth.length_scale = set % 2 == 0 ? 1.01 : 0.99;
     const ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     CalibrationOptions options;
@@ -308,10 +308,6 @@ model::Arm tiltedArm() {
   test::Ring ring = test::helicalRing();
   ring.stiffness.gamma = 30;
   return test::ringArm(ring);
-}
-
-test::RigTruth drawTruth(const model::Arm& known, Random& random) {
-  return test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
 }
 
 ArmCaptures noisyTwists(const model::Arm& known, const test::RigTruth& truth, double noise,

@@ -229,16 +229,6 @@ TEST(LoadForks, AForceDuringMotionScoresLessByItsSquare) {
   EXPECT_LT(still / 16, LoadForksOptions().limit);
 }
 
-TEST(LoadForks, AForceDuringMotionIsFoundOnceTheArmIsStill) {
-  Bench bench(2);
-  bench.run(11.0);
-  bench.motion = 6.0;
-  bench.force = {0, 0.5, 0};
-  EXPECT_EQ(bench.delay(1.0), INFINITY);
-  bench.motion = 0.9;
-  EXPECT_LT(bench.delay(1.0), 0.1);
-}
-
 TEST(LoadForks, WhereContactsAreIgnoredTheirScoreIsKept) {
   Bench bench(2);
   bench.forks.ignoreContacts(true);

@@ -12,50 +12,38 @@
 namespace helix_arm::estimation {
 namespace {
 
-TEST(TagLayout, TagsRideOnTheCurve) {
-  const TagLayout layout = test::sampleLayout(2);
-  model::Twists twists(6, 2);
-  twists.col(0) << 0.4, 0.01, 0.02, 1.0, -0.5, 0.8;
-  twists.col(1) << 0.3, 0.0, -0.02, -1.0, 0.5, 0.2;
-  const std::vector<lie::SE3> poses = tagPoses(layout, twists);
-  ASSERT_EQ(poses.size(), layout.tags.size());
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    const TagPlacement& tag = layout.tags[i];
-    lie::SE3 X = lie::SE3::exp(tag.s * twists.col(tag.section)) * tag.X_ST;
-    if (tag.section == 1) X = lie::SE3::exp(twists.col(0)) * X;
-    EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
-    EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
-  }
-}
-
 // A tag rides on the piece that it sits on: its section's pieces before it, and its share of that.
-TEST(TagLayout, TagsRideOnThePiecesOfALoadedArm) {
-  const int per_section = 3;
+TEST(TagLayout, TagsRideOnTheirCurveOrOnThePiecesOfALoadedArm) {
   const TagLayout layout = test::sampleLayout(2);
-  model::Shape::Pieces pieces(6, 2 * per_section);
-  for (int j = 0; j < pieces.cols(); ++j) {
-    for (int i = 0; i < 6; ++i) pieces(i, j) = i == 0 ? 0.14 : 0.1 * i - 0.07 * j;
-  }
-  const std::vector<lie::SE3> poses = tagPoses(layout, model::Shape(pieces, per_section));
-  bool last_of_section = false;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    const TagPlacement& tag = layout.tags[i];
-    double along = per_section * (tag.section + tag.s);
-    lie::SE3 X;
-    for (int j = 0; along > 0; ++j, along -= 1) {
-      X = X * lie::SE3::exp(std::min(along, 1.0) * pieces.col(j));
+  for (const int per_section : {1, 3}) {
+    model::Shape::Pieces pieces(6, 2 * per_section);
+    for (int j = 0; j < pieces.cols(); ++j) {
+      for (int i = 0; i < 6; ++i) pieces(i, j) = i == 0 ? 0.14 : 0.1 * i - 0.07 * j;
     }
-    X = X * tag.X_ST;
-    EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
-    EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
-    const PiecePlace place = placeOnPieces(tag, per_section);
-    EXPECT_GE(place.piece, tag.section * per_section);
-    EXPECT_LT(place.piece, (tag.section + 1) * per_section);
-    EXPECT_NEAR(place.piece + place.s, per_section * (tag.section + tag.s), 1e-14);
-    EXPECT_TRUE(place.s >= 0 && place.s <= 1);
-    last_of_section |= tag.s == 1;
+    const std::vector<lie::SE3> poses = per_section == 1
+                                            ? tagPoses(layout, model::Twists(pieces))
+                                            : tagPoses(layout, model::Shape(pieces, per_section));
+    ASSERT_EQ(poses.size(), layout.tags.size());
+    bool last_of_section = false;
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      const TagPlacement& tag = layout.tags[i];
+      double along = per_section * (tag.section + tag.s);
+      lie::SE3 X;
+      for (int j = 0; along > 0; ++j, along -= 1) {
+        X = X * lie::SE3::exp(std::min(along, 1.0) * pieces.col(j));
+      }
+      X = X * tag.X_ST;
+      EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
+      EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
+      const PiecePlace place = placeOnPieces(tag, per_section);
+      EXPECT_GE(place.piece, tag.section * per_section);
+      EXPECT_LT(place.piece, (tag.section + 1) * per_section);
+      EXPECT_NEAR(place.piece + place.s, per_section * (tag.section + tag.s), 1e-14);
+      EXPECT_TRUE(place.s >= 0 && place.s <= 1);
+      last_of_section |= tag.s == 1;
+    }
+    EXPECT_TRUE(last_of_section);
   }
-  EXPECT_TRUE(last_of_section);
 }
 
 TEST(TagLayout, BleedShrinksTheBorder) {

@@ -1,4 +1,3 @@
-#include <Eigen/LU>
 #include <limits>
 #include <random>
 #include <vector>
@@ -116,22 +115,16 @@ TEST(CalibrationStatistics, TheCovarianceIsThePriorWhereReadingsTellNothing) {
 
 // Readings so noisy that their information is 0.
 TEST(CalibrationStatistics, WithoutAPriorThereIsNoCovarianceOfWhatReadingsDoNotTell) {
-  Bench bench(kNoPrior);
-  CalibrationProblem problem(bench.data, bench.options, bench.selection);
-  const Statistics found = statisticsOf(problem, kNoInformation);
-  EXPECT_FALSE(found.determined);
-  ASSERT_EQ(found.covariance.rows(), 1);
-  EXPECT_TRUE(found.covariance.array().isNaN().all());
-}
-
-TEST(CalibrationStatistics, NorIsThereOneOfFreeShapesWithoutAPrior) {
-  Bench bench(0.5);
-  bench.options.model_prior.translation = bench.options.model_prior.rotation = kNoPrior;
-  bench.selection.free_shapes = true;
-  CalibrationProblem problem(bench.data, bench.options, bench.selection);
-  const Statistics found = statisticsOf(problem, kNoInformation);
-  EXPECT_FALSE(found.determined);
-  EXPECT_TRUE(found.covariance.array().isNaN().all());
+  for (const bool free_shapes : {false, true}) {
+    Bench bench(free_shapes ? 0.5 : kNoPrior);
+    bench.options.model_prior.translation = bench.options.model_prior.rotation = kNoPrior;
+    bench.selection.free_shapes = free_shapes;
+    CalibrationProblem problem(bench.data, bench.options, bench.selection);
+    const Statistics found = statisticsOf(problem, kNoInformation);
+    EXPECT_FALSE(found.determined);
+    ASSERT_GT(found.covariance.rows(), 0);
+    EXPECT_TRUE(found.covariance.array().isNaN().all());
+  }
 }
 
 }  // namespace

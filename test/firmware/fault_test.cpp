@@ -28,10 +28,12 @@ class BoardFaults : public testing::TestWithParam<BoardKind> {
     board_.keep(set_point, 1);
     ASSERT_NEAR(board_.pressure(0), 1e3 * std::stod(set_point), 5e3);
   }
-  void expectRecovery() {
+  // With all parts sound again.
+  void expectRecovery(const std::string& set_point = "100") {
+    for (int i = 0; i < board_.channels(); ++i) board_.air().fail(i, ChannelFault::kNone);
     board_.advance(2);
     board_.ventAll();
-    bringTo("100");
+    bringTo(set_point);
   }
 
   ReadyBoard board_{GetParam()};
@@ -96,10 +98,7 @@ TEST_P(BoardFaults, AMuscleThatIsFedWithoutAReadingThatRisesIsVented) {
   EXPECT_NEAR(board_.pressure(1), 1e5, 3e3);
   // Wherever it stands, and however little is missing.
   for (const auto& [at, set_point] : {std::pair{"100", "300"}, {"275", "300"}, {"290", "297"}}) {
-    board_.air().fail(0, ChannelFault::kNone);
-    board_.advance(2);
-    board_.ventAll();
-    bringTo(at);
+    expectRecovery(at);
     board_.air().forgetPeak();
     board_.air().fail(0, ChannelFault::kSensorBlocked);
     board_.keep(set_point, 2);
@@ -113,7 +112,6 @@ TEST_P(BoardFaults, AnInletThatStaysShutIsNamedAndHarmsNobody) {
   board_.keep("100", 1);
   EXPECT_EQ(board_.order(0, "100"), "p0=fault not_rising");
   EXPECT_NEAR(board_.pressure(1), 1e5, 3e3);
-  board_.air().fail(0, ChannelFault::kNone);
   expectRecovery();
 }
 
@@ -139,7 +137,6 @@ TEST_P(BoardFaults, AnInletThatStaysOpenTripsAllAndShutsTheSupply) {
   board_.orderAll("close");  // it may be tried again
   ASSERT_TRUE(board_.isSupplied());
   EXPECT_LT(timeUntil(board_, tripped, "close"), 2);
-  board_.air().fail(0, ChannelFault::kNone);
   expectRecovery();
 }
 
@@ -223,17 +220,13 @@ TEST_P(BoardFaults, ABrownOutVentsWhileItLastsAndAfterwards) {
   bringTo("100");
 }
 
-// The simulated chip obeys them by hand; here the ELF asks for what is simulated.
-TEST_P(BoardFaults, TheFusesResetAtBrownOutAndKeepTheWatchdogOn) {
+// They reset at brown-out and keep the watchdog on, which the simulated chip obeys by hand, and are
+// those that a reader burns, of `make fuses` and of the document.
+TEST_P(BoardFaults, TheFusesOfTheElfAreThoseThatAreFlashed) {
   constexpr std::uint8_t kWatchdogAlwaysOn = 1 << 4, kBrownOutLevel = 0x07, kBrownOut43 = 0x04;
   const auto fuses = board_.chip().fuses();
   EXPECT_EQ(fuses[1] & kWatchdogAlwaysOn, 0) << "programmed: 0";
   EXPECT_EQ(fuses[2] & kBrownOutLevel, kBrownOut43);
-}
-
-// Those that a reader burns: of `make fuses` and of the document.
-TEST_P(BoardFaults, TheFusesOfTheElfAreThoseThatAreFlashed) {
-  const auto fuses = board_.chip().fuses();
   constexpr const char* kNames[] = {"lfuse", "hfuse", "efuse"};
   for (const char* path :
        {HELIX_ARM_SOURCE_DIR "/firmware/Makefile", HELIX_ARM_SOURCE_DIR "/docs/board.md"}) {

@@ -44,16 +44,6 @@ TEST_F(Loop, CoastsWithoutPicturesAndOpensAfterAWhile) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
-TEST_F(Loop, ClosesAgainFromCoastingAfterThreePictures) {
-  close();
-  bench_.run(1, false);
-  ASSERT_EQ(state(), LoopState::kCoasting);
-  bench_.run(bench_.options.latency + 0.05);
-  EXPECT_EQ(state(), LoopState::kCoasting);
-  bench_.run(0.1);
-  EXPECT_EQ(state(), LoopState::kClosed);
-}
-
 TEST_F(Loop, HoldsArmAndPathWhileSomethingTouchesTheArm) {
   bench_.loop.setOnContact(OnContact::kYield);
   close();
@@ -191,24 +181,6 @@ TEST_F(Loop, TurnsOnTheWayToAPathOfPoses) {
   } while (*bench_.loop.turn().path_time < 1);
   EXPECT_EQ(most, 0.0) << "the wanted orientation jumps";
   EXPECT_TRUE(last.rotation.isApprox(first.rotation, 1e-9));
-}
-
-TEST_F(Loop, NamesPicturesThatItDoesNotTake) {
-  close();
-  const double now = bench_.time();
-  const model::Twists twists = bench_.trueTwists();
-  const Eigen::MatrixXd covariance = bench_.covariance();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  VisualServo& loop = bench_.loop;
-  EXPECT_EQ(loop.picture(now + 0.001, now, twists, covariance).fault, ObservationFault::kFuture);
-  EXPECT_EQ(loop.picture(now - 1.2, now, twists, covariance).fault, ObservationFault::kTooOld);
-  EXPECT_EQ(loop.picture(now - 0.5, now, twists, covariance).fault, ObservationFault::kNotNewer);
-  EXPECT_EQ(loop.picture(nan, now, twists, covariance).fault, ObservationFault::kNotFinite);
-  EXPECT_EQ(loop.picture(now, now, model::Twists::Zero(6, 2), covariance).fault,
-            ObservationFault::kWrongSize);
-  model::Twists mirrored = twists;
-  mirrored.bottomRows<2>() *= -1;
-  EXPECT_EQ(loop.picture(now, now, mirrored, covariance).fault, ObservationFault::kOutlier);
 }
 
 TEST_F(Loop, GoesOnAfterAReadingThatIsNone) {

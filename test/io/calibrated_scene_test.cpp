@@ -220,11 +220,6 @@ TEST(CalibratedScene, MayBeCalibratedAgain) {
   EXPECT_NEAR(twice.arm.actuator(5).contraction.length(0), 0.1 * 1.02 * 1.02, 1e-15);
 }
 
-TEST(CalibratedScene, ContainsTheOverridesOfItsOrigin) {
-  const Scene scene = calibrated(kSpatialScene, calibration(), {{"camera.focal_px", "[700, 710]"}});
-  EXPECT_EQ(scene.camera->model.fx, 700);
-}
-
 TEST(CalibratedScene, WhatLoadsTheArmAndItsTierStay) {
   SceneCalibration change = calibration();
   change.stiffness = model::Stiffness{7, 0, 3e-4};

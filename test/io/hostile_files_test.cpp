@@ -9,17 +9,13 @@
 
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/response_series.hpp"
+#include "scene_faults.hpp"
 #include "support/bounded_child.hpp"
-#include "support/has.hpp"
 #include "support/random.hpp"
-#include "support/scene_text.hpp"
-#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::io {
@@ -28,8 +24,6 @@ namespace {
 using namespace test;
 
 using Reader = std::function<void(const std::string& path)>;
-
-Scene sceneOf(const std::string& text) { return loadScene(TemporaryFile(text).path()); }
 
 // A scene whose regulator has its profile in another file.
 void loadProfile(const std::string& path) {
@@ -191,13 +185,6 @@ void expectBounded(const std::string& what, const std::string& text,
   EXPECT_LT(run.megabytes, kMostMegabytes) << what;
   EXPECT_LT(run.text.size(), kMostLetters) << what;
   std::cout << what << ": " << run.megabytes << " MB, says " << run.text.substr(0, 150) << "\n";
-}
-
-std::string repeated(const std::string& text, int times) {
-  std::string all;
-  all.reserve(text.size() * static_cast<std::size_t>(times));
-  for (int i = 0; i < times; ++i) all += text;
-  return all;
 }
 
 TEST(HostileFiles, TablesAreReadInBoundedMemory) {

@@ -243,6 +243,7 @@ TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
   EXPECT_EQ(membersOf(config), membersOf(usual));
   EXPECT_EQ(config.time_constant, control::SafetyRules().time_constant);
   EXPECT_EQ(config.contact.limit, 32);
+  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kReport);
   EXPECT_NO_THROW(config.validate());
 }
 
@@ -253,12 +254,6 @@ TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
   EXPECT_EQ(sceneOf(kSerialScene).follow.reading_noise, 2e3);
   const Scene silent = sceneOf(kPlanarScene + "regulator: {simulated: {noise_kpa: 0}}\n");
   EXPECT_NO_THROW(silent.follow.validate()) << "an observer needs some";
-}
-
-TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
-  EXPECT_EQ(sceneOf(kPlanarScene).follow.on_contact, OnContact::kReport);
-  EXPECT_EQ(sceneOf(kSpatialScene).follow.on_contact, OnContact::kReport);
-  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kReport);
 }
 
 // The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.
@@ -383,13 +378,6 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.channels, 12);
 }
 
-TEST(SerialProfileReader, WithoutItsRangeADeviceHasNone) {
-  const auto profile =
-      profileOf<SerialProfile>(replaced(kSerial, "  highest_kpa: 250\n  channels: 12\n", ""));
-  EXPECT_TRUE(std::isinf(profile.highestPressure()));
-  EXPECT_FALSE(profile.channels);
-}
-
 TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
   for (const SerialProfile& expected :
        {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
@@ -399,6 +387,8 @@ TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
     // On a busy machine a line may be late: the tests' own do without.
     EXPECT_EQ(profile.watchdog, expected.name == "generic" ? 0.5 : expected.watchdog);
     EXPECT_TRUE(std::isinf(expected.watchdog));
+    EXPECT_EQ(std::isinf(profile.highestPressure()), expected.name != "generic");
+    EXPECT_EQ(profile.channels.has_value(), expected.name != "ctrl_p");
   }
 }
 

@@ -1,4 +1,3 @@
-
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
@@ -39,11 +38,7 @@ TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
   EXPECT_LT((R_WB * loads.points[1].force - Eigen::Vector3d(0.4, 0, 0)).norm(), 1e-15);
   EXPECT_LT((R_WB * loads.points[1].moment - Eigen::Vector3d(0, 0.03, 0)).norm(), 1e-16);
   EXPECT_LT((R_WB * loads.points[2].force - Eigen::Vector3d(0, 0.5, 0)).norm(), 1e-15);
-}
-
-TEST(SceneLoad, PlacesAndMassesOfPointsAreAsGiven) {
-  const statics::Load loads = *sceneOf(kLoadedScene).model.load();
-  ASSERT_EQ(loads.points.size(), 3u);
+  // Places and masses are as given.
   const statics::PointLoad &tip = loads.points[0], &upper = loads.points[1],
                            &lower = loads.points[2];
   EXPECT_EQ(tip.section, 1);

@@ -229,6 +229,9 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(std::tie(arm.K_gamma_scale, arm.K_kappa_scale, arm.length_scale, arm.K_eps_scale),
             std::make_tuple(0.8, 1.2, 1.02, 0.9));
   EXPECT_EQ(arm.length_scales.size(), 0);
+  EXPECT_EQ(sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}})
+                .simulation.arm.length_scales,
+            Eigen::Vector2d(0.98, 1.02));
   EXPECT_EQ(std::tie(mounts.camera_translation, mounts.tag_translation, mounts.seed),
             std::make_tuple(0.02, 0.003, 5u));
   EXPECT_NEAR(mounts.camera_rotation, 2 * kPi / 180, kTolerance);
@@ -236,11 +239,6 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(std::tie(camera.blur, camera.noise, camera.exposure, camera.bleed, camera.jpeg_quality,
                      camera.clutter, camera.occluders, camera.seed),
             std::make_tuple(0.5, 3, 1.1, 0.0003, 80, 4, 2, 9u));
-}
-
-TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
-  const Scene scene = sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}});
-  EXPECT_EQ(scene.simulation.arm.length_scales, Eigen::Vector2d(0.98, 1.02));
 }
 
 TEST(SceneLoader, TheResponseIsThatOfItsContraction) {
@@ -335,18 +333,12 @@ TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
   EXPECT_EQ(simulatedOf(scene).seed, 7u);
 }
 
-TEST(SceneLoader, OverridesCreateMissingMaps) {
-  const Scene scene = sceneOf(
-      kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
-  EXPECT_EQ(simulatedOf(scene).seed, 3u);
-  EXPECT_EQ(simulatedOf(scene).time_constant, regulator::SimulatedRegulatorConfig().time_constant);
-  EXPECT_EQ(scene.safety.commander_timeout, 2);
-}
-
 TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
-  const Scene scene = sceneOf(kPlanarScene, {{"vision.quad_decimate", "1"},
+  const Scene scene = sceneOf(kPlanarScene, {{"vision.quad_decimate", "2"},
+                                             {"vision.quad_decimate", "1"},  // the last one wins
                                              {"vision.base_prior.translation_m", "0.004"},
                                              {"vision.tracking", "full"},
+                                             {"regulator.simulated.seed", "3"},
                                              {"simulation.camera.noise_gray_levels", "0"}});
   EXPECT_EQ(scene.vision.detector.quad_decimate, 1);
   EXPECT_EQ(scene.vision.tracking, vision::TrackingMode::kFull);
@@ -354,6 +346,8 @@ TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
   EXPECT_EQ(scene.vision.fit.base_prior.translation, 0.004);
   EXPECT_EQ(scene.vision.fit.base_prior.rotation, estimation::BasePrior().rotation);
   EXPECT_EQ(scene.simulation.camera.noise, 0);
+  EXPECT_EQ(simulatedOf(scene).seed, 3u);
+  EXPECT_EQ(simulatedOf(scene).time_constant, regulator::SimulatedRegulatorConfig().time_constant);
   EXPECT_FALSE(scene.tags);
 }
 
@@ -365,10 +359,6 @@ TEST(SceneLoader, APlanarArmMayCarryTags) {
   EXPECT_EQ(scene.tags->tags[0].X_ST.translation, Eigen::Vector3d(0, -0.03, 0));
   EXPECT_TRUE(scene.vision.fit.planar);
   EXPECT_FALSE(sceneOf(kSpatialScene).vision.fit.planar);
-}
-
-TEST(SceneLoader, TheLastOverrideOfAKeyWins) {
-  EXPECT_EQ(sceneOf(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
 }
 
 TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {

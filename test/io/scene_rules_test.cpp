@@ -145,11 +145,6 @@ TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
 
 // Whatever it costs, it is known before a tree is made of it: these took seconds and gigabytes.
 TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
-  const auto repeated = [](const std::string& text, int times) {
-    std::string all;
-    for (int i = 0; i < times; ++i) all += text;
-    return all;
-  };
   std::string unfolding = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n", keys;
   for (int i = 1; i < 12; ++i) {
     const std::string previous = "*a" + std::to_string(i - 1);

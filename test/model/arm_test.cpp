@@ -37,13 +37,6 @@ TEST(Arm, InflatingOneMuscleBendsTowardsIt) {
   EXPECT_NEAR(tip.z(), 0.0, 1e-12);
 }
 
-TEST(Arm, EqualPressuresKeepAStraightArmStraight) {
-  const Arm arm = test::ringArm(test::straightRing(4));
-  const lie::SE3 tip = arm.tip(Eigen::Vector4d::Constant(2e5));
-  EXPECT_LT(tip.translation.tail<2>().norm(), 1e-14);
-  EXPECT_NEAR(tip.translation.x(), test::fig3Muscle().length(2e5), 1e-14);
-}
-
 TEST(Arm, ActuatorsMayDiffer) {
   // A tendon and a muscle in one section: each keeps its own length, stiffness and limits.
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());

@@ -180,19 +180,6 @@ TEST(Equilibrium, ReproducesTheHelicalArmOfErratum3) {
   }
 }
 
-TEST(Equilibrium, PlanarGroupAgreesWithItsEmbedding) {
-  const std::vector<Strand<lie::SE2>> flat = {
-      {{Eigen::Matrix2d::Identity(), {0, 0.05}}, {1, 10, 1.38e-4}},
-      {{Eigen::Matrix2d::Identity(), {0, -0.03}}, {1, 10, 2e-4}}};
-  std::vector<Strand<lie::SE3>> embedded;
-  for (const auto& s : flat) embedded.push_back({lie::embed(s.X_O), stiffness(s.K[1], 0, s.K[2])});
-  const auto plane = solveEquilibrium(flat).map;
-  const auto space = solveEquilibrium(embedded).map;
-  for (int i = 0; i < 2; ++i) {
-    EXPECT_LT((space.col(i) - lie::embed(lie::SE2::Tangent(plane.col(i)))).norm(), 1e-12);
-  }
-}
-
 TEST(Equilibrium, RefusesWhatHasNoAnswer) {
   const auto strands = ring(3, 0.03, 0, stiffness(10, 0, 1e-4));
   auto negative = strands, nowhere = strands;

@@ -253,12 +253,7 @@ TEST(TipError, IsTheMedianDistanceOfTheModelsTipFromThatOfTheTags) {
   const auto error = medianTipError(demo(), data.captures);
   ASSERT_TRUE(error);
   EXPECT_NEAR(*error, data.distances[2], 0.05 * data.distances[2]);
-}
-
-TEST(TipError, VanishesWhereTheModelIsTheArm) {
-  const auto error = medianTipError(demo(), seen({}).captures);
-  ASSERT_TRUE(error);
-  EXPECT_LT(*error, 1e-5);
+  EXPECT_LT(medianTipError(demo(), seen({}).captures).value(), 1e-5) << "the model is the arm";
 }
 
 TEST(TipError, LeavesOutWhatShowsNoTagsAndIsEmptyWithoutTags) {

@@ -164,13 +164,6 @@ TEST(FollowRun, TheOpenLoopUsesTheModelAlone) {
   EXPECT_GT(result.figures.steady_rms[0], 0.005);
 }
 
-TEST(FollowRun, ATipOutOfReachIsReported) {
-  const FollowResult result = runFollow(demo(), tipPlan({kLeft, kFar, kRight}, 9));
-  EXPECT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
-  EXPECT_GT(result.figures.steady_rms[1], 0.1);
-  EXPECT_FALSE(result.figures.settle[1]);
-}
-
 TEST(FollowRun, ASceneOfHardwareIsSimulatedWithItsLag) {
   io::Scene scene = demo();
   scene.regulator.reset();

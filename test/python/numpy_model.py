@@ -79,20 +79,6 @@ def helical():
     return RingArm(tilt=np.radians(15), gamma=100.0, kappa=9.8e-5)
 
 
-def exp(g):
-    """exp of a twist by its series, scaled and squared: (R, p)."""
-    matrix = np.zeros((4, 4))
-    matrix[:3, :3], matrix[:3, 3] = skew(g[3:]), g[:3]
-    matrix = matrix / 1024.0
-    total, term = np.eye(4), np.eye(4)
-    for k in range(1, 12):
-        term = term @ matrix / k
-        total = total + term
-    for _ in range(10):
-        total = total @ total
-    return total[:3, :3], total[:3, 3]
-
-
 def rotation_of(q):
     """Rotation of a unit quaternion x, y, z, w."""
     x, y, z, w = q

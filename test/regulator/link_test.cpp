@@ -169,15 +169,6 @@ TEST_P(Link, ARestartedDeviceIsConnectedAnewAndVented) {
   EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5));
 }
 
-// Root's second open() of a serial line is not stopped by the terminal itself.
-TEST_P(Link, TheDeviceIsOfOneDriverAtATime) {
-  const auto second = makeDriver(regulator_, kChannels);
-  EXPECT_EQ(endOf([&] { second->connect(); }), End::kLinkError);
-  EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5)) << "the first is not disturbed";
-  driver_->close();
-  EXPECT_EQ(endOf([&] { second->connect(); }), End::kDone);
-}
-
 TEST_P(Link, WithoutALinkNothingIsSent) {
   const auto expectNone = [&](const std::unique_ptr<Driver>& driver) {
     EXPECT_EQ(endOf([&] { driver->write(regulate(1e5)); }), End::kLinkError);

@@ -315,17 +315,6 @@ TEST(ModbusProfile, EachRuleThatAFileCannotBreakIsNamedWithItsValue) {
 // ---- What befalls its link, beyond link_test
 // -----------------------------------------------------
 
-TEST(ModbusLink, SilenceIsNamedWithItsRemedy) {
-  Connected at(mpaProfile(), 1, {0});
-  at.device.setFault(DeviceFault::kSilence);
-  expectHas(refusal<LinkError>([&] { readingOf(at.driver, 1); }),
-            {"127.0.0.1:" + std::to_string(at.device.port()), "timed out",
-             "check that it is switched on"});
-  // A lost link stays lost until the next connect().
-  expectHas(refusal<LinkError>([&] { at.driver->write(regulate({1e5})); }),
-            {"there is no link; connect first"});
-}
-
 TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
     Connected at(profile, 3, {0, 1, 2});

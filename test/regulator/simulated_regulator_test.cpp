@@ -23,17 +23,6 @@ TEST(SimulatedRegulator, AStepIsAnsweredByTheExponentialOfItsLag) {
   }
 }
 
-TEST(SimulatedRegulator, TheSizeOfTheStepsDoesNotMatter) {
-  SimulatedRegulator once(1, kQuiet), often(1, kQuiet);
-  for (const double target : {2e5, 5e4}) {
-    once.command(Eigen::VectorXd::Constant(1, target));
-    often.command(Eigen::VectorXd::Constant(1, target));
-    once.step(0.25);
-    for (int i = 0; i < 250; ++i) often.step(1e-3);
-    EXPECT_NEAR(once.pressure()[0], often.pressure()[0], 1e-9 * target);
-  }
-}
-
 TEST(SimulatedRegulator, AirMayLeaveMoreSlowlyThanItEnters) {
   SimulatedRegulatorConfig config = kQuiet;
   config.fall_time_constant = 0.3;

@@ -32,20 +32,6 @@ TEST(Conversions, QuaternionsAreInTheOrderOfTheMessage) {
   EXPECT_EQ(toTransformMsg(X).rotation, q);
 }
 
-TEST(Conversions, AShapeIsWrittenSectionBySection) {
-  const model::Arm arm = test::sampleArm(2);
-  const Eigen::VectorXd q = (Eigen::VectorXd(6) << 1e5, 0, 0, 0, 2e5, 0).finished();
-  const model::Twists twists = arm.twists(q);
-  const ArmShape msg = toShapeMsg({}, "linear", twists);
-  EXPECT_EQ(msg.sections, 2U);
-  ASSERT_EQ(msg.twist.size(), 12U);
-  for (int k = 0; k < 2; ++k) {
-    for (int i = 0; i < 6; ++i) EXPECT_EQ(msg.twist[6 * k + i], twists(i, k));
-  }
-  EXPECT_LT((fromMsg(msg.tip).translation - arm.tip(q).translation).norm(), 1e-15);
-  EXPECT_EQ(std::get<model::Twists>(control::checkTwists(2, msg.twist)), twists);
-}
-
 // Two sections of three pieces, none like another.
 model::Shape unevenShape() {
   model::Shape::Pieces pieces(6, 6);
@@ -103,6 +89,8 @@ TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
   EXPECT_EQ(msg.pieces, 1U);
   EXPECT_TRUE(msg.piece_twist.empty());
   EXPECT_TRUE(msg.tier_reason.empty());
+  EXPECT_EQ(std::get<model::Twists>(control::checkTwists(2, msg.twist)), twists);
+  EXPECT_EQ(msg.twist[6 * 1 + 2], twists(2, 1)) << "section by section";
   for (const std::uint32_t pieces : {1U, 0U}) {
     msg.pieces = pieces;
     const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");

@@ -10,7 +10,6 @@
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
-#include "ros_bridge/names.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -219,6 +218,9 @@ TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
               1e-9);
   EXPECT_GT(table.pose.position.y - ellipsoid.pose.position.y, ellipsoid.scale.y);
   EXPECT_NE(table.pose.position.y, drawn(sample(), "loop_state").pose.position.y);
+  LoopMarkers::Tips contradicted = sample();
+  contradicted.outside = true;
+  EXPECT_NE(drawn(contradicted, "error_budget").color.r, table.color.r);
 }
 
 // The same markers draw an arm that is mounted otherwise.
@@ -235,12 +237,6 @@ TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
     EXPECT_LT(beyond.z(), -0.01);
     EXPECT_LT(beyond.head<2>().norm(), 1e-12);
   }
-}
-
-TEST(LoopMarkers, ABudgetThatIsContradictedHasAnotherColour) {
-  LoopMarkers::Tips tips = sample();
-  tips.outside = true;
-  EXPECT_NE(drawn(tips, "error_budget").color.r, drawn(sample(), "error_budget").color.r);
 }
 
 TEST(LoopMarkers, WhatIsAbsentIsRemoved) {

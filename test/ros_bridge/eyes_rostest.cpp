@@ -20,7 +20,6 @@ namespace helix_arm::test {
 namespace {
 
 using visualization_msgs::Marker;
-using visualization_msgs::MarkerArray;
 
 const std::vector<double> kBent = {2.5e5, 1e5, 2e4};  // [Pa]
 

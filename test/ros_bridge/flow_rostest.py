@@ -126,6 +126,7 @@ class SpatialFlow(Flow):
                 ("unknown_name", "????...'", lambda: self.send_pressures([1], [2000000 * "\n"])),
                 ("wrong_size", "0 numbers", lambda: self.status.answer_to(self.shape_target, ShapeTarget())),
                 ("wrong_frame", "xxxx...'", lambda: self.status.answer_to(self.tip_target, far)),
+                ("stale", " s ago, more than ", lambda: self.status.answer_to(self.tip_target, TipTarget(), age=10)),
                 ("unknown_mode", "mode 2", lambda: self.status.answer_to(self.tip_target, TipTarget(mode=2)))):
             with self.subTest(fault):
                 answer = send()

@@ -22,7 +22,6 @@
 namespace helix_arm::test {
 namespace {
 
-using control::SafetyState;
 using simulation::DeviceFault;
 
 // Counts of times to 2 %: of limited size, however many they are.

@@ -13,8 +13,6 @@ namespace helix_arm::statics {
 namespace {
 
 using Eigen::Vector3d;
-using model::kMaxPieces;
-using model::Twists;
 
 Load weightlessLoad(const model::Arm& arm, double K_eps = 500.0) {
   return weightless(arm.sectionCount(), K_eps);

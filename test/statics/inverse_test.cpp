@@ -16,8 +16,6 @@
 namespace helix_arm::statics {
 namespace {
 
-using model::Twists;
-
 double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q,
                       const Eigen::VectorXd& reference) {
   double cost = 0;
@@ -190,10 +188,11 @@ TEST(Inverse, OfAPlateauStartsFromItsFlatEnd) {
 }
 
 TEST(Inverse, DoesNotAllocate) {
-  for (const int count : {3, 5}) {
-    const model::Arm arm = test::ringArm(test::helicalRing(count), 2);
+  for (const auto& [count, sections] : {std::pair(3, 1), {3, 2}, {5, 2}}) {
+    const model::Arm arm = test::ringArm(test::helicalRing(count), sections);
     InverseSolver solver(arm);
-    const Eigen::VectorXd start = arm.inputAt(0.5), q = Eigen::VectorXd::Constant(2 * count, 1e5);
+    const Eigen::VectorXd start = arm.inputAt(0.5);
+    const Eigen::VectorXd q = Eigen::VectorXd::Constant(sections * count, 1e5);
     const model::Twists g = arm.twists(q);
     const lie::SE3 tip = arm.tip(q);
     const Eigen::Vector3d far(5, 5, 5);
@@ -204,13 +203,6 @@ TEST(Inverse, DoesNotAllocate) {
     solver.toTwists(g, start);
     EXPECT_EQ(counter.count(), 0u);
   }
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  InverseSolver solver(arm);
-  const Eigen::VectorXd start = arm.inputAt(0.5);
-  const Eigen::Vector3d target = arm.tip(start * 1.1).translation;
-  const test::AllocationCounter counter;
-  solver.toPosition(target, start);
-  EXPECT_EQ(counter.count(), 0u);
 }
 
 // Targets that can be reached are reached, all of them.

@@ -18,8 +18,6 @@
 namespace helix_arm::statics {
 namespace {
 
-using model::Twists;
-
 using test::Posture;
 
 constexpr int kOrders = kMostOrder - kLeastOrder + 1;

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/batch.hpp"
-#include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"

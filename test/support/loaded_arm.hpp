@@ -15,10 +15,10 @@ inline model::Arm softHelicalArm() {
   return ringArm(ring);
 }
 
-/// Equal sections of two muscles 76.2 mm apart, in their plane.
-inline model::PlanarArm planarArm(int sections = 1) {
+/// Two muscles in their plane, so far from the curve.
+inline model::PlanarSection planarSection(double offset) {
   model::PlanarSection section;
-  for (const double y : {0.0381, -0.0381}) {
+  for (const double y : {offset, -offset}) {
     const model::Contraction muscle = fig3Muscle();
     section.actuators.push_back({y > 0 ? "left" : "right",
                                  {Eigen::Matrix2d::Identity(), {0, y}},
@@ -26,7 +26,12 @@ inline model::PlanarArm planarArm(int sections = 1) {
                                  muscle,
                                  muscle.inputRange()});
   }
-  return model::PlanarArm(std::vector<model::PlanarSection>(sections, section));
+  return section;
+}
+
+/// Equal sections of two muscles 76.2 mm apart, in their plane.
+inline model::PlanarArm planarArm(int sections = 1) {
+  return model::PlanarArm(std::vector<model::PlanarSection>(sections, planarSection(0.0381)));
 }
 
 enum class Posture { kHanging, kHorizontal };

@@ -28,9 +28,9 @@ class Inbox(list):
         wait_for(lambda: any(map(condition, self[first:])), deadline)
         return next(filter(condition, self[first:]), None)
 
-    def answer_to(self, publisher, target, deadline=20):
+    def answer_to(self, publisher, target, deadline=20, age=0):
         """Of target_status: publishes a target and waits for the answer; one without outcome (255) when none came."""
-        first, stamp = len(self), rospy.Time.now()
+        first, stamp = len(self), rospy.Time.now() - rospy.Duration(age)
         target.header.stamp = stamp
         publisher.publish(target)
         wait_for(lambda: any(one.target_stamp == stamp for one in self[first:]), deadline)

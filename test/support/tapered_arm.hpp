@@ -26,16 +26,9 @@ inline model::Arm taperedArm(double tilt = 0.0, double from = 0.05, double to = 
 
 /// Two muscles in their plane, 50 mm from the curve at the base and 25 mm at the tip.
 inline model::PlanarArm taperedPlanarArm(int sections = 1) {
-  model::PlanarSection section;
-  for (const double side : {1.0, -1.0}) {
-    const model::Contraction muscle = fig3Muscle();
-    section.actuators.push_back({side > 0 ? "left" : "right",
-                                 {Eigen::Matrix2d::Identity(), {0, side * 0.05}},
-                                 {10, 0, 1.4e-4},
-                                 muscle,
-                                 muscle.inputRange()});
-    section.actuators.back().taper = {{Eigen::Matrix2d::Identity(), {0, side * 0.05}},
-                                      {Eigen::Matrix2d::Identity(), {0, side * 0.025}}};
+  model::PlanarSection section = planarSection(0.05);
+  for (auto& muscle : section.actuators) {
+    muscle.taper = {muscle.X_O, {muscle.X_O.rotation, 0.5 * muscle.X_O.translation}};
   }
   return model::PlanarArm(std::vector<model::PlanarSection>(sections, section));
 }

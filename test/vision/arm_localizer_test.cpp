@@ -258,16 +258,12 @@ TEST(FrozenWatch, PicturesAreComparedByTheirPixels) {
   EXPECT_FALSE(watch.isFrozen(pictureOf(91)(cv::Rect(0, 0, 64, 47)), kTip)) << "another size";
 }
 
-TEST(FrozenWatch, AfterAResetNothingIsKnown) {
+TEST(FrozenWatch, AfterAResetNothingIsKnownAndNoPictureIsNone) {
   FrozenWatch watch;
   EXPECT_FALSE(watch.isFrozen(pictureOf(90), kTip));
   watch.reset();
   EXPECT_FALSE(watch.isFrozen(pictureOf(90), kTip + kAside));
   EXPECT_TRUE(watch.isFrozen(pictureOf(90), kTip));
-}
-
-TEST(FrozenWatch, NoPictureIsNone) {
-  FrozenWatch watch;
   EXPECT_FALSE(watch.isFrozen({}, kTip));
   EXPECT_FALSE(watch.isFrozen({}, kTip + kAside));
 }

@@ -1,8 +1,6 @@
 #include <algorithm>
 
 #include <gtest/gtest.h>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 #include <png.h>
 
 #include "helix_arm/vision/jpeg.hpp"
@@ -15,12 +13,6 @@ namespace {
 
 using vision::JpegDecoder;
 using vision::JpegEncoder;
-
-cv::Mat grayPicture(int width, int height) {
-  cv::Mat gray;
-  cv::cvtColor(colourPicture(width, height), gray, cv::COLOR_BGR2GRAY);
-  return gray;
-}
 
 std::string faultOf(const Bytes& bytes) {
   cv::Mat gray(3, 3, CV_8UC1, cv::Scalar(7));
@@ -262,12 +254,6 @@ Bytes interlaced(const cv::Mat& pixels, int colours, bool says_srgb = false) {
   return bytes;
 }
 
-Bytes encoded(const cv::Mat& picture, const std::vector<int>& options = {}) {
-  Bytes bytes;
-  cv::imencode(".png", picture, bytes, options);
-  return bytes;
-}
-
 std::vector<std::pair<const char*, Bytes>> soundPictures() {
   const cv::Mat colour = colourPicture(37, 29);
   cv::Mat gray(colour.size(), CV_8UC1), alpha(colour.size(), CV_8UC4), indices(29, 37, CV_8UC1);
@@ -282,12 +268,12 @@ std::vector<std::pair<const char*, Bytes>> soundPictures() {
   cv::Mat deep_gray, deep_colour;
   gray.convertTo(deep_gray, CV_16U, 255, 91);
   colour.convertTo(deep_colour, CV_16U, 256, 200);
-  return {{"gray", encoded(gray)},
-          {"colour", encoded(colour)},
-          {"with alpha", encoded(alpha)},
-          {"gray of 16 bits", encoded(deep_gray)},
-          {"colour of 16 bits", encoded(deep_colour)},
-          {"black and white", encoded(gray > 120, {cv::IMWRITE_PNG_BILEVEL, 1})},
+  return {{"gray", encoded(".png", gray)},
+          {"colour", encoded(".png", colour)},
+          {"with alpha", encoded(".png", alpha)},
+          {"gray of 16 bits", encoded(".png", deep_gray)},
+          {"colour of 16 bits", encoded(".png", deep_colour)},
+          {"black and white", encoded(".png", gray > 120, {cv::IMWRITE_PNG_BILEVEL, 1})},
           {"interlaced", interlaced(gray, 0)},
           {"interlaced palette", interlaced(indices, 40)}};
 }

@@ -4,8 +4,6 @@
 #include <fstream>
 
 #include <gtest/gtest.h>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <sys/stat.h>
 
@@ -24,18 +22,6 @@ using namespace vision;
 void write(const TemporaryFolder& folder, const std::string& name, const Bytes& bytes) {
   std::ofstream(folder / name, std::ios::binary)
       .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
-}
-
-cv::Mat grayPicture(int width, int height, int shade = 0) {
-  cv::Mat gray;
-  cv::cvtColor(colourPicture(width, height), gray, cv::COLOR_BGR2GRAY);
-  return gray + cv::Scalar(shade);
-}
-
-std::vector<std::uint8_t> encoded(const std::string& extension, const cv::Mat& picture) {
-  std::vector<std::uint8_t> bytes;
-  cv::imencode(extension, picture, bytes);
-  return bytes;
 }
 
 // ---- Files --------------------------------------------------------------------------------------

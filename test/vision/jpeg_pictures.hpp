@@ -2,9 +2,11 @@
 
 #include <cstdint>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
-#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <turbojpeg.h>
 
 namespace helix_arm::test {
@@ -23,6 +25,20 @@ inline cv::Mat colourPicture(int width, int height) {
     }
   }
   return picture;
+}
+
+inline cv::Mat grayPicture(int width, int height, int shade = 0) {
+  cv::Mat gray;
+  cv::cvtColor(colourPicture(width, height), gray, cv::COLOR_BGR2GRAY);
+  return gray + cv::Scalar(shade);
+}
+
+/// By OpenCV, as a file with this extension has it.
+inline Bytes encoded(const std::string& extension, const cv::Mat& picture,
+                     const std::vector<int>& options = {}) {
+  Bytes bytes;
+  cv::imencode(extension, picture, bytes, options);
+  return bytes;
 }
 
 /// A JPEG by libjpeg-turbo itself.
