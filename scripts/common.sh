@@ -5,6 +5,7 @@ build_dir="$root/build"
 devel_dir="$root/devel"
 build_options=()  # additional options of CMake
 testing=OFF         # ON: install the packages for tests, and configure the tests
+packaging=OFF       # ON: install the packages for scripts/package
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
@@ -41,17 +42,23 @@ source_ros() {
   set -u
 }
 
-# Debian 12 includes ROS; Ubuntu 20.04 gets it from packages.ros.org.
+# Debian includes ROS; Ubuntu 20.04 gets Noetic from packages.ros.org, 22.04 and 24.04 get ROS-O from its own archive.
 ros_release() {
-  local codename
-  codename="$(. /etc/os-release && printf '%s' "${VERSION_CODENAME:-}")"
-  if [[ $codename == focal ]]; then printf noetic; else printf debian; fi
+  case "$(. /etc/os-release && printf '%s' "${VERSION_CODENAME:-}")" in
+    focal) printf noetic ;;
+    jammy | noble) printf one ;;
+    *) printf debian ;;
+  esac
 }
 
 wanted_packages() {
-  local group=""
-  [[ $testing == OFF ]] || group="(-tests)?"
-  sed -n -E "s/^(all|$(ros_release))$group: *//p" "$root/scripts/packages.txt"
+  local release uses=""
+  release="$(ros_release)"
+  [[ $testing == OFF ]] || uses+="|-tests"
+  [[ $packaging == OFF ]] || uses+="|-package"
+  local releases="all|$release"
+  [[ $release == debian ]] || releases+="|ubuntu"
+  sed -n -E "s/^($releases)($uses): *//p" "$root/scripts/packages.txt" | sed "s/ros-RELEASE-/ros-$release-/g"
 }
 
 may_be_root() { ((EUID == 0)) || command -v sudo >/dev/null; }
@@ -86,7 +93,7 @@ install_missing() {
   # The existing package lists may suffice if they cannot be updated: the install decides.
   as_root "${apt[@]}" update >&2 || say "apt-get update failed; continuing with the existing package lists"
   as_root "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||
-    fail "apt-get could not install the packages; on Ubuntu 20.04, check that packages.ros.org is among the apt sources"
+    fail "apt-get could not install the packages; on Ubuntu, check that the packages of ROS are among the apt sources"
 }
 
 # Each compiler process takes up to 1.2 GB.
@@ -114,7 +121,8 @@ cached() { sed -n "s/^$1:[A-Z]*=//p" "$build_dir/CMakeCache.txt" 2>/dev/null || 
 
 # build TARGET...
 build() {
-  [[ $(ros_release) != noetic ]] || source_ros /opt/ros/noetic/setup.bash
+  [[ $(ros_release) == debian ]] || source_ros "/opt/ros/$(ros_release)/setup.bash"
+  [[ -z ${HELIX_ARM_WERROR:-} ]] || build_options+=("-DHELIX_ARM_WERROR=$HELIX_ARM_WERROR")
   # A build folder that was copied together with its sources still refers to the original location.
   local built_for
   built_for="$(cached CMAKE_HOME_DIRECTORY)"

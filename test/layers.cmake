@@ -49,7 +49,7 @@ set(others_cli "Eigen|CLI|nlohmann")
 set(others_python "Eigen|opencv2|pybind11")
 set(others_nodes "")
 set(others_ros_bridge "")
-set(others_bag ".*")
+set(others_bag "Eigen|nlohmann")
 set(others_rviz_panel "rviz|pluginlib")  # and Qt, whose headers have no folder
 
 set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace control response localization

@@ -6,7 +6,6 @@
 
 #include <unistd.h>
 
-#include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -24,25 +23,29 @@ using nlohmann::json;
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
-// What is read of a recording: a topic by its name behind the last `/`, and its type.
+// What is read of a recording: a topic by its name behind the last `/`, its type, and the checksum
+// of the definition in msg/, which bag_captures_test compares: the command is built without ROS too.
 enum Topic { kDetections, kMeasured, kCommand, kTopicCount };
-const char* const kTopics[] = {names::kTagDetections, names::kPressureMeasured,
-                               names::kPressureCommand};
+const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
+const char* const kPressures[] = {"helix_arm/PressureArray", "16e7dc420c1fb29f7ee29e1f1b50f307"};
+const struct {
+  const char* name;
+  const char* const* type;
+} kTopics[] = {{names::kTagDetections, kTags},
+               {names::kPressureMeasured, kPressures},
+               {names::kPressureCommand, kPressures}};
 
-template <class Message>
-json ruleOf(Topic topic) {
-  using namespace ros::message_traits;
-  return {kTopics[topic], datatype<Message>(), md5sum<Message>()};
+json rulesOf() {
+  json rules = json::array();
+  for (const auto& [name, type] : kTopics) rules.push_back({name, type[0], type[1]});
+  return rules;
 }
 
 // What scripts/read_bag prints of a file that is open: its path may lead to another one meanwhile.
 std::string printedOf(const basics::RegularFile& file, const std::string& path) try {
   const std::string opened =
       "/proc/" + std::to_string(getpid()) + "/fd/" + std::to_string(file.descriptor());
-  const json request{
-      {"bag", opened},
-      {"topics", json::array({ruleOf<TagDetections>(kDetections), ruleOf<PressureArray>(kMeasured),
-                              ruleOf<PressureArray>(kCommand)})}};
+  const json request{{"bag", opened}, {"topics", rulesOf()}};
   return procedures::runScript(
       "read_bag", request.dump(), {},
       "is damaged: reading it did not end; expected an intact bag (rosbag check examines it, "
@@ -67,7 +70,7 @@ std::vector<std::string> topicsOf(const json& found, const std::string& path) {
   for (const Topic needed : {kDetections, kMeasured}) {
     if (!out[needed].empty()) continue;
     faults.add(0,
-               std::string("topic ") + kTopics[needed] + " is missing; record it with the others");
+               std::string("topic ") + kTopics[needed].name + " is missing; record it with the others");
   }
   faults.throwIfAny();
   return out;
@@ -77,13 +80,13 @@ double numberOf(const json& value) {
   return value.is_string() ? std::stod(value.get<std::string>()) : value.get<double>();
 }
 
-TagDetections detectionsOf(const json& tags) {
-  TagDetections out;
+std::vector<SeenTag> detectionsOf(const json& tags) {
+  std::vector<SeenTag> out;
   for (const json& tag : tags) {
-    TagDetection& one = out.tags.emplace_back();
-    one.id = tag[0];
-    one.repeated = tag[1].get<bool>();
-    for (std::size_t k = 0; k < one.corners.size(); ++k) one.corners[k] = numberOf(tag[2][k]);
+    SeenTag& one = out.emplace_back();
+    one.observation.id = tag[0];
+    one.repeated = tag[1];
+    for (int k = 0; k < 8; ++k) one.observation.corners(k) = numberOf(tag[2][k]);
   }
   return out;
 }
@@ -155,16 +158,11 @@ void requireOpen(const basics::RegularFile& file, const std::string& path) {
 
 }  // namespace
 
-std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+std::vector<procedures::TagObservation> observationsOf(const std::vector<SeenTag>& detections,
                                                        const io::Scene& scene) {
   std::map<int, procedures::TagObservation> found;
-  for (const TagDetection& tag : detections.tags) {
-    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
-    procedures::TagObservation& observation = found[tag.id];
-    observation.id = tag.id;
-    for (Eigen::Index k = 0; k < observation.corners.size(); ++k) {
-      observation.corners(k) = tag.corners[static_cast<std::size_t>(k)];
-    }
+  for (const auto& [tag, repeated] : detections) {
+    if (!repeated && scene.tags && scene.tags->find(tag.id) >= 0) found[tag.id] = tag;
   }
   std::vector<procedures::TagObservation> out;
   for (const auto& [id, observation] : found) {

@@ -3,7 +3,6 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/TagDetections.h"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
@@ -11,8 +10,14 @@
 /// From what nodes say, live or in a recording, to what a calibration takes.
 namespace helix_arm::ros_bridge {
 
+/// A tag of TagDetections.msg.
+struct SeenTag {
+  procedures::TagObservation observation;
+  bool repeated = false;  ///< in its picture
+};
+
 /// The scene's tags of one picture, ascending ids; those seen twice are left out.
-std::vector<procedures::TagObservation> observationsOf(const TagDetections& detections,
+std::vector<procedures::TagObservation> observationsOf(const std::vector<SeenTag>& detections,
                                                        const io::Scene& scene);
 
 /// Samples as a data set has them, numbered from 1; their pressures, which are within a tolerance

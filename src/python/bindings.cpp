@@ -271,7 +271,7 @@ void translateExceptions(py::module_& module) {
     try {
       if (exception) std::rethrow_exception(exception);
     } catch (const io::DocumentError& error) {
-      document_error(error.what());
+      PyErr_SetString(document_error.ptr(), error.what());
     } catch (const TooManyRows& error) {
       PyErr_SetString(PyExc_MemoryError, error.what());
     } catch (const std::bad_alloc&) {

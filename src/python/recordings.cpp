@@ -42,13 +42,13 @@ const char* nameOfState(const Settling& settling) {
 
 // @param tags  of a picture, all detections but those of an id that is seen twice.
 void seePicture(SettleWatch& watch, const Scene& scene, double time, const std::vector<Tag>& tags) {
-  TagDetections message;
+  std::vector<ros_bridge::SeenTag> detections;
   for (const auto& [id, corners] : tags) {
-    TagDetection& tag = message.tags.emplace_back();
+    procedures::TagObservation& tag = detections.emplace_back().observation;
     tag.id = id;
-    std::copy(corners.begin(), corners.end(), tag.corners.begin());
+    std::copy(corners.begin(), corners.end(), tag.corners.data());
   }
-  watch.seen(time, ros_bridge::observationsOf(message, scene.scene()));
+  watch.seen(time, ros_bridge::observationsOf(detections, scene.scene()));
 }
 
 // A tip that is not finite or too far away does not count.

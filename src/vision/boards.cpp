@@ -4,8 +4,12 @@
 #include <map>
 #include <stdexcept>
 
-#include <opencv2/aruco.hpp>
 #include <opencv2/imgproc.hpp>
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7  // of the contributed modules
+#include <opencv2/aruco.hpp>
+#else
+#include <opencv2/objdetect/aruco_detector.hpp>
+#endif
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
@@ -370,8 +374,12 @@ cv::Mat markerCells(const std::string& dictionary, int id) {
                             " has 0 to " + std::to_string(known.markers - 1));
   }
   cv::Mat cells;
-  cv::aruco::drawMarker(cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary)), id,
-                        known.bits + 2, cells, 1);
+  const auto theirs = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
+  theirs->drawMarker(id, known.bits + 2, cells);
+#else
+  theirs.generateImageMarker(id, known.bits + 2, cells);
+#endif
   return cells;
 }
 
@@ -453,7 +461,13 @@ std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const 
   const auto known = cv::aruco::getPredefinedDictionary(dictionaryIndex(dictionary));
   std::vector<std::vector<cv::Point2f>> corners;
   std::vector<int> ids;
-  if (!gray.empty()) cv::aruco::detectMarkers(gray, known, corners, ids);
+  if (!gray.empty()) {
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
+    cv::aruco::detectMarkers(gray, known, corners, ids);
+#else
+    cv::aruco::ArucoDetector(known).detectMarkers(gray, corners, ids);
+#endif
+  }
   std::vector<MarkerObservation> markers;
   for (std::size_t i = 0; i < ids.size(); ++i) {
     if (std::count(ids.begin(), ids.end(), ids[i]) > 1) continue;

@@ -12,8 +12,6 @@
 #include <tuple>
 
 #include <gtest/gtest.h>
-#include <opencv2/aruco.hpp>
-#include <opencv2/aruco/charuco.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -21,6 +19,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "support/opencv_charuco.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -346,23 +345,19 @@ TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
 
 // Read by OpenCV itself.
 void expectCharuco(const cv::Mat& page, const vision::CharucoBoard& board, int dictionary) {
-  std::vector<std::vector<cv::Point2f>> markers;
-  std::vector<int> ids;
-  const auto theirs = cv::aruco::getPredefinedDictionary(dictionary);
-  cv::aruco::detectMarkers(page, theirs, markers, ids);
-  ASSERT_EQ(ids.size(), static_cast<std::size_t>(board.count()));
-  const auto described = cv::aruco::CharucoBoard::create(
-      board.columns, board.rows, static_cast<float>(board.square_size),
-      static_cast<float>(board.marker_size), theirs);
+  const auto theirs =
+      test::openCvBoard(board.columns, board.rows, static_cast<float>(board.square_size),
+                        static_cast<float>(board.marker_size), dictionary);
+  std::vector<int> ids, corner_ids;
   std::vector<cv::Point2f> corners;
-  std::vector<int> corner_ids;
-  cv::aruco::interpolateCornersCharuco(markers, ids, page, described, corners, corner_ids);
+  theirs.find(page, ids, corners, corner_ids);
+  ASSERT_EQ(ids.size(), static_cast<std::size_t>(board.count()));
   ASSERT_EQ(corners.size(), static_cast<std::size_t>(board.cornerCount()));
   double worst = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
       const auto on_board = [&](std::size_t k) {
-        return described->chessboardCorners[static_cast<std::size_t>(corner_ids[k])];
+        return theirs.corners[static_cast<std::size_t>(corner_ids[k])];
       };
       const double read = cv::norm(corners[i] - corners[j]) * kMillimetresPerPixel;
       worst = std::max(worst, std::abs(read - 1e3 * cv::norm(on_board(i) - on_board(j))));

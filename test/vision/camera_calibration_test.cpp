@@ -6,8 +6,6 @@
 #include <iostream>
 
 #include <gtest/gtest.h>
-#include <opencv2/aruco.hpp>
-#include <opencv2/aruco/charuco.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/basics/median.hpp"
@@ -15,6 +13,7 @@
 #include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/has.hpp"
+#include "support/opencv_charuco.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 
@@ -384,9 +383,14 @@ TEST(MarkerDictionaries, AreThoseOfOpenCvInItsOrder) {
   const auto& known = markerDictionaries();
   ASSERT_EQ(known.size(), static_cast<std::size_t>(cv::aruco::DICT_APRILTAG_36h11) + 1);
   for (std::size_t i = 0; i < known.size(); ++i) {
-    const auto dictionary = cv::aruco::getPredefinedDictionary(static_cast<int>(i));
-    EXPECT_EQ(dictionary->bytesList.rows, known[i].markers) << known[i].name;
-    EXPECT_EQ(dictionary->markerSize, known[i].bits) << known[i].name;
+    const auto theirs = cv::aruco::getPredefinedDictionary(static_cast<int>(i));
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
+    const cv::aruco::Dictionary& dictionary = *theirs;
+#else
+    const cv::aruco::Dictionary& dictionary = theirs;
+#endif
+    EXPECT_EQ(dictionary.bytesList.rows, known[i].markers) << known[i].name;
+    EXPECT_EQ(dictionary.markerSize, known[i].bits) << known[i].name;
     EXPECT_EQ(dictionaryIndex(known[i].name), static_cast<int>(i));
   }
   EXPECT_EQ(dictionaryIndex("DICT_4X4_50"), cv::aruco::DICT_4X4_50);
@@ -427,17 +431,15 @@ TEST(CharucoBoard, IsTheOneOfOpenCv) {
   // pattern does not.
   for (const auto& [columns, rows] : {std::pair(7, 9), {6, 5}}) {
     const CharucoBoard board{columns, rows, 0.03, 0.021, "DICT_5X5_100"};
-    const auto theirs = cv::aruco::CharucoBoard::create(
-        columns, rows, 0.03F, 0.021F,
-        cv::aruco::getPredefinedDictionary(dictionaryIndex(board.dictionary)));
-    ASSERT_EQ(theirs->ids.size(), static_cast<std::size_t>(board.count()));
-    ASSERT_EQ(theirs->chessboardCorners.size(), static_cast<std::size_t>(board.cornerCount()));
-    const bool upwards = theirs->objPoints.front()[0].y > theirs->objPoints.back()[0].y;
+    const auto theirs =
+        test::openCvBoard(columns, rows, 0.03F, 0.021F, dictionaryIndex(board.dictionary));
+    ASSERT_EQ(theirs.ids.size(), static_cast<std::size_t>(board.count()));
+    ASSERT_EQ(theirs.corners.size(), static_cast<std::size_t>(board.cornerCount()));
+    const bool upwards = theirs.markers.front()[0].y > theirs.markers.back()[0].y;
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {
         if (!board.isWhite(column, row)) continue;
-        const auto& marker =
-            theirs->objPoints[static_cast<std::size_t>(board.markerIn(column, row))];
+        const auto& marker = theirs.markers[static_cast<std::size_t>(board.markerIn(column, row))];
         const estimation::Corners ours = board.markerCorners(column, row);
         for (int c = 0; c < 4; ++c) {
           const cv::Point3f& their = marker[static_cast<std::size_t>(3 - c)];

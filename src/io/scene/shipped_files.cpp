@@ -18,8 +18,11 @@ std::string shippedFolder(const std::string& folder) {
   std::error_code error;
   if (dladdr(reinterpret_cast<const void*>(&shippedFolder), &library) != 0) {
     const fs::path here = fs::weakly_canonical(library.dli_fname, error).parent_path();
-    const fs::path installed = here.parent_path() / "share/helix_arm" / folder;
-    if (fs::is_directory(installed, error)) return installed;
+    // lib, or as Debian has it lib/<architecture>
+    for (const char* prefix : {"..", "../.."}) {
+      const fs::path installed = (here / prefix / "share/helix_arm" / folder).lexically_normal();
+      if (fs::is_directory(installed, error)) return installed;
+    }
   }
   return fs::path(HELIX_ARM_PACKAGE_DIR) / folder;
 }
