@@ -4,7 +4,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "basics/least_squares.hpp"
 #include "helix_arm/basics/requirement.hpp"

@@ -5,7 +5,6 @@
 #include <future>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <sys/socket.h>

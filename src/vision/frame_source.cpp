@@ -337,8 +337,8 @@ std::optional<std::string> sizeFault(const cv::Size& size,
            " px per side: make it smaller";
   }
   if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
-    return found + "at most " + std::to_string(JpegDecoder::kMaxPixels) +
-           " pixels: make it smaller";
+    return basics::messageOf(found, "at most ", JpegDecoder::kMaxPixels,
+                             " pixels: make it smaller");
   }
   return std::nullopt;
 }
@@ -374,16 +374,13 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
   std::error_code error;
   if (fs::is_directory(path, error)) {
     std::vector<fs::path> pictures = picturesIn(path);
-    if (pictures.empty()) {
-      throw std::invalid_argument(path + " holds no pictures; expected files ending in " +
-                                  basics::joined(kPictures, " "));
-    }
+    basics::require(!pictures.empty(), path, " holds no pictures; expected files ending in ",
+                    basics::joined(kPictures, " "));
     return std::make_unique<PictureFiles>(std::move(pictures), expected);
   }
-  if (!fs::is_regular_file(path, error)) {
-    throw std::invalid_argument(path + " is neither a file nor a folder" +
-                                (error ? ": " + error.message() : ""));
-  }
+  const bool is_file = fs::is_regular_file(path, error);
+  basics::require(is_file, path, " is neither a file nor a folder",
+                  error ? ": " + error.message() : "");
   if (hasExtension(path, kPictures)) {
     return std::make_unique<PictureFiles>(std::vector<fs::path>{path}, expected);
   }

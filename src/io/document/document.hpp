@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/fault_list.hpp"
 
 namespace helix_arm::io {
@@ -52,6 +53,11 @@ struct Value::Entry {
 
 /// Adds a fault at a place.
 void report(FaultList& faults, const Place& place, const std::string& fault);
+/// The same with the concatenated parts of the fault.
+template <class... Parts>
+void report(FaultList& faults, const Place& place, const Parts&... fault) {
+  report(faults, place, basics::messageOf(fault...));
+}
 
 /// `parent.key`, or the key alone at the top.
 std::string joinPath(const std::string& parent, const std::string& key);

@@ -182,19 +182,26 @@ class MapReader {
   /// Which one of several keys is given; a fault if none or more than one is.
   std::optional<std::size_t> exactlyOne(const std::vector<std::string>& keys) const;
 
-  /// Reports `key value; expected rule` at the place of the key.
-  void fault(const std::string& key, const std::string& rule) const;
+  /// Reports `key value; expected rule` at the place of the key, with the concatenated parts of the
+  /// rule.
+  template <class... Parts>
+  void fault(const std::string& key, const Parts&... rule) const {
+    complain(key, has(key) ? "is " + find(key)->describe() : "is missing", "; expected ", rule...);
+  }
   /// Reports any other fault of a key (or, if it is missing, of the map).
-  void complain(const std::string& key, const std::string& fault) const {
-    report(key, path(key) + " " + fault);
+  template <class... Parts>
+  void complain(const std::string& key, const Parts&... fault) const {
+    report(key, path(key), " ", fault...);
   }
   /// Reports a message that names the key itself, at the same place.
-  void report(const std::string& key, const std::string& message) const {
-    io::report(faults_, (!key.empty() && has(key) ? *find(key) : map_).place, message);
+  template <class... Parts>
+  void report(const std::string& key, const Parts&... message) const {
+    io::report(faults_, (!key.empty() && has(key) ? *find(key) : map_).place, message...);
   }
   /// Reports `key has count entries; expected rule`.
-  void complainOfSize(const std::string& key, std::size_t count, const std::string& rule) const {
-    complain(key, "has " + std::to_string(count) + " entries; expected " + rule);
+  template <class... Parts>
+  void complainOfSize(const std::string& key, std::size_t count, const Parts&... rule) const {
+    complain(key, "has ", count, " entries; expected ", rule...);
   }
 
  private:

@@ -56,12 +56,10 @@ void findLimitsBeyond(const std::string& name, const model::Range& range,
     for (const char* key : {"min_pressure_kpa", "max_pressure_kpa"}) {
       const Value* limit = entry.keys->find(key);
       if (limit == nullptr || range.contains(pascals(*parseNumber(limit->text)))) continue;
-      report(faults, limit->place,
-             joinPath(entry.path, key) + " is " + limit->text +
-                 "; expected a pressure where the new curve of " + name + " was measured, " +
-                 formatNumber(kilopascals(range.lower)) + " to " +
-                 formatNumber(kilopascals(range.upper)) +
-                 ": move the limit there, or measure the free length as far as that");
+      report(faults, limit->place, joinPath(entry.path, key), " is ", limit->text,
+             "; expected a pressure where the new curve of ", name, " was measured, ",
+             formatNumber(kilopascals(range.lower)), " to ", formatNumber(kilopascals(range.upper)),
+             ": move the limit there, or measure the free length as far as that");
     }
   }
 }
