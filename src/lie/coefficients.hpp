@@ -51,8 +51,7 @@ inline double factorialSeries(const double* powers) {
   }
 }
 
-/// sum_j (-y)^j / (2j + n)!: n = 2 is (1 - cos r) / r^2 with y = r^2, n = 3 is (r - sin r) / r^3,
-/// and so on.
+/// sum_j (-y)^j / (2j + n)!, with y = r^2: (1 - cos r) / r^2 at n = 2, (r - sin r) / r^3 at n = 3.
 template <int kFirst, int kTerms>
 inline double factorialSeries(double y) {
   const double y2 = y * y, y4 = y2 * y2;

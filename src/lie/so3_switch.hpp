@@ -6,8 +6,7 @@ namespace helix_arm::lie {
 /// accurate to the last bit.
 inline constexpr double kSo3ExpSwitch = 1e-8;
 
-/// Norm of the quaternion's vector part above which log of a rotation divides by it. Below, the
-/// same holds.
+/// Norm of the quaternion's vector part above which log of a rotation divides by it. As above.
 inline constexpr double kSo3LogSwitch = 1e-8;
 
 }  // namespace helix_arm::lie

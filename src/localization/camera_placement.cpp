@@ -71,8 +71,7 @@ class PlacementProblem {
     return point;
   }
 
-  // Takes the effects of displacements at an estimate. @return false with a corner behind the
-  // camera.
+  // Takes the effects of displacements at an estimate; false with a corner behind the camera.
   bool loosen(const FitPoint& at) {
     const TagLayout& layout = equations_.layout();
     lie::Vector6 variance;

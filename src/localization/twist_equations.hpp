@@ -15,8 +15,7 @@
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 
-/// Residuals of tags against a shape, and their derivatives with respect to motions of the arm's
-/// parts.
+/// Residuals of tags against a shape, and their derivatives by motions of the arm's parts.
 namespace helix_arm::estimation {
 
 /// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
@@ -335,9 +334,8 @@ class TwistEquations {
     point.cost = cost + addPriors<Model>(point, system);
   }
 
-  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, seen
-  /// from the nominal base and about its origin, with the weight 1. `point` is that of the last
-  /// evaluate().
+  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, about
+  /// the origin of the nominal base, with the weight 1. `point` is that of the last evaluate().
   template <class Model>
   Eigen::MatrixXd gradientByMotion(const Model& model, const typename Model::Observation& seen,
                                    const FitPoint& point) const {

@@ -30,8 +30,7 @@ struct RowPermutation<2> {
 };
 
 #ifdef HELIX_ARM_X86
-// Each vector has one number of every row in four lanes of three vectors: two blends, then one
-// permutation.
+// Each vector has one number of every row in four lanes of three vectors: blends, a permutation.
 template <>
 struct RowPermutation<4> {
   using Value = Vector<4>::Value;

@@ -36,8 +36,7 @@ Polynomial derivative(const Polynomial& c) {
   return d;
 }
 
-// Sign changes of the polynomial inside (lo, hi), ascending: between adjacent extrema there is at
-// most one.
+// Sign changes of the polynomial inside (lo, hi), ascending: at most one between adjacent extrema.
 std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> roots;
   if (c.size() < 2) return roots;
@@ -62,8 +61,7 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   return roots;
 }
 
-// Slope at an end of a table from three points, limited against overshooting (Fritsch and Carlson
-// 1980).
+// Slope at a table's end from three points, without overshooting (Fritsch and Carlson 1980).
 double endSlope(double h0, double h1, double secant0, double secant1) {
   const double slope = ((2 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
   if (slope * secant0 <= 0) return 0.0;

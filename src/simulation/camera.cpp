@@ -62,8 +62,7 @@ void fillBox(cv::Mat& picture, const Place& place, double x, double y, double ha
   fillPolygon(picture, corners, 4, gray);
 }
 
-// Looks like the border of a tag, but its pattern has a four-fold symmetry, so that no family has a
-// tag near it.
+// Looks like the border of a tag; its four-fold symmetry is one that no tag of any family has.
 void paintMockTag(cv::Mat& picture, const Place& place, double half, bool hollow) {
   fillBox(picture, place, 0, 0, 1.3 * half, 1.3 * half, 225);
   fillBox(picture, place, 0, 0, half, half, 35);
@@ -312,8 +311,7 @@ cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
   return out;
 }
 
-// Paints the mean of the card over a pixel; if the card covers it only in part, mixes it with the
-// background.
+// Paints the mean of the card over a pixel, mixed with the background if it covers only a part.
 void paintPixel(const Areas& areas, double light, uchar& pixel) {
   if (areas[2] == 0) return;
   const double card = std::clamp(areas[1] / areas[2], 0.0, 1.0);
@@ -605,8 +603,7 @@ struct SimulatedCamera::Workspace {
     }
     for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
       if (!nodes[i].seen || !nodes[i + 1].seen) continue;
-      // Its depth is that of its far side, so that tags on its near side and beside it are drawn
-      // later.
+      // Its depth is that of its far side: tags on its near side and beside it are drawn later.
       layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + radiusOf(i), -1, i});
     }
     std::sort(layers.begin(), layers.end(),

@@ -100,8 +100,7 @@ class ArmParameters {
   }
 
   int count() const { return static_cast<int>(names_.size()); }
-  /// The first ones are on the stiffness; then come length scales, and strokes of all actuators or
-  /// none.
+  /// First those on the stiffness, then length scales, then strokes of all actuators or none.
   int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
   int strokesBegin() const { return stiffnessCount() + static_cast<int>(spans_.size()); }
   int strokeCount() const { return static_cast<int>(rest_.size()); }

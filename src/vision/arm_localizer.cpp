@@ -8,8 +8,7 @@
 namespace helix_arm::vision {
 namespace {
 
-// Cosine between a tag's normal and its line of sight: tags at larger angles are not detected
-// reliably.
+// Cosine between a tag's normal and its line of sight; at larger angles detection is unreliable.
 constexpr double kLeastCosine = 0.3;
 
 bool contains(const std::vector<int>& ids, int id) {

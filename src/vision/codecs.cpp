@@ -31,8 +31,7 @@ bool isHarmless(const std::string& warning) {
   return warning.find("extraneous bytes before marker 0xd9") != std::string::npos;
 }
 
-// Number of scans. Start-of-scan markers inside skipped segments are not counted: they belong to
-// thumbnails.
+// Number of scans. Start-of-scan markers in skipped segments do not count: thumbnails have them.
 int scansOf(const std::uint8_t* data, std::size_t size) {
   constexpr std::uint8_t kMark = 0xff, kFirstSegment = 0xc0, kScan = 0xda;
   int scans = 0;

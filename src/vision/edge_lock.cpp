@@ -493,8 +493,7 @@ class Refiner {
     return lineThrough(p, q);
   }
 
-  // Position nearest to a point where the gray level crosses the threshold, in the outward
-  // direction.
+  // Outward position nearest to a point at which the gray level crosses the threshold.
   std::optional<double> crossing(const Vector2d& point, const Vector2d& outward, double reach,
                                  double passed) const {
     const int steps = static_cast<int>(std::ceil(reach / kStep));

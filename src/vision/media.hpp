@@ -34,8 +34,7 @@ const Media& media();
 /// @return what is wrong with the data; empty on success.
 std::optional<std::string> decodePng(const std::uint8_t* data, std::size_t size, cv::Mat& gray);
 
-/// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
-/// acceptable.
+/// Checks a picture's size [px] before it is decoded. @return the fault, if there is one.
 std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
 
 }  // namespace helix_arm::vision

@@ -67,8 +67,7 @@ estimation::Corners refineCorners(const cv::Mat& gray, const TagFamily& family, 
 struct ExpectedTag {
   int id;
   estimation::Corners corners;  ///< [px]
-  /// True if it was seen in the last picture; if it is then not found, the whole picture is
-  /// searched.
+  /// It was seen in the last picture; if it is then not found, the whole picture is searched.
   bool seen_before;
 };
 

@@ -95,8 +95,7 @@ std::string targetOf(const std::string& path) {
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
   if (error) refuse(path, error.value());
-  // A scene may be kept under a second name. Any other result would replace a file that its path
-  // does not name.
+  // A scene may have a second name. Others would replace a file that their path does not name.
   const auto isScene = [](const fs::path& file) { return file.extension() == ".yaml"; };
   if (is_there && S_ISLNK(entry.st_mode) && !(isScene(path) && isScene(target))) {
     refuse(path, "it is a link to " + basics::printable(target.string()),

@@ -41,8 +41,7 @@ struct Value {
 
   /// The value of a map's key, null if there is none.
   const Value* find(const std::string& key) const;
-  /// Its description in messages: its text (printable, 60 letters at most), "a list", "a map" or
-  /// "empty".
+  /// What messages call it: its text (printable, 60 letters at most), "a list", "a map" or "empty".
   std::string describe() const;
 };
 
@@ -80,8 +79,7 @@ struct DocumentKind {
 std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
                                    FaultList& faults);
 
-/// Applies an override to the tree, creating missing maps. The schema checks later whether its keys
-/// are known.
+/// Applies an override to the tree, creating missing maps. The schema checks its keys later.
 void applyOverride(Value& document, const Override& change, FaultList& faults);
 
 /// The YAML text of a tree; parsing it gives the same tree, except for its places.

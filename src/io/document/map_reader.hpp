@@ -18,8 +18,7 @@
 
 namespace helix_arm::io {
 
-/// Rule of a number: its sign, and a plausible range. A radius of 25.4 m was probably meant as 25.4
-/// mm.
+/// Rule of a number: its sign, and a plausible range. A radius of 25.4 m was probably meant in mm.
 struct NumberRule {
   const char* text;  ///< describes the sign, as in "expected a finite value > 0"
   bool (*holds)(double);
@@ -182,8 +181,7 @@ class MapReader {
   /// Which one of several keys is given; a fault if none or more than one is.
   std::optional<std::size_t> exactlyOne(const std::vector<std::string>& keys) const;
 
-  /// Reports `key value; expected rule` at the place of the key, with the concatenated parts of the
-  /// rule.
+  /// Reports `key value; expected rule` at the place of the key; the rule's parts are concatenated.
   template <class... Parts>
   void fault(const std::string& key, const Parts&... rule) const {
     complain(key, has(key) ? "is " + find(key)->describe() : "is missing", "; expected ", rule...);

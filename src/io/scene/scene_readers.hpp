@@ -106,8 +106,7 @@ SceneArmParts readSceneArm(const MapReader& scene);
 // Readers of the other keys. A key that the scene omits gives nothing, or the defaults. The arm is
 // null, and the regulator absent, if faults leave none: references to them are then not checked.
 
-/// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, y left,
-/// z up).
+/// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, z up).
 extern const Eigen::Matrix3d kOpticalInBody;
 
 /// Reads `camera`.

@@ -41,8 +41,7 @@ std::vector<Key> webcamKeys(vision::WebcamConfig& webcam) {
 constexpr NumberRule kTagId{"a whole number >= 0",
                             [](double x) { return x >= 0 && x == std::floor(x); }, 0, 1e6};
 
-// The frame of a group's poses: a section, and the frame of an actuator or (default) of the base
-// curve.
+// The frame of a group's poses: that of a section's actuator, by default of its base curve.
 struct Mount {
   int section = 0;
   const model::Actuator* actuator = nullptr;

@@ -83,8 +83,7 @@ std_msgs::ColorRGBA pressureColor(double share) {
   return color(mix(0), mix(1), mix(2));
 }
 
-// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along the
-// muscle.
+// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along it.
 Eigen::Vector3d onCircle(double radius, int side) {
   const double angle = 6.283185307179586 * side / kSides;
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};

@@ -27,8 +27,7 @@ namespace helix_arm::ros_bridge {
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
 /// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
-/// the world frame, whose z axis points up, or in those of the base. Everything grows with the
-/// arm's length.
+/// the world frame, whose z axis points up, or of the base; all grows with the arm's length.
 ///
 /// A hanging or standing arm has its columns of text beside it; any other arm runs to the right,
 /// with the columns above it.
@@ -234,8 +233,7 @@ class TipHandle {
   using OnTarget = std::function<void(const TipTarget&)>;
 
   /// @param scene      of the arm: tip and handle of a planar one stay in the base's x-y plane.
-  /// @param on_target  called from the callback queue while the handle is held, with a target in
-  /// the base frame.
+  /// @param on_target  called from the callback queue while it is held, with a target in its frame.
   TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target);
 
   /// Moves the handle to the commanded tip (base frame), unless it is held.

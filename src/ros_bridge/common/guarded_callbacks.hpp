@@ -101,8 +101,7 @@ class CheckedStream {
 // How the servers and clients of actions read what the other side sends: a server makes the
 // Serializer of its goals a GoalSerializer.
 
-/// Serializer of a message by its fields, which reads it with the checks of all other messages
-/// (CheckedStream).
+/// Serializer of a message by its fields, which reads it as all messages are read (CheckedStream).
 template <class Message, auto... fields>
 struct CheckedSerializer {
   template <class Stream>
@@ -208,8 +207,7 @@ class GuardedService : public ros::ServiceCallbackHelper {
         &why);
     params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
                             : ros::serialization::serializeServiceResponse(false, why);
-    // roscpp sends this response only if this returns true; the response itself says that the call
-    // failed.
+    // roscpp sends this response only if this returns true; the response says that the call failed.
     return !sound || ok;
   }
 

@@ -53,12 +53,10 @@ void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
 /// Ends the process if its node was asked to end and cannot: a hanging ROS master blocks every call
 /// to it, including unregistering at the end.
 ///
-/// It ends with kFailed, without destructors. If the node drives hardware and has not vented, its
-/// guard vents.
+/// It ends with kFailed, without destructors. The guard of hardware vents what is not vented.
 class EndWatch {
  public:
-  /// Reports that the node's main thread is running; required every kPatience once the node was
-  /// asked to end.
+  /// Tells that the main thread runs; required every kPatience once the node was asked to end.
   void turn() { ++turns_; }
   /// While true, the watch is suspended, for work that takes time and needs no master.
   void waits(bool so) { waits_ = so; }

@@ -56,11 +56,9 @@ struct PressureCommandOptions {
   /// `scene` drives the scene's regulator, hardware or simulated, from this node; `topic` leaves
   /// the pressures to another node, which reports them on pressure_measured.
   std::string regulator = reader.choice("regulator", "scene", {"scene", "topic"});
-  /// A target enables the arm, at first and after commander or regulator fell silent. Never with
-  /// hardware.
+  /// A target enables the arm, first and after commander or regulator fell silent; never hardware.
   bool auto_enable = reader.flag("auto_enable", regulator == "scene");
-  /// Drive hardware although ROS time is simulated; the safety rules run on the steady clock in any
-  /// case.
+  /// Drive hardware although ROS time is simulated; the safety rules run on the steady clock.
   bool allow_sim_time = reader.flag("allow_sim_time", false);
   /// Of the threads between targets and valves (SCHED_FIFO), and of the guard, if the user's limits
   /// allow it; the log reports the result. 0: none. With hardware, memory is locked as well.
@@ -215,9 +213,8 @@ class PressureLoop {
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
-  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that somebody else
-  /// asked for, it is refused until it pauses for target_timeout, asks for rest itself, or somebody
-  /// enables the arm.
+  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
+  /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
   std::optional<control::Refusal> command(const std::string& commander,
                                           const Eigen::VectorXd& pressure)
       HELIX_ARM_EXCLUDES(mutex_) {

@@ -74,8 +74,7 @@ class TargetAdmission {
   /// since no pressures were found.
   void accept(const TargetSender& sender, const TargetSolution& solution);
 
-  /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
-  /// call.
+  /// The status `<node>: targets`: WARN if one was dropped or out of reach since the last call.
   diagnostic_msgs::DiagnosticStatus status();
 
  private:

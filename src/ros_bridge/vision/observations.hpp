@@ -80,8 +80,7 @@ class ModelHistory {
 };
 
 /// What was seen in one picture, and what it is compared with. It refers to memory of the picture
-/// and of the PictureMeasurer: it is valid until the next picture is measured, and no longer than
-/// its picture.
+/// and of the PictureMeasurer: valid as long as its picture, until the next one is measured.
 struct Measurement {
   ros::Time stamp;  ///< of the picture
   cv::Mat gray;     ///< (CV_8UC1)

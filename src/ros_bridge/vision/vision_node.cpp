@@ -526,8 +526,7 @@ class VisionNode : public Node {
 
   /// @param node          where topics are relative to.
   /// @param private_node  where parameters are; names the node in diagnostics.
-  /// @throws io::DocumentError or std::invalid_argument with every fault found;
-  /// NothingToDo.
+  /// @throws io::DocumentError or std::invalid_argument with every fault found; NothingToDo.
   VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
       : host_(host),
         options_(private_node),

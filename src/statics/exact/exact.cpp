@@ -274,8 +274,7 @@ constexpr double kBranchEnd = 1e-6;      // step relative to the load at which t
 constexpr int kFewIterations = 5;        // of a step, after which the next one is longer
 
 /// Applies the load in steps, as long as Newton's method stays on the branch that grows from the
-/// unloaded shape. Where the branch ends, the result is whichever shape damped steps find under the
-/// full load.
+/// unloaded shape. Where it ends, the result is whichever shape damped steps find under all of it.
 Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) {
   Reached out;
   out.nodes = shooting.unloadedNodes();

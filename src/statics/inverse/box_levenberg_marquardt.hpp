@@ -27,8 +27,7 @@ enum class Descent {
   kExhausted,  ///< the maximum number of iterations was reached
 };
 
-/// Least squares of an inverse task over the lengths inside their box, by Levenberg-Marquardt with
-/// an active set.
+/// Least squares of an inverse task over a box of lengths: Levenberg-Marquardt with an active set.
 ///
 /// Keeps references to task and box. The task's target may change between calls. All memory is
 /// allocated in the constructor.
@@ -59,8 +58,7 @@ class BoxLevenbergMarquardt {
   const Eigen::VectorXd& proposed() const { return trial_.lengths; }
 
   /// The step (n) [m] of the linearised point inside the box that minimises the linear model plus
-  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. Call it once per
-  /// linearisation.
+  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. One per linearisation.
   const Eigen::VectorXd& stepWith(const Eigen::VectorXd& diagonal,
                                   const Eigen::VectorXd& gradient) noexcept;
   /// Mean of diag(J'J) at the linearised point.

@@ -206,8 +206,7 @@ class InversePreference {
     return sum;
   }
 
-  // Of kStiff: logarithm of the compliance at inputs, and its gradient by the fractions of their
-  // ranges.
+  // Of kStiff: logarithm of the compliance at inputs; its gradient by fractions of their ranges.
   double softness(const Eigen::VectorXd& input) const {
     Eigen::VectorXd lengths(n_);
     for (int i = 0; i < n_; ++i) {
@@ -455,8 +454,7 @@ class InverseSolver::Workspace {
       minimiser_.evaluate(current_);
     }
     Descent outcome = minimiser_.descend(current_, options_.max_iterations);
-    // Twists are linear in the lengths, so their least squares have one minimum. Tips may have
-    // local minima.
+    // Twists are linear in the lengths, so that their squares have one minimum. Tips may have more.
     if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
       valley_.restart();
       outcome = valley_.follow(current_, outcome);
@@ -508,8 +506,7 @@ class InverseSolver::Workspace {
     }
   }
 
-  // Leaves the best of the starts in current_. It counts as converged if any start as good has
-  // converged.
+  // Leaves the best of the starts in current_: converged if any start as good has converged.
   Descent tryOtherStarts(Descent first) {
     const double infinity = std::numeric_limits<double>::infinity();
     double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;

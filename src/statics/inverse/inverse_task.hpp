@@ -91,8 +91,7 @@ class InverseTask {
                 !corrected.arm().links()),
         tip_by_lengths_(6, actuators_) {
     for (int k = 0; k < model_.arm().sectionCount(); ++k) {
-      // Rank of the map rather than of A: an untilted ring can shear and twist, but its muscles
-      // cannot cause it.
+      // Rank of the map rather than of A: an untilted ring can shear and twist, not by its muscles.
       Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(model_.arm().equilibrium(k).map);
       qr.setThreshold(1e-9);
       map_rank_ += static_cast<int>(qr.rank());
@@ -274,8 +273,7 @@ class InverseStarts {
   static constexpr int kMaxActuatorsForCorners = 6;
   static constexpr int kStride = 97;  // between the later starts; coprime to their number
 
-  // The start among the first `count` unused ones whose tip is nearest to the target; -1 if there
-  // is none.
+  // The start among the first `count` unused ones whose tip is nearest to the target; -1: none.
   int nearest(int count, const InverseTask& task) const noexcept {
     int choice = -1;
     double least = std::numeric_limits<double>::infinity();

@@ -40,8 +40,7 @@ inline constexpr double kAtRest = 1e-11;
 // most this long, relative to the arm's size and one radian.
 inline constexpr double kContracting = 0.5;
 inline constexpr double kTrustedStep = 0.02;
-// Rotation of a section relative to its unloaded shape beyond which its coordinates are ambiguous
-// [rad].
+// Rotation of a section from its unloaded shape beyond which its coordinates are ambiguous [rad].
 inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
 inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
@@ -67,8 +66,7 @@ inline constexpr double kBranching = 0.5;
 // Load steps, relative to the whole load.
 inline constexpr double kFirstLoadStep = 0.25;
 inline constexpr double kLeastLoadStep = 1e-3;
-// Distance of a step's shape from the predicted one: relative to the step, or to the arm's size and
-// one radian.
+// Of a step's shape from the predicted one: relative to the step, or to the arm's size and 1 rad.
 inline constexpr double kOnBranch = 0.5;
 inline constexpr double kNearBranch = 0.05;
 
@@ -183,8 +181,7 @@ class Anderson {
   int calls_ = 0;
 };
 
-/// The elements of an arm without load: poses seen from their starts, and compliance at the Gauss
-/// points.
+/// The elements of an unloaded arm: poses seen from their starts, compliance at the Gauss points.
 template <class Group>
 template <int kNodes>
 class LoadedArmOf<Group>::UnloadedElements {

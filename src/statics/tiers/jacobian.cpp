@@ -139,8 +139,7 @@ ShapeDerivative unloadedByStiffness(const model::Arm& arm, const model::Unloaded
   return out;
 }
 
-// By the parameters of a change and, on request, by a load at the tip, at the equilibrium of a
-// tier.
+// By the parameters of a change and, on request, a load at the tip, at the equilibrium of a tier.
 ShapeResponse loadedResponse(const model::Arm& arm, const Load& load, const TierSetting& setting,
                              const Eigen::VectorXd& lengths, const Change& change, bool by_load) {
   const model::Unloaded unloaded = unloadedUnderOfLengths(arm, load, lengths);
