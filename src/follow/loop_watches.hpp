@@ -139,8 +139,7 @@ class ContactWatch {
 };
 
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
-/// the model bends in the wrong direction. The error is averaged, so that an arm which swings about
-/// its target is none.
+/// the model bends in the wrong direction. The error is averaged: an arm may swing about a target.
 class DivergenceWatch {
  public:
   /// @param correction  time constant with which the loop corrects an error [s].

@@ -154,8 +154,7 @@ inline JacobianCoefficients jacobianCoefficients(double x) {
   return {f.a, f.b, f.c, (0.5 - f.b) / x, (1.0 / 6.0 - f.c) / x};
 }
 
-/// theta^2 [rad^2] from which a quotient is used. Below, a series is used, since the quotient
-/// suffers from cancellation.
+/// theta^2 [rad^2] from which a quotient is used; below, a series, since the quotient cancels.
 inline constexpr double kLogSeriesLimit = 2.0;
 
 /// (1 - (theta/2) cot(theta/2)) / theta^2 at x = theta^2 [rad^2], the coefficient of [w]^2 in V^-1.

@@ -102,8 +102,7 @@ Eigen::Matrix<double, 3, 6> SE3::translationJacobian(const Tangent& xi) {
   const Eigen::Vector3d w = xi.tail<3>();
   const auto [a, b, c, d, e] = jacobianCoefficients(w.squaredNorm());
   const double wv = w.dot(v);
-  // p = a v + b w x v + c (w.v) w, and 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d with x =
-  // |w|^2
+  // p = a v + b w x v + c (w.v) w, x = |w|^2: 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d
   const Eigen::Vector3d dx = (c - b) * v + (2.0 * d - c) * w.cross(v) + (3.0 * e - d) * wv * w;
   Eigen::Matrix<double, 3, 6> J;
   J.leftCols<3>() = c * w * w.transpose() + b * skew(w);

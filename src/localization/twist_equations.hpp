@@ -19,8 +19,7 @@
 namespace helix_arm::estimation {
 
 /// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
-/// seen from the nominal base B0 and about its origin, changes them by by_v v + by_w w; the bleed
-/// changes them by by_bleed.
+/// about the origin of the nominal base B0, changes them by by_v v + by_w w, bleed by by_bleed.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
@@ -219,8 +218,7 @@ class TwistEquations {
     prior_ = model.twists();
     noise_scale_ = 1;
   }
-  /// Sets what is known of base and bleed, as far as they are free. Requires a covariance that is
-  /// positive definite.
+  /// Sets what is known of base and bleed where they are free. The covariance is positive definite.
   void know(const RigEstimate& rig) {
     rig_ = rig;
     both_information_ = rig.covariance.inverse();
@@ -483,8 +481,7 @@ class TwistEquations {
   Mover base_mover_{lie::SE3()};  // of the whole arm
 };
 
-/// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin and seen
-/// from it; (6 x 6).
+/// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin (6 x 6).
 inline lie::Matrix6 motionsOf(const TagPlacement& tag, double rest_length,
                               const model::Shape& shape) {
   // Half the step of the differences; large compared with rounding.

@@ -94,8 +94,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, d
   return {std::max(kLeastVariance, (expected + square) / (expected + freedom)), expected + freedom};
 }
 
-// Covariance of a twist fit. It combines the errors of the tags, scaled by the residuals, with
-// those of the priors.
+// Covariance of a twist fit: errors of the tags, scaled by the residuals, and of the priors.
 
 /// Fraction by which the tags must reduce the model's prior variance of each entry of the twists.
 /// Otherwise the estimate would mostly reflect the model.

@@ -14,8 +14,7 @@ inline constexpr std::size_t kStep = 8;
 /// Most actuators per pass over the inputs.
 inline constexpr int kGroup = 4;
 
-/// An actuator in the form that the loops need: its length change as a polynomial of the input, and
-/// its column of the map.
+/// An actuator for the loops: its length change as a polynomial of the input, its map's column.
 struct FlatActuator {
   double coefficients[6];  // the first is zero
   double column[6];

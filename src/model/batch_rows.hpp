@@ -7,8 +7,7 @@
 /// Kernels of the batch for rows: pressures of one sample beside each other, and so its tip.
 namespace helix_arm::model::batch {
 
-/// As many rows of three as a vector has lanes are three vectors. The compiler does not find these
-/// permutations by itself.
+/// As many rows of three as a vector has lanes are three vectors. Compilers do not find this.
 template <int kLanes>
 struct RowPermutation;
 

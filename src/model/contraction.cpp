@@ -198,9 +198,8 @@ double Contraction::inverse(double length) const {
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Halley's method, with bisection if it would leave the bracket. It converges cubically
-  // (quadratically across a knot, where the curvature jumps), so the error after a step this small
-  // is below rounding.
+  // Halley's method, with bisection if it would leave the bracket. It converges cubically (across a
+  // knot quadratically), so the error after a step this small is below rounding.
   double lower = input_range_.lower, upper = input_range_.upper;
   const double small_step = (pieces_.size() == 1 ? 3e-6 : 1e-9) * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);

@@ -128,8 +128,7 @@ py::array arrayOf(const Eigen::MatrixBase<Derived>& values) {
 void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion);
 
 /// Solvers of one model that are not in use, of any options: the last ones that were given back.
-/// Making one samples a thousand starts, which takes 50 times as long as a target. Threads may
-/// share them.
+/// Making one samples a thousand starts, which takes as long as 50 targets. Threads may share them.
 class Solvers {
  public:
   /// A solver of one thread, given back at its end.

@@ -79,8 +79,7 @@ void paintCheckerboard(cv::Mat& picture, const Place& place, double half) {
   }
 }
 
-// The background (CV_8UC1): soft light and `clutter` objects with edges like those of tags and
-// arms, without tags.
+// The background (CV_8UC1): soft light and `clutter` objects with edges as of tags and arms.
 cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
   cv::Mat picture(height, width, CV_8UC1);
   for (int y = 0; y < height; ++y) {
@@ -123,8 +122,7 @@ cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
 
 constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
 
-// A bar that moves through the picture, in front of everything else; in fractions of the picture
-// and radians per picture.
+// A bar that moves in front of all else; in fractions of the picture and radians per picture.
 struct Occluder {
   double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
 
@@ -188,8 +186,7 @@ Strips stripsOf(const std::vector<double>& widths, double bleed) {
 // Black and white areas of a printed card, such as a tag with its quiet zone.
 //
 // Coordinates are in units of the print from the top left corner of the card, x to the right and y
-// down as one reads the tag. The card consists of rectangles of one colour each, between lines
-// that cross the whole card.
+// down as one reads the tag. Lines that cross the card divide it into rectangles of one colour.
 class TagPattern {
  public:
   // A point of the plane and its rectangle.
@@ -202,8 +199,7 @@ class TagPattern {
   // area, that on the card, and the whole.
   using Areas = Eigen::Array3d;
 
-  // @param bleed  width by which white bleeds into black at each edge, >= 0, less than half the
-  //     least cell [units].
+  // @param bleed  of white into black at each edge, >= 0, less than half the least cell [units].
   TagPattern(const CardPrint& print, double bleed) {
     Strips across = stripsOf(print.across, bleed), down = stripsOf(print.down, bleed);
     across_ = std::move(across.lines);

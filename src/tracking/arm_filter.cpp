@@ -365,8 +365,7 @@ struct ArmFilter::Workspace {
     return H;
   }
 
-  // If theta does not explain the arm within its bounds (or the camera is wrong), the bias takes
-  // the whole deviation.
+  // If theta within its bounds does not explain the arm (or the camera), the bias takes the rest.
   void learn(const Gaussian::Measurement& measurement) {
     Gaussian next = state;
     next.update(measurement);

@@ -12,8 +12,7 @@
 namespace helix_arm::vision {
 
 /// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG and PNG.
-/// They bring 200 shared libraries along, so that they are in a library of their own, which is
-/// loaded at the first use.
+/// They bring 200 shared libraries, so that they are in a library that the first use loads.
 struct Media {
   std::unique_ptr<VideoDevice> (*webcam)(const WebcamConfig& config);
   /// See FrameSource::files().

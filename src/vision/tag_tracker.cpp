@@ -10,15 +10,13 @@ namespace {
 
 using estimation::Corners;
 
-// Margin of a region around the expected tag, in tag sizes, and in px for small tags; the cost
-// grows with its square.
+// Margin of a region around a tag, in tag sizes, and for small tags in px; the cost is quadratic.
 constexpr double kRegionMargin = 0.5;
 constexpr double kLeastRegionMargin = 16.0;
 // Constant cost of a search, expressed as area: regions are merged if that is cheaper [px^2].
 constexpr int kRegionOverhead = 500;
 // Tags that were not found last time may stay invisible for long. One of them at a time is searched
-// in its region, and the whole picture once a second at 30 Hz, which adds a thirtieth of its cost
-// to that of each picture.
+// in its region, and the whole picture once a second at 30 Hz: a thirtieth of its cost each time.
 constexpr int kWholeEvery = 30;
 // If no tag is missing, a whole search only serves to notice unexpected tags.
 constexpr int kWholeForStrangersEvery = 90;

@@ -16,12 +16,10 @@ namespace helix_arm::vision {
 /// Maximum number of cells along a border, over all families with a closed one.
 inline constexpr int kMostCells = 8;
 
-/// The cells of one tag of a family with a closed border, as one reads it, up to the outer edge of
-/// that: 0, or white.
+/// The cells of a tag with a closed border, as one reads it, up to its outer edge: 0, or white.
 using TagCells = cv::Mat_<std::uint8_t>;
 
-/// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be
-/// found by their edges.
+/// Whether the family's bits lie in a black border on white: such tags are found by their edges.
 inline bool hasClosedBorder(const TagFamily& family) {
   const int within = family.borderCells() - 2;
   return family.borderCells() <= kMostCells && family.bitCount() == within * within;

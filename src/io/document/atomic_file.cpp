@@ -167,8 +167,7 @@ void AtomicFile::create() {
     if (file_ < 0 && errno == EEXIST) continue;
     if (file_ < 0) refuse(path_, errno);
     temporary_ = temporary;
-    // Between creation and lock, another writer may remove the file as abandoned. On file systems
-    // without locks it cannot.
+    // Until the lock, another writer may remove the file as abandoned, where there are locks.
     const bool taken = ::flock(file_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
     struct stat now {};
     if (!taken && ::fstat(file_, &now) == 0 && now.st_nlink > 0) return;

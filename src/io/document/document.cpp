@@ -38,8 +38,7 @@ constexpr long kMostMarks = 4L * kMostValues;
 struct TooLarge {};
 
 // Records where documents start, and throws TooLarge before an oversized tree is built.
-// YAML::LoadAll cannot be used to find a second document: it does not return from a stray `,`
-// between documents.
+// YAML::LoadAll does not return from a stray `,` between documents.
 class Survey : public YAML::EventHandler {
  public:
   std::optional<YAML::Mark> last;

@@ -318,8 +318,7 @@ Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
 }
 
 Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R) {
-  // Near a pitch of 90 degrees the yaw is arbitrary; roll is computed from it, so that the rotation
-  // is accurate to rounding.
+  // Near a pitch of 90 degrees the yaw is arbitrary; roll follows from it: accurate to rounding.
   const double yaw = std::atan2(R(1, 0), R(0, 0));
   const double c = std::cos(yaw), s = std::sin(yaw);
   const double pitch = std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0));

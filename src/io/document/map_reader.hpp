@@ -139,8 +139,7 @@ Value mapOf(const std::vector<Key>& keys);
 /// gives nothing; reading continues.
 class MapReader {
  public:
-  /// Reports a value that is not a map, and each key that the schema does not know; then reads the
-  /// rows in their order.
+  /// Reports a value that is no map, and keys that the schema does not know; then reads the rows.
   MapReader(const Value& map, std::string path, const std::vector<Key>& keys, FaultList& faults);
 
   const Value* find(const std::string& key) const { return map_.find(key); }

@@ -192,9 +192,8 @@ bool isWeightless(const statics::Load& load) {
          });
 }
 
-// Reads `load`; values given in the world frame are rotated into the arm's base. If the scene has
-// none but the arm has K_eps, a load that is empty except for K_eps. Nothing if it has neither, or
-// faults leave none.
+// Reads `load`; values given in the world frame are rotated into the base. If the scene has none
+// but the arm has K_eps, a load that is empty except for K_eps. Nothing with neither, or faults.
 // @param arm  null if faults leave no arm; the faults of `load` itself are still found.
 std::optional<statics::Load> readLoad(const MapReader& scene, const ArmParts* arm) {
   const Eigen::Matrix3d R_BW = (arm == nullptr ? lie::SE3() : arm->X_WB).rotation.transpose();

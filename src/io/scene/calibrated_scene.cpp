@@ -338,8 +338,7 @@ void putMode(const estimation::Mode& mode, Value& document) {
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
 
-// Applies the changes to the document of a scene. Scales apply to the new curves, so they are
-// written after these.
+// Applies the changes to the document of a scene: scales last, since they are of the new curves.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
                     FaultList& faults) {
   for (const auto& [name, fit] : changes.contractions) {

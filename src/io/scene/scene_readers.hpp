@@ -29,8 +29,7 @@ struct NamedContraction {
   model::Response response{};  ///< between the pressure and the curve
 };
 
-/// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,
-/// not at every use.
+/// All curves by name; one that has faults maps to nothing: they are not reported at every use.
 using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 
 /// Reads `contractions`.

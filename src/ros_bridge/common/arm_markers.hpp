@@ -29,8 +29,7 @@ namespace helix_arm::ros_bridge {
 /// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
 /// the world frame, whose z axis points up, or of the base; all grows with the arm's length.
 ///
-/// A hanging or standing arm has its columns of text beside it; any other arm runs to the right,
-/// with the columns above it.
+/// A hanging or standing arm has its columns of text beside it; any other runs right, below them.
 struct SideView {
   double scale = 1.0;                     ///< of texts: 1 for an arm of 0.3 m
   double yaw = 0.0, pitch = 0.0;          ///< of a camera that orbits as rviz/Orbit does [rad]
@@ -226,8 +225,7 @@ class LoopMarkers : public Screen {
                                        const Tips& tips);
 };
 
-/// A handle in rviz that drags the tip: an interactive marker that sends position targets,
-/// orientation free.
+/// A handle in rviz that drags the tip: an interactive marker that sends targets of the position.
 class TipHandle {
  public:
   using OnTarget = std::function<void(const TipTarget&)>;

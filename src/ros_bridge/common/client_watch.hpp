@@ -18,8 +18,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "run_node.hpp"
 
-/// A commander and those behind it: whether the master and the sender of a goal are there, and how
-/// the commander ends.
+/// A commander, whether the master and the sender of a goal are there, and how the commander ends.
 namespace helix_arm::ros_bridge {
 
 /// Longest wait for an answer [s].
@@ -40,8 +39,7 @@ enum class Reply {
 Reply callXmlRpc(const std::string& host, int port, const char* method,
                  const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer);
 
-/// Asks the master for this node: after a restart it answers, but does not know the node, which
-/// nobody can then find.
+/// Asks the master for this node, which a restarted one does not know and nobody can then find.
 Reply askMaster();
 
 /// Whether the ROS master answers within kAnswerPatience; unlike ros::master::check(), which

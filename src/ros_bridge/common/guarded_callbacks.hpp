@@ -177,8 +177,7 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
   const Callback callback_;
 };
 
-/// Passes the calls of one service from roscpp to a callback. If it throws, the caller receives the
-/// message of the exception.
+/// Passes a service's calls from roscpp to a callback; callers get the message of what it throws.
 template <class Request, class Response>
 class GuardedService : public ros::ServiceCallbackHelper {
  public:
@@ -249,8 +248,7 @@ ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uin
   });
 }
 
-/// Advertises a service. The callback takes request and response, after the name of the calling
-/// node if it wants that.
+/// Advertises a service. The callback takes request and response, or the caller before them.
 template <class Node, class... Taken>
 ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
                          bool (Node::*callback)(Taken&...), Node* owner) {

@@ -102,8 +102,7 @@ ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
   return node;
 }
 
-// Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
-// clock of the rules.
+// Age of a reading [s]; 0 without a stamp, and in simulated time, which may outrun real time.
 double ageOf(const ros::Time& stamp) {
   if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
   return ros::Time::now().toSec() - stamp.toSec();
@@ -141,8 +140,7 @@ LogLevel levelOf(const control::SafetyReport& report) {
   return ros::console::levels::Info;
 }
 
-/// The pressure path of a node in its own thread: neither the path nor a stop is delayed by other
-/// work of the node.
+/// The pressure path of a node in its own thread: no other work of the node delays it, or a stop.
 ///
 /// Readings from a topic have their own thread too, so that they cannot delay a stop.
 ///
@@ -485,8 +483,7 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
 /// stop; the statuses say so. All of it belongs to the thread of the node's callback queue.
 class ShapePublisher {
  public:
-  /// @param scene      Kept by reference: after a change to it, call adopt() before the next
-  ///                   reading.
+  /// @param scene      Kept by reference: after a change, call adopt() before the next reading.
   /// @param on_target  As TipHandle's.
   ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
                  const PressureCommandOptions& options, TipHandle::OnTarget on_target)
@@ -534,8 +531,7 @@ class ShapePublisher {
     if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
   }
 
-  /// Brings the handle, if there is one, to the model's tip at these pressures once they are
-  /// effective, if it finds one.
+  /// Brings the handle, if any, to the model's tip, if any, once these pressures are effective.
   /// @param goal  (n) gauge [Pa]
   void moveHandle(const Eigen::VectorXd& goal) {
     if (!handle_) return;
@@ -774,15 +770,13 @@ constexpr double kLongestGap = 0.4;     // between turns [s]
 constexpr double kMissedTurns = 4;      // of a slow loop, before it counts as stopped
 constexpr double kLinePatience = 1.25;  // of the line, so that the safety core detects a gap first
 
-/// Longest gap between two turns of a loop at this rate [Hz] before the receiver of its orders may
-/// have vented by itself [s].
+/// Longest gap [s] between two turns at this rate [Hz] before the receiver may vent by itself.
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
 /// Starts the scene's regulator with its own I/O. Logs it, and warns of a short supply.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
-/// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
-/// regulator::RegulatorIo.
+/// @throws std::invalid_argument as requireRegulator(), makeDriver() and RegulatorIo.
 std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene, double rate,
                                                          int realtime_priority) {
   const regulator::Config& config = requireRegulator(scene);

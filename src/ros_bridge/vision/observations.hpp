@@ -68,8 +68,7 @@ class ModelHistory {
     return *found;
   }
 
-  /// True if a future model may be nearer than the present ones: models are arriving, and none is
-  /// as late as the stamp.
+  /// True if a future model may be nearer: models are arriving, and none is as late as the stamp.
   bool mayGetNearer(const ros::Time& stamp) const {
     return !entries_.empty() && entries_.back().stamp < stamp &&
            secondsBetween(entries_.back().stamp, stamp) <= kReach;

@@ -254,8 +254,7 @@ class PictureSource {
 // then, so a replay uses the same models.
 constexpr std::chrono::milliseconds kModelPatience(100);
 
-// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
-// the pictures down.
+// Each wait in vain halves the patience, down to this: late models do not slow the pictures down.
 constexpr std::chrono::milliseconds kLeastPatience(5);
 
 // Expected shape before the first model arrives.
@@ -517,8 +516,7 @@ constexpr double kDrawingSlack = 0.9;
 /// the node vision of docs/nodes.md. Parameters: VisionOptions.
 ///
 /// A bad picture or camera_info is counted, warned of at a limited rate and reported on
-/// vision_status; it never makes a measurement. A steady clock decides whether pictures still come;
-/// all else goes by stamps.
+/// vision_status, not measured. A steady clock tells whether pictures come; all else is by stamps.
 class VisionNode : public Node {
  public:
   /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.

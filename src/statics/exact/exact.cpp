@@ -215,8 +215,7 @@ class MultipleShooting {
   }
 
   // Rows P x_j = c that the steps x_j must satisfy so that everything beyond node j fits,
-  // propagated from the tip to the base. They are orthonormal, so that components that grow towards
-  // the tip decay in them.
+  // propagated from tip to base. Orthonormal: components that grow towards the tip decay in them.
   Step newtonStep(const Shot& shot) const {
     using Rows = Eigen::Matrix<double, 3, 6>;
     const int count = rod_.segmentCount();
@@ -319,8 +318,7 @@ Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) 
 // this multiple of the tolerance, it counts as zero.
 constexpr double kNoWork = 1e-8;
 constexpr double kNoWorkTolerances = 10;
-// Gauss points of a panel of the derivatives, and its largest turn [rad] and e-fold growth, which
-// they resolve to 1e-12.
+// Gauss points of a panel of the derivatives; its largest turn [rad] and growth, resolved to 1e-12.
 constexpr int kPanelNodes = 8;
 constexpr double kPanelTurn = 1.2;
 

@@ -36,8 +36,7 @@ class BoxLevenbergMarquardt {
   /// @param tolerance  residual at which a target counts as reached [m].
   BoxLevenbergMarquardt(const InverseTask& task, const LengthBox& box, double tolerance);
 
-  /// Computes residual, Jacobian and cost at the point's lengths. Throws as
-  /// InverseTask::evaluate().
+  /// Computes residual, Jacobian and cost at the point. Throws as InverseTask::evaluate().
   void evaluate(InversePoint& point) const;
 
   /// Moves an evaluated point to the goal or to a local minimum.

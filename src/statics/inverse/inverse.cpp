@@ -82,10 +82,9 @@ constexpr int kValleyDescent = 25;  // iterations from a step back to the bottom
 
 /// Continues descents that ended near a target, along a valley of the cost.
 ///
-/// A section that closes to a circle hardly moves its tip when the circle turns about its start.
-/// This is a narrow valley, so curved that a descent makes little progress along it. This class
-/// takes the full step of the linear model along the valley, descends from there, and only then
-/// compares the costs.
+/// A section that closes to a circle hardly moves its tip when the circle turns about its start: a
+/// narrow valley, so curved that a descent makes little progress. This class takes the full step of
+/// the linear model along it, descends from there, and only then compares the costs.
 class InverseValley {
  public:
   /// @param rest_length  of the arm [m]. @param budget  iterations in valleys per target.
@@ -247,8 +246,7 @@ class InversePreference {
       const model::Actuator& actuator = arm_.actuator(i);
       const double range = actuator.limits.upper - actuator.limits.lower;
       const double mean_slope = (box_.upper()[i] - box_.lower()[i]) / range;
-      // Where the contraction is flat, a length does not determine its input, so the slope is
-      // bounded away from zero.
+      // A flat contraction does not determine its input: the slope is bounded away from zero.
       const double slope = actuator.contraction.slopeInside(input[i]);
       const double kept = std::copysign(std::max(std::abs(slope), kLeastSlope * mean_slope), slope);
       slope_[i] = 1.0 / (kept * range);

@@ -76,8 +76,7 @@ class LengthBox {
 /// Residual if no shape balances the load: larger than that of any target [m].
 inline constexpr double kNoBalance = 1e9;
 
-/// The function whose root the inverse seeks: the weighted error of a target as a function of the
-/// actuators' lengths.
+/// The function whose root the inverse seeks: a target's weighted error by the actuators' lengths.
 class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
@@ -141,8 +140,8 @@ class InverseTask {
     jacobian.setZero();
   }
 
-  /// Distance between the tip at these lengths and the desired tip [m]; infinite if no shape
-  /// balances the load.
+  /// Distance of the tip at these lengths from the wanted one [m]; infinite without a balanced
+  /// shape.
   double positionError(const Eigen::VectorXd& lengths) const {
     const auto shape = model_.shape(lengths);
     if (!shape) return std::numeric_limits<double>::infinity();

@@ -60,8 +60,7 @@ inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;
 
-// Stiffness of a shape that may have another beside it: 2 a = 1/4 of the square of its turn [rad],
-// and as much to spare.
+// Stiffness of a shape that may have another beside it: 2 a = turn^2 / 4 [rad], as much to spare.
 inline constexpr double kBranching = 0.5;
 // Load steps, relative to the whole load.
 inline constexpr double kFirstLoadStep = 0.25;
@@ -230,8 +229,7 @@ class LoadedArmOf<Group>::UnloadedElements {
                           .step(element.begin + lastNode(before) * element.length,
                                 element.begin + t * element.length));
   }
-  /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
-  /// from the element's start.
+  /// Motions (dof x m) of nodes and end by the section's parameters, seen from the element's start.
   std::vector<Motion> changes(int e, const UnloadedChange<Group>& change) const {
     const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     std::vector<Motion> out;

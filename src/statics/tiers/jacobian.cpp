@@ -92,8 +92,7 @@ void markJumps(const model::Arm& arm, const Change& change, ShapeDerivative& by_
 }
 
 // Without load: the tip, and the derivatives by parameters that change one section each.
-// @param byPiece  of section k and its piece j: (6 x parameters of the section) derivatives of the
-//     piece's twist.
+// @param byPiece  (6 x parameters of section k) derivatives of the twist of its piece j.
 template <class ByPiece>
 std::pair<SE3, ShapeDerivative> unloadedDerivative(const model::Arm& arm,
                                                    const model::Unloaded& unloaded,
