@@ -72,9 +72,8 @@ inline double squareRemainder(double square, double root) {
   return ((square - high * high) - 2.0 * high * low) - low * low;
 }
 
-/// Sine and cosine of the half angle h and their series s_n = sum_j (-y)^j / (2j + n)! with y =
-/// h^2. For x <= kSeriesLimit. s_2 and s_3 are computed from s_4 and s_5, whose rounding errors
-/// have less weight.
+/// Sine and cosine of the half angle h and s_n = sum_j (-y)^j / (2j + n)! with y = h^2, for
+/// x <= kSeriesLimit; s_2 and s_3 from s_4 and s_5, whose rounding errors have less weight.
 struct HalfAngleSeries {
   double y;             ///< h^2
   double s4, s5;        ///< (1/2 - s2) / h^2, (1/6 - s3) / h^2

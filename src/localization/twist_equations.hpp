@@ -283,8 +283,7 @@ class TwistEquations {
     to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
   }
 
-  /// Computes a point's cost and residuals, and the normal equations there. The cost is infinite if
-  /// a tag is behind the camera.
+  /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
   ///
   /// @param skipped  index in `seen` of a tag to omit, or -1.
   template <class Model, int kSize>

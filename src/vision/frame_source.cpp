@@ -25,8 +25,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// ---- Webcams ------------------------------------------------------------------------------------
-
 // Formats that hold a gray picture without conversion.
 constexpr std::array<const char*, 4> kFormats = {"MJPG", "YUYV", "UYVY", "GREY"};
 
@@ -77,8 +75,6 @@ class CameraSource : public FrameSource {
   double next_try_ = -std::numeric_limits<double>::infinity();
   std::string fault_;
 };
-
-// ---- Files --------------------------------------------------------------------------------------
 
 struct Claim {
   std::uint64_t width = 0, height = 0;
@@ -142,8 +138,7 @@ Claim ofWebp(const Header& header) {
   return {header.little(26, 2) & 0x3fffU, header.little(28, 2) & 0x3fffU};
 }
 
-// The first picture of the file; absent if its tiles or strips are larger than the picture, or its
-// samples longer than two bytes.
+// The first picture; absent if tiles or strips exceed it, or samples are longer than two bytes.
 Claim ofTiff(const Header& header) {
   const bool is_big = header.byte(0) == 'M';
   const auto number = [&](std::size_t place, int count) {

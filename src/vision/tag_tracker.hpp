@@ -51,9 +51,8 @@ std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& fa
 /// @param corners  [px]
 bool cornersHold(const cv::Mat& gray, const TagCells& cells, const estimation::Corners& corners);
 
-/// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
-/// where the gray level is half-way between the centres of the cells on its two sides; pixels
-/// beyond these cells have no influence.
+/// Moves a tag's corners to where the lines through its edges meet. An edge lies where the gray
+/// level is half-way between the centres of the cells on both sides; pixels beyond do not matter.
 ///
 /// @param reach    maximum error of the given corners [px].
 /// @param corners  [px]

@@ -200,8 +200,7 @@ using Feedback = visualization_msgs::InteractiveMarkerFeedback;
 // Of the handle.
 constexpr char kHandle[] = "tip";
 constexpr double kFollowStep = 0.002;  // smaller moves are not worth a message [m]
-constexpr double kHoldTimeout =
-    2.0;  // after which an rviz that ended while dragging releases the handle [s]
+constexpr double kHoldTimeout = 2.0;   // of an rviz that ended while it dragged the handle [s]
 
 visualization_msgs::InteractiveMarker handle(const std::string& frame, const io::Scene& scene) {
   const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);  // [m]

@@ -21,8 +21,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
-/// What rviz shows of an arm: markers in the arm's base frame, in stable namespaces and ids, and
-/// the handle that drags its tip.
+/// What rviz shows of an arm: markers in its base frame, in stable namespaces and ids; its handle.
 namespace helix_arm::ros_bridge {
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
@@ -121,14 +120,12 @@ class Screen {
 
 /// Draws an arm.
 ///
-/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, lilac at
-///   the upper one
+/// - muscles: a tube per actuator, from blue (lower limit of its pressure) to lilac (upper limit)
 /// - base_curve: the curve that the muscles bend
 /// - separators: the discs that hold the muscles
 /// - tip_trace: trace of the tip, smoothed over a few drawings
 /// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
-/// - state_banner: the state of the arm (0), after its name if its frames have a prefix, and its
-///   reason (1), in the state's colour
+/// - state_banner: the arm's state (0), after its name if frames have a prefix, and its reason (1)
 /// - legend: what is drawn here, one line each in its curve's colour
 class ArmMarkers : public Screen {
  public:

@@ -32,8 +32,7 @@ enum class Reply {
   kIsGone,   ///< nobody is there, or it ended
 };
 
-/// Calls and waits for at most kAnswerPatience, unlike ros::master::execute(), which waits
-/// without end for one that hangs.
+/// Calls and waits for at most kAnswerPatience; ros::master::execute() waits without end.
 ///
 /// @param answer  the value of a success.
 Reply callXmlRpc(const std::string& host, int port, const char* method,

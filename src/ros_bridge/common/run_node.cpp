@@ -100,10 +100,9 @@ bool timeIsSimulated() {
 
 /// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
 ///
-/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also in
-/// threads of roscpp and actionlib where the exception cannot be caught: one message would end the
-/// process. Times of 2^31 s and more, or with 10^9 ns or more, are dropped, counted and warned of.
-/// No effect without /use_sim_time.
+/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also where
+/// the exception cannot be caught: one message would end the process. Times of 2^31 s and more, or
+/// with 10^9 ns or more, are dropped, counted and warned of. No effect without /use_sim_time.
 class ClockGate {
  public:
   /// Calls ros::init() such that roscpp neither reads /use_sim_time nor subscribes to /clock.

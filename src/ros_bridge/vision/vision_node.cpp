@@ -42,8 +42,7 @@ struct VisionOptions {
   /// `topic` (image and image/compressed, whichever speaks first), one of these two alone, `webcam`
   /// (the scene's camera.webcam), or the path of a video, picture or folder.
   std::string source = readSource(reader);
-  bool use_camera_info =
-      reader.flag("use_camera_info", true);  ///< else the scene's intrinsics hold
+  bool use_camera_info = reader.flag("use_camera_info", true);  ///< else the scene's intrinsics
   std::string camera_info_url = reader.text("camera_info_url", "");    ///< of a webcam or file
   double file_rate = reader.number("file_rate", 15.0, {0.1, 1000.0});  ///< pictures of a file [Hz]
   double draw_rate = reader.number("draw_rate", 20.0, {0.1, 100.0});   ///< of markers, overlay [Hz]
@@ -243,8 +242,7 @@ class PictureSource {
   std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
 
   mutable basics::Mutex mutex_;
-  std::optional<CheckedPicture<estimation::Camera>> camera_info_
-      HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
+  std::optional<CheckedPicture<estimation::Camera>> camera_info_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;

@@ -34,8 +34,7 @@ using lie::Vector6;
 constexpr double kContraction = 0.5;  // of Newton's steps that stay on their branch
 constexpr double kLargestStep = 1.0;  // of them [rad], relative to the arm's size
 constexpr double kNoise = 10;         // in tolerances: such a defect need not decrease
-constexpr double kLeastGain =
-    0.5;  // of a damped step, relative to the fraction of Newton's step that it takes
+constexpr double kLeastGain = 0.5;    // of a damped step, relative to its fraction of Newton's step
 constexpr double kShortestStep = 1e-4;  // of a damped one, as a part of Newton's
 constexpr double kNegative = 1e-9;      // of an eigenvalue, relative to the largest
 

@@ -29,8 +29,7 @@ enum class Descent {
 
 /// Least squares of an inverse task over a box of lengths: Levenberg-Marquardt with an active set.
 ///
-/// Keeps references to task and box. The task's target may change between calls. All memory is
-/// allocated in the constructor.
+/// Keeps references to task and box; the target may change between calls. Allocates only when made.
 class BoxLevenbergMarquardt {
  public:
   /// @param tolerance  residual at which a target counts as reached [m].

@@ -140,8 +140,7 @@ class InverseTask {
     jacobian.setZero();
   }
 
-  /// Distance of the tip at these lengths from the wanted one [m]; infinite without a balanced
-  /// shape.
+  /// Distance of the tip at these lengths from the wanted one [m]; infinite if no shape balances.
   double positionError(const Eigen::VectorXd& lengths) const {
     const auto shape = model_.shape(lengths);
     if (!shape) return std::numeric_limits<double>::infinity();
