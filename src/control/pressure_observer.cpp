@@ -12,9 +12,8 @@ namespace {
 
 constexpr char kObserver[] = "pressure observer";
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
-constexpr double kRestlessness =
-    50.0;  // standard deviation, per turn, of what the lag does not model [Pa]
+constexpr int kMostMoments = 1024;      // kMemory of readings at 1000 Hz
+constexpr double kRestlessness = 50.0;  // per turn, deviation of what the lag does not model [Pa]
 // How far ahead of the readings it looks: at least so much, and so many of their periods.
 constexpr double kPatience = 0.05;  // [s]
 constexpr double kPatientPeriods = 1.5;

@@ -397,8 +397,7 @@ std::string loosened(const ChannelRules& from, const ChannelRules& to) {
     return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
                 "kPa");
   }
-  // Farther below the atmosphere; or a higher lower limit, to which the channel rises without a
-  // target once it is enabled.
+  // Farther below the atmosphere; or higher, to where the channel then rises without a target.
   if (to.limits.lower < std::min(0.0, from.limits.lower) ||
       to.limits.lower > std::max(0.0, from.limits.lower)) {
     return tell("the lower limit of " + from.name, 1e-3 * from.limits.lower, 1e-3 * to.limits.lower,

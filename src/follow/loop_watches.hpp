@@ -87,8 +87,7 @@ class ContactWatch {
   const estimation::Drift& drift() const { return forks_.drift(); }
 
  private:
-  // The inertial load of a swing shears and stretches the arm as a force at the tip does that bends
-  // it by as much.
+  // The inertia of a swing shears and stretches the arm as a force at its tip that bends it so.
   void addInertia(const Eigen::VectorXd& swing, estimation::ArmFilter::Input& picture,
                   const estimation::ArmFilter& watch) {
     if (swing.isZero(0) || by_force_.size() == 0) return;
@@ -140,8 +139,7 @@ class ContactWatch {
 };
 
 /// Detects an arm that moves away from a constant target, and goes on while the loop corrects it:
-/// the model bends in the wrong direction. The error is averaged, so that an arm which swings about
-/// its target is none.
+/// the model bends in the wrong direction. The error is averaged: an arm may swing about a target.
 class DivergenceWatch {
  public:
   /// @param correction  time constant with which the loop corrects an error [s].

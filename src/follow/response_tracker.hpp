@@ -98,8 +98,7 @@ class ResponseTracker {
   /// Effective pressures (n) at the newest estimate, if there is one [Pa].
   const Eigen::VectorXd& effective() const { return effective_; }
 
-  /// Turns estimates at a time into those of the effective pressures then. What is unknown of the
-  /// start adds to their variance.
+  /// Turns estimates into those of the effective pressures; an unknown start adds to the variance.
   void apply(double time, control::PressureObserver::Estimate& estimate) const {
     if (const Eigen::VectorXd* beyond = history_.find(time)) estimate.pressure += *beyond;
     // Evenly distributed between its bounds.

@@ -243,8 +243,7 @@ struct VisualServo::Workspace {
     fades = true;
   }
 
-  // A regulator whose sensor is off, or whose supply is too weak, is at rest away from its set
-  // point.
+  // A regulator whose sensor is off, or whose supply is weak, is at rest away from its set point.
   void settle(double dt, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading) {
     const double share = -std::expm1(-dt / kUsualTime);
     settled = true;

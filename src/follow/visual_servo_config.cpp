@@ -1,6 +1,5 @@
 #include "helix_arm/follow/visual_servo_config.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <complex>

@@ -51,8 +51,7 @@ inline double factorialSeries(const double* powers) {
   }
 }
 
-/// sum_j (-y)^j / (2j + n)!: n = 2 is (1 - cos r) / r^2 with y = r^2, n = 3 is (r - sin r) / r^3,
-/// and so on.
+/// sum_j (-y)^j / (2j + n)!, with y = r^2: (1 - cos r) / r^2 at n = 2, (r - sin r) / r^3 at n = 3.
 template <int kFirst, int kTerms>
 inline double factorialSeries(double y) {
   const double y2 = y * y, y4 = y2 * y2;
@@ -73,9 +72,8 @@ inline double squareRemainder(double square, double root) {
   return ((square - high * high) - 2.0 * high * low) - low * low;
 }
 
-/// Sine and cosine of the half angle h and their series s_n = sum_j (-y)^j / (2j + n)! with y =
-/// h^2. For x <= kSeriesLimit. s_2 and s_3 are computed from s_4 and s_5, whose rounding errors
-/// have less weight.
+/// Sine and cosine of the half angle h and s_n = sum_j (-y)^j / (2j + n)! with y = h^2, for
+/// x <= kSeriesLimit; s_2 and s_3 from s_4 and s_5, whose rounding errors have less weight.
 struct HalfAngleSeries {
   double y;             ///< h^2
   double s4, s5;        ///< (1/2 - s2) / h^2, (1/6 - s3) / h^2
@@ -155,8 +153,7 @@ inline JacobianCoefficients jacobianCoefficients(double x) {
   return {f.a, f.b, f.c, (0.5 - f.b) / x, (1.0 / 6.0 - f.c) / x};
 }
 
-/// theta^2 [rad^2] from which a quotient is used. Below, a series is used, since the quotient
-/// suffers from cancellation.
+/// theta^2 [rad^2] from which a quotient is used; below, a series, since the quotient cancels.
 inline constexpr double kLogSeriesLimit = 2.0;
 
 /// (1 - (theta/2) cot(theta/2)) / theta^2 at x = theta^2 [rad^2], the coefficient of [w]^2 in V^-1.

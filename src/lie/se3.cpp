@@ -8,8 +8,7 @@
 namespace helix_arm::lie {
 namespace {
 
-// Unit quaternion (x, y, z, w) of R, w >= 0, computed from its largest component, which is accurate
-// near pi, too.
+// Unit quaternion (x, y, z, w) of R, w >= 0, from its largest component: accurate near pi, too.
 Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   const double trace = R.trace();
   Eigen::Vector4d q;
@@ -85,8 +84,7 @@ Matrix6 SE3::leftJacobianInverse(const Tangent& xi) {
 }
 
 SE3::Tangent SE3::solveRightJacobian(const Tangent& xi, const Tangent& eta) {
-  // A twist is the dual vector w + e v, e^2 = 0, and Jr^-1 = 1 + [xi] / 2 + g(|xi|^2) [xi]^2 as for
-  // rotations.
+  // A twist is the dual vector w + e v, e^2 = 0: Jr^-1 = 1 + [xi]/2 + g(|xi|^2) [xi]^2 as in SO(3).
   const Eigen::Vector3d v = xi.head<3>(), w = xi.tail<3>();
   const auto [g, slope] = logCoefficientAndSlope(w.squaredNorm());
   const Eigen::Vector3d w1 = w.cross(eta.tail<3>());
@@ -104,8 +102,7 @@ Eigen::Matrix<double, 3, 6> SE3::translationJacobian(const Tangent& xi) {
   const Eigen::Vector3d w = xi.tail<3>();
   const auto [a, b, c, d, e] = jacobianCoefficients(w.squaredNorm());
   const double wv = w.dot(v);
-  // p = a v + b w x v + c (w.v) w, and 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d with x =
-  // |w|^2
+  // p = a v + b w x v + c (w.v) w, x = |w|^2: 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d
   const Eigen::Vector3d dx = (c - b) * v + (2.0 * d - c) * w.cross(v) + (3.0 * e - d) * wv * w;
   Eigen::Matrix<double, 3, 6> J;
   J.leftCols<3>() = c * w * w.transpose() + b * skew(w);

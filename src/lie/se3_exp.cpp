@@ -16,8 +16,7 @@ long double extendedDot(double ux, double uy, double uz, double vx, double vy, d
 HELIX_ARM_CLONES
 SE3 SE3::exp(const Tangent& xi) {
   const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
-  // In double precision, |w|^2 would contribute the largest error; w.v where the curve returns to
-  // its start.
+  // In doubles, |w|^2 would be the largest error, and w.v where the curve returns to its start.
   const long double square = extendedDot(wx, wy, wz, wx, wy, wz);
   const auto x = static_cast<double>(square);
   const auto [a, b, c, cosine] = expCoefficients(x, static_cast<double>(square - x));
@@ -28,8 +27,7 @@ SE3 SE3::exp(const Tangent& xi) {
   X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //
       bx * wy + az, cosine + by * wy, by * wz - ax,            //
       bx * wz - ay, by * wz + ax, cosine + bz * wz;
-  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: no cancellation at large
-  // angles.
+  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: large angles cancel nothing.
   const double along =
       c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
                              : static_cast<double>(extendedDot(wx, wy, wz, vx, vy, vz)));

@@ -4,7 +4,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "basics/least_squares.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -72,8 +71,7 @@ class PlacementProblem {
     return point;
   }
 
-  // Takes the effects of displacements at an estimate. @return false with a corner behind the
-  // camera.
+  // Takes the effects of displacements at an estimate; false with a corner behind the camera.
   bool loosen(const FitPoint& at) {
     const TagLayout& layout = equations_.layout();
     lie::Vector6 variance;

@@ -22,8 +22,7 @@ constexpr int kMostFailures = 30;
 // within some hundred different shapes, while one load, carried for some of them, changes little.
 constexpr double kKept = 0.995;
 
-// Of BaseWatch: pictures a fit, deviations of a move, fits in a row that change its verdict, and
-// the prior of its fits.
+// Of BaseWatch: pictures a fit, deviations of a move, fits that change its verdict, prior of fits.
 constexpr int kWatchPeriod = 10;
 constexpr double kMovedBeyond = 5.0;
 constexpr int kWatchPatience = 3;

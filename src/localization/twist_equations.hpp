@@ -15,13 +15,11 @@
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 
-/// Residuals of tags against a shape, and their derivatives with respect to motions of the arm's
-/// parts.
+/// Residuals of tags against a shape, and their derivatives by motions of the arm's parts.
 namespace helix_arm::estimation {
 
 /// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
-/// seen from the nominal base B0 and about its origin, changes them by by_v v + by_w w; the bleed
-/// changes them by by_bleed.
+/// about the origin of the nominal base B0, changes them by by_v v + by_w w, bleed by by_bleed.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
@@ -220,8 +218,7 @@ class TwistEquations {
     prior_ = model.twists();
     noise_scale_ = 1;
   }
-  /// Sets what is known of base and bleed, as far as they are free. Requires a covariance that is
-  /// positive definite.
+  /// Sets what is known of base and bleed where they are free. The covariance is positive definite.
   void know(const RigEstimate& rig) {
     rig_ = rig;
     both_information_ = rig.covariance.inverse();
@@ -286,8 +283,7 @@ class TwistEquations {
     to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
   }
 
-  /// Computes a point's cost and residuals, and the normal equations there. The cost is infinite if
-  /// a tag is behind the camera.
+  /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
   ///
   /// @param skipped  index in `seen` of a tag to omit, or -1.
   template <class Model, int kSize>
@@ -335,9 +331,8 @@ class TwistEquations {
     point.cost = cost + addPriors<Model>(point, system);
   }
 
-  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, seen
-  /// from the nominal base and about its origin, with the weight 1. `point` is that of the last
-  /// evaluate().
+  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, about
+  /// the origin of the nominal base, with the weight 1. `point` is that of the last evaluate().
   template <class Model>
   Eigen::MatrixXd gradientByMotion(const Model& model, const typename Model::Observation& seen,
                                    const FitPoint& point) const {
@@ -485,8 +480,7 @@ class TwistEquations {
   Mover base_mover_{lie::SE3()};  // of the whole arm
 };
 
-/// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin and seen
-/// from it; (6 x 6).
+/// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin (6 x 6).
 inline lie::Matrix6 motionsOf(const TagPlacement& tag, double rest_length,
                               const model::Shape& shape) {
   // Half the step of the differences; large compared with rounding.

@@ -69,8 +69,7 @@ struct ResidualNoise {
 
 // Noise of normally distributed errors under a robust loss (Huber, Robust Statistics, 7.6): the
 // weighted squares divided by the slopes of the equations, since larger errors have less weight.
-// @param residuals  number per tag. @param data_parameters  number of parameters that the tags
-//     determine.
+// @param residuals  number per tag. @param data_parameters  how many the tags determine.
 ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, double residuals,
                       double data_parameters) {
   double weights = 0, weights2 = 0, weighted = 0, slopes = 0, slopes2 = 0;
@@ -95,8 +94,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, d
   return {std::max(kLeastVariance, (expected + square) / (expected + freedom)), expected + freedom};
 }
 
-// Covariance of a twist fit. It combines the errors of the tags, scaled by the residuals, with
-// those of the priors.
+// Covariance of a twist fit: errors of the tags, scaled by the residuals, and of the priors.
 
 /// Fraction by which the tags must reduce the model's prior variance of each entry of the twists.
 /// Otherwise the estimate would mostly reflect the model.

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -332,8 +331,7 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
 
 template <class Group>
 typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) const noexcept {
-  // Starting from the twist at rest, the map's large bending entries multiply only length changes,
-  // which loses fewer digits.
+  // From the twist at rest, large bending entries multiply length changes only: more digits stay.
   typename Group::Tangent g = rest_twists_[k];
   const auto& map = equilibria_[k].map;
   const int first = first_[k], count = first_[k + 1] - first;

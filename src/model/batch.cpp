@@ -49,8 +49,7 @@ FlatActuator flatten(const Actuator& actuator, const double* column) {
   return flat;
 }
 
-// Inputs of a block, one actuator after the other, as many as a kernel takes. `buffer` is for what
-// does not lie in memory like that.
+// Inputs of a block, one actuator after the other, or via `buffer` if they lie otherwise in memory.
 class ColumnInputs {
  public:
   ColumnInputs(const double* const* columns, std::size_t first)

@@ -9,14 +9,12 @@ namespace helix_arm::model::batch {
 
 /// Samples per block: its twists and tips stay in the first-level cache.
 inline constexpr std::size_t kBlock = 256;
-/// Every kernel takes multiples of so many samples, so that no sample is computed in another way
-/// than the others.
+/// Every kernel takes multiples of so many samples, so that all are computed in the same way.
 inline constexpr std::size_t kStep = 8;
 /// Most actuators per pass over the inputs.
 inline constexpr int kGroup = 4;
 
-/// An actuator in the form that the loops need: its length change as a polynomial of the input, and
-/// its column of the map.
+/// An actuator for the loops: its length change as a polynomial of the input, its map's column.
 struct FlatActuator {
   double coefficients[6];  // the first is zero
   double column[6];
@@ -46,14 +44,12 @@ using RowKernel = RowsFound (*)(const FlatActuator* actuators, const double* res
                                 const double* const* inputs, std::size_t count, double* tips);
 
 struct Kernels {
-  /// By the number of actuators, 0 where twists are given; and whether the section's end is the
-  /// tip.
+  /// By the number of actuators, 0 where twists are given; and whether the section ends at the tip.
   Kernel section[kGroup + 1][2];
   /// By the number of actuators; the section's end is the tip. Tips are written to memory past the
   /// caches; their addresses are multiples of kLine.
   Kernel streamed[kGroup + 1];
-  /// Whether inputs are columns, and whether tips are written past the caches; null where there are
-  /// none.
+  /// Whether inputs are columns, and tips are written past the caches; null where there are none.
   RowKernel rows[2][2];
 };
 const Kernels& kernelsOf(InstructionSet set);

@@ -39,8 +39,7 @@ inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuator
 }
 
 // R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v) where the angle is beyond
-// the series; other tips stay. A branch would not vectorise: they are selected by a factor of 0
-// or 1.
+// the series. Others stay: a factor of 0 or 1 selects them, as branches would not vectorise.
 template <bool kFirst>
 inline __attribute__((always_inline)) void moveFar(std::size_t count, const Block& block,
                                                    const double* const* from, double* const* to) {

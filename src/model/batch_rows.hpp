@@ -7,8 +7,7 @@
 /// Kernels of the batch for rows: pressures of one sample beside each other, and so its tip.
 namespace helix_arm::model::batch {
 
-/// As many rows of three as a vector has lanes are three vectors. The compiler does not find these
-/// permutations by itself.
+/// As many rows of three as a vector has lanes are three vectors. Compilers do not find this.
 template <int kLanes>
 struct RowPermutation;
 
@@ -30,8 +29,7 @@ struct RowPermutation<2> {
 };
 
 #ifdef HELIX_ARM_X86
-// Each vector has one number of every row in four lanes of three vectors: two blends, then one
-// permutation.
+// Each vector has one number of every row in four lanes of three vectors: blends, a permutation.
 template <>
 struct RowPermutation<4> {
   using Value = Vector<4>::Value;

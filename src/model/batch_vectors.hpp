@@ -59,8 +59,7 @@ inline constexpr std::size_t kAhead = 128;
 
 HELIX_ARM_INLINE void fetch(const double* place) { __builtin_prefetch(place); }
 
-// To memory without reading it into the caches first. There is no such operation for vectors of any
-// length in C++.
+// To memory, without reading it into the caches first. C++ has no such operation for all vectors.
 template <class Value>
 HELIX_ARM_INLINE void stream(const Value& value, double* to) {
 #ifdef HELIX_ARM_X86

@@ -36,8 +36,7 @@ Polynomial derivative(const Polynomial& c) {
   return d;
 }
 
-// Sign changes of the polynomial inside (lo, hi), ascending: between adjacent extrema there is at
-// most one.
+// Sign changes of the polynomial inside (lo, hi), ascending: at most one between adjacent extrema.
 std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> roots;
   if (c.size() < 2) return roots;
@@ -62,8 +61,7 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   return roots;
 }
 
-// Slope at an end of a table from three points, limited against overshooting (Fritsch and Carlson
-// 1980).
+// Slope at a table's end from three points, without overshooting (Fritsch and Carlson 1980).
 double endSlope(double h0, double h1, double secant0, double secant1) {
   const double slope = ((2 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
   if (slope * secant0 <= 0) return 0.0;
@@ -200,9 +198,8 @@ double Contraction::inverse(double length) const {
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Halley's method, with bisection if it would leave the bracket. It converges cubically
-  // (quadratically across a knot, where the curvature jumps), so the error after a step this small
-  // is below rounding.
+  // Halley's method, with bisection if it would leave the bracket. It converges cubically (across a
+  // knot quadratically), so the error after a step this small is below rounding.
   double lower = input_range_.lower, upper = input_range_.upper;
   const double small_step = (pieces_.size() == 1 ? 3e-6 : 1e-9) * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);

@@ -120,8 +120,7 @@ double SlowShare::of(double dt, double time_constant, double slow_time) noexcept
     dt_ = dt;
     time_constant_ = time_constant;
     slow_time_ = slow_time;
-    // T^-1 (exp(-b dt) - exp(-c dt)) / (c - b) with the rates b <= c, exact also where they are
-    // close or alike.
+    // T^-1 (exp(-b dt) - exp(-c dt)) / (c - b) with the rates b <= c, exact also where b is near c.
     const double lag = dt / time_constant, slow = dt / slow_time, apart = std::abs(slow - lag);
     share_ =
         slow * std::exp(-std::min(slow, lag)) * (apart == 0 ? 1.0 : -std::expm1(-apart) / apart);

@@ -43,8 +43,7 @@ struct StrandRows {
   Eigen::MatrixXd by_twist, by_length;
 };
 
-// Largest rows first: with column pivoting, this keeps the digits of small rows if K_gamma is much
-// larger than K_kappa.
+// Largest rows first: with column pivoting, small rows keep their digits if K_gamma >> K_kappa.
 template <class Group>
 StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
                       const typename Group::Tangent& S_inverse) {
@@ -77,8 +76,7 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   checkStrands(strands);
   const int n = static_cast<int>(strands.size());
 
-  // Unknowns S g: with angles scaled to arc lengths, all columns are lengths, and bending is not
-  // mistaken for noise.
+  // Unknowns S g: with angles scaled to arc lengths, all are lengths, and bending is no noise.
   typename Group::Tangent S_inverse = Group::Tangent::Ones();
   S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
 

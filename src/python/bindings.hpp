@@ -42,9 +42,8 @@ class TooManyRows : public std::bad_alloc {
   std::string message_;
 };
 
-/// Rows of numbers in a caller's array, read where they are, whatever its strides. While the
-/// interpreter runs other threads, these may write the array: what was checked is then copied,
-/// checked again and computed with.
+/// Rows of numbers in a caller's array, read where they are, whatever its strides. As other threads
+/// may write it meanwhile, what was checked is copied, checked again and computed with.
 class Rows {
  public:
   /// One row (columns), or many (N, columns). Arrays are float64 and are not copied, except those
@@ -128,8 +127,7 @@ py::array arrayOf(const Eigen::MatrixBase<Derived>& values) {
 void setPose(const lie::SE3& pose, bool found, double* position, double* quaternion);
 
 /// Solvers of one model that are not in use, of any options: the last ones that were given back.
-/// Making one samples a thousand starts, which takes 50 times as long as a target. Threads may
-/// share them.
+/// Making one samples a thousand starts, which takes as long as 50 targets. Threads may share them.
 class Solvers {
  public:
   /// A solver of one thread, given back at its end.
@@ -236,9 +234,8 @@ class OthersRun {
   PyThreadState* state_;
 };
 
-/// Calls work(first, end) for pieces that together are [0, count), on this many threads (0: on all
-/// cores), or as many as the system can make; the caller is one of them. A piece begins at a
-/// multiple of `piece`.
+/// Calls work(first, end) for pieces that make up [0, count), on so many threads (0: on all cores),
+/// or as many as can be made, the caller being one. A piece begins at a multiple of `piece`.
 /// @throws what work threw first in one of the threads; the other threads then end early.
 template <class Work>
 void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const Work& work) {

@@ -299,8 +299,7 @@ class AsciiSerialDriver : public Driver {
   }
 
   double numberOf(double pressure) const {
-    // Rounded down, so that the device never gets more than was ordered; the tolerance covers
-    // floating-point error.
+    // Rounded down: the device never gets more than was ordered, but for floating-point error.
     const double scale = std::pow(10.0, profile_.decimals);
     return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
   }
@@ -364,8 +363,7 @@ class AsciiSerialDriver : public Driver {
     regulate(all, values);
   }
 
-  // Reads the lines that have arrived, waiting for the first until the deadline. Returns whether
-  // one of them was a reading.
+  // Reads the lines that arrived, the first until the deadline. @return whether one is a reading.
   bool listen(double deadline) {
     const auto channels = static_cast<std::size_t>(count_);
     bool heard = false;

@@ -167,8 +167,7 @@ class LineFormat::Reader {
   bool done() const { return at_ == line_.size(); }
   char next() const { return done() ? '\0' : line_[at_]; }
 
-  // Takes one part of a template. @return what was expected where it does not match; empty if it
-  // does.
+  // Takes one part of a template. @return what was expected; empty if the line matches.
   std::string take(const std::string& part, const std::string& following, const LineStyle& style,
                    const std::string& address, std::size_t pressures, LineFields& fields) {
     if (part == "{address}") return skip(address) ? "" : "the address " + address;

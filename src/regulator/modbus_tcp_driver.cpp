@@ -133,8 +133,7 @@ class ModbusTcpDriver : public Driver {
     try {
       if (profile_.app) {
         // A slot that already regulates continues, at no pressure: acknowledging would end its app,
-        // and an ended app keeps the air in. If replies cannot be understood, this is all that is
-        // sent.
+        // and an ended app keeps the air in. If no reply is understood, nothing else is sent.
         commandAll(profile_.app->regulate);
         send();
         fetch();

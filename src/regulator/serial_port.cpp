@@ -61,8 +61,7 @@ const Rate* rateOf(int baud) {
   return known == std::end(kRates) ? nullptr : known;
 }
 
-// Not for pseudo terminals: one stays exclusive if its holder is killed, and no guard could open
-// it.
+// An exclusive pseudo terminal would stay so if its holder is killed: no guard could open it.
 bool isPseudoTerminal(int file) {
   constexpr unsigned kFirstMajor = 136, kLastMajor = 143;  // of Linux
   struct stat status {};

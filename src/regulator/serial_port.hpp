@@ -31,8 +31,7 @@ class SerialPort {
   bool discardInput();
   /// @throws LinkError also if the line does not accept it in time.
   void send(const std::string& bytes, double deadline);
-  /// The next line, without its terminator; nothing if the deadline passes first. An incomplete
-  /// line is kept.
+  /// The next line, without its terminator; nothing at the deadline. An incomplete line is kept.
   /// @throws BadReply if the line exceeds kLongestLine; that much is dropped.
   std::optional<std::string> receiveLine(const std::string& terminator, double deadline);
   /// The incomplete line received so far.

@@ -79,9 +79,8 @@ void SimulatedRegulatorConfig::validate() const {
   basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
   basics::requirePositive(kCulprit, "the supply pressure [Pa]", supply_pressure);
   basics::requireNotNegative(kCulprit, "the noise [Pa]", noise);
-  if (fall_time_constant) {
-    basics::requirePositive(kCulprit, "the fall time constant [s]", *fall_time_constant);
-  }
+  basics::requirePositive(kCulprit, "the fall time constant [s]",
+                          fall_time_constant.value_or(time_constant));
   basics::requireNotNegative(kCulprit, "the dead time [s]", dead_time);
 }
 

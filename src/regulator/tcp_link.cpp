@@ -168,8 +168,7 @@ std::vector<SocketAddress> TcpLink::resolve(double timeout) {
   Resolved resolved = look(host_, port_, AI_NUMERICHOST);
   if (resolved.error.empty()) return resolved.addresses;
 
-  // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits
-  // for.
+  // The resolver has no adjustable timeout: it runs in a thread that nothing waits for.
   if (!pending_.valid()) {
     auto promise = std::make_shared<std::promise<Resolved>>();
     pending_ = promise->get_future().share();

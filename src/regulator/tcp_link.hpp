@@ -5,7 +5,6 @@
 #include <future>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <sys/socket.h>
@@ -47,8 +46,7 @@ struct SocketAddress {
   socklen_t size;
 };
 
-/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
-/// time.
+/// Opens TCP connections, with timeouts, to a device that one program of this machine drives.
 class TcpLink {
  public:
   /// @param kind  of regulator, by which programs find that they drive the same device.
@@ -60,8 +58,7 @@ class TcpLink {
   /// device is locked until release().
   ///
   /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
-  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
-  /// device.
+  /// @throws LinkError naming host, port, cause and remedy, or the program that drives the device.
   int open(double timeout);
 
   /// Unlocks the device for other programs.

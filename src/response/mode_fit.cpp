@@ -370,8 +370,7 @@ Motion motionOf(const model::InputHistory& history, const Eigen::MatrixXd& posit
   return {time(rows), position(rows, Eigen::all)};
 }
 
-// Mean of values that differ by more than their errors, by DerSimonian and Laird's estimate of
-// their own variance.
+// Mean of values that differ by more than their errors (DerSimonian and Laird).
 Estimate pooledOf(const std::vector<Estimate>& values) {
   const auto count = static_cast<Eigen::Index>(values.size());
   Eigen::ArrayXd value(count), variance(count);

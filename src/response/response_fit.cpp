@@ -367,8 +367,8 @@ class ResponseDescent {
   const ResponseReadings& readings_;
 };
 
-constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10,
-                                                1.0 / 5};  // of the range
+// Of the range.
+constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10, 1.0 / 5};
 constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
 constexpr int kLeastInMotion = 10;       // rows
 constexpr int kLeastTrials = 3;          // for the scatter between them

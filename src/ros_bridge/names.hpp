@@ -1,7 +1,6 @@
 #pragma once
 
-/// All names shared by the nodes: topics (relative, so that a namespace applies), frames and
-/// diagnostics.
+/// Names that nodes share: topics (relative, so that a namespace applies), frames, diagnostics.
 namespace helix_arm::ros_bridge::names {
 
 // Topics.
@@ -26,7 +25,6 @@ inline constexpr char kModelError[] = "model_error";
 inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
-inline constexpr char kWorkspace[] = "workspace";
 inline constexpr char kEstimate[] = "estimate";
 inline constexpr char kErrorBudget[] = "error_budget";
 inline constexpr char kExternalLoad[] = "external_load";

@@ -62,8 +62,7 @@ void fillBox(cv::Mat& picture, const Place& place, double x, double y, double ha
   fillPolygon(picture, corners, 4, gray);
 }
 
-// Looks like the border of a tag, but its pattern has a four-fold symmetry, so that no family has a
-// tag near it.
+// Looks like the border of a tag; its four-fold symmetry is one that no tag of any family has.
 void paintMockTag(cv::Mat& picture, const Place& place, double half, bool hollow) {
   fillBox(picture, place, 0, 0, 1.3 * half, 1.3 * half, 225);
   fillBox(picture, place, 0, 0, half, half, 35);
@@ -80,8 +79,7 @@ void paintCheckerboard(cv::Mat& picture, const Place& place, double half) {
   }
 }
 
-// The background (CV_8UC1): soft light and `clutter` objects with edges like those of tags and
-// arms, without tags.
+// The background (CV_8UC1): soft light and `clutter` objects with edges as of tags and arms.
 cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
   cv::Mat picture(height, width, CV_8UC1);
   for (int y = 0; y < height; ++y) {
@@ -124,8 +122,7 @@ cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed) {
 
 constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
 
-// A bar that moves through the picture, in front of everything else; in fractions of the picture
-// and radians per picture.
+// A bar that moves in front of all else; in fractions of the picture and radians per picture.
 struct Occluder {
   double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
 
@@ -189,8 +186,7 @@ Strips stripsOf(const std::vector<double>& widths, double bleed) {
 // Black and white areas of a printed card, such as a tag with its quiet zone.
 //
 // Coordinates are in units of the print from the top left corner of the card, x to the right and y
-// down as one reads the tag. The card consists of rectangles of one colour each, between lines
-// that cross the whole card.
+// down as one reads the tag. Lines that cross the card divide it into rectangles of one colour.
 class TagPattern {
  public:
   // A point of the plane and its rectangle.
@@ -203,8 +199,7 @@ class TagPattern {
   // area, that on the card, and the whole.
   using Areas = Eigen::Array3d;
 
-  // @param bleed  width by which white bleeds into black at each edge, >= 0, less than half the
-  //     least cell [units].
+  // @param bleed  of white into black at each edge, >= 0, less than half the least cell [units].
   TagPattern(const CardPrint& print, double bleed) {
     Strips across = stripsOf(print.across, bleed), down = stripsOf(print.down, bleed);
     across_ = std::move(across.lines);
@@ -312,8 +307,7 @@ cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
   return out;
 }
 
-// Paints the mean of the card over a pixel; if the card covers it only in part, mixes it with the
-// background.
+// Paints the mean of the card over a pixel, mixed with the background if it covers only a part.
 void paintPixel(const Areas& areas, double light, uchar& pixel) {
   if (areas[2] == 0) return;
   const double card = std::clamp(areas[1] / areas[2], 0.0, 1.0);
@@ -605,8 +599,7 @@ struct SimulatedCamera::Workspace {
     }
     for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
       if (!nodes[i].seen || !nodes[i + 1].seen) continue;
-      // Its depth is that of its far side, so that tags on its near side and beside it are drawn
-      // later.
+      // Its depth is that of its far side: tags on its near side and beside it are drawn later.
       layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + radiusOf(i), -1, i});
     }
     std::sort(layers.begin(), layers.end(),

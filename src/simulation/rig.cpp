@@ -78,11 +78,10 @@ std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force
   if (load.empty()) return force;
   double mass = 0.0;
   for (const double m : load.mass) mass += m;
-  std::ostringstream out;
-  out << "the load of " << mass << " kg along the arm at gravity " << text(load.gravity)
-      << " m/s^2 and " << load.points.size() << (load.points.size() == 1 ? " point" : " points");
-  if (!tip_force.isZero(0)) out << ", and " << force;
-  return out.str();
+  return basics::messageOf("the load of ", mass, " kg along the arm at gravity ",
+                           text(load.gravity), " m/s^2 and ", load.points.size(),
+                           load.points.size() == 1 ? " point" : " points",
+                           tip_force.isZero(0) ? "" : ", and " + force);
 }
 
 }  // namespace
@@ -180,11 +179,10 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   }
   const statics::Solution solution = model().solveLengths(lengths);
   if (!solution.converged()) {
-    std::ostringstream message;
-    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape balances "
-            << describe(*load_, tip_force_) << " (" << statics::nameOf(solution.status)
-            << ", residual " << solution.residual << "); lower the load or raise K_eps";
-    throw std::runtime_error(message.str());
+    throw std::runtime_error(
+        basics::messageOf("true arm: at ", (1e-3 * clamped).transpose(), " kPa no shape balances ",
+                          describe(*load_, tip_force_), " (", statics::nameOf(solution.status),
+                          ", residual ", solution.residual, "); lower the load or raise K_eps"));
   }
   return solution.shape;
 }

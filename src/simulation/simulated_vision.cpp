@@ -30,10 +30,9 @@ struct SimulatedVision::Workspace {
   Workspace(const CameraSetup& camera, const estimation::ArmView& known,
             const vision::LocalizerConfig& localizer_config, const SimulatedVisionConfig& given)
       : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
-    basics::requireNotNegative("simulated vision", "the noise of corners [px]",
-                               config.corner_noise);
-    basics::requireNotNegative("simulated vision", "the least side of a tag [px]",
-                               config.least_side);
+    basics::requireNotNegative("simulated vision",
+                               {{"the noise of corners [px]", config.corner_noise},
+                                {"the least side of a tag [px]", config.least_side}});
     generator.seed(config.seed);
     if (config.kind == VisionKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);

@@ -100,8 +100,7 @@ class ArmParameters {
   }
 
   int count() const { return static_cast<int>(names_.size()); }
-  /// The first ones are on the stiffness; then come length scales, and strokes of all actuators or
-  /// none.
+  /// First those on the stiffness, then length scales, then strokes of all actuators or none.
   int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
   int strokesBegin() const { return stiffnessCount() + static_cast<int>(spans_.size()); }
   int strokeCount() const { return static_cast<int>(rest_.size()); }
@@ -366,8 +365,7 @@ struct ArmFilter::Workspace {
     return H;
   }
 
-  // If theta does not explain the arm within its bounds (or the camera is wrong), the bias takes
-  // the whole deviation.
+  // If theta within its bounds does not explain the arm (or the camera), the bias takes the rest.
   void learn(const Gaussian::Measurement& measurement) {
     Gaussian next = state;
     next.update(measurement);

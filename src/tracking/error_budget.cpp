@@ -11,8 +11,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr double kSlowMotion = 1e4;  // of a pressure; slow contributions hold up to it [Pa]
-// A direction with less than this fraction of the largest variance counts as certain, such as
-// across a plane.
+// A direction with less than this fraction of the largest variance is certain, as across a plane.
 constexpr double kLeastShare = 1e-9;
 // Chi-square's 99.9 % points for 0 to 3 degrees of freedom.
 constexpr std::array<double, 4> kLimits = {0.0, 10.83, 13.82, 16.27};

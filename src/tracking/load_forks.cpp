@@ -41,8 +41,7 @@ constexpr double kLeastDrift = 0.005;  // [m]
 // Of QuietScore: time in which a force is found [s], and part of a still arm's motion at rest.
 constexpr double kFindTime = 0.5, kResting = 0.4;
 
-// Young forks detect what begins now; few old ones are kept, since they are certain that there was
-// no force.
+// Young forks detect what begins now; few old ones are kept: they are certain of no force.
 bool isKept(std::int64_t age, std::int64_t number) {
   if (age <= 12) return true;
   if (age <= 48) return number % 4 == 0;
@@ -292,8 +291,7 @@ struct LoadForks::Workspace {
   }
 
   // A force explains what the pictures show if they agreed with what was known when it began. While
-  // it acts, pictures are compared with what was known under it; afterwards, with what was known
-  // without it.
+  // it acts, they are compared with what was known under it; afterwards, without it.
   void explain(double dt) {
     since_change += dt;
     if (load.contact == touched && !renewed) return;

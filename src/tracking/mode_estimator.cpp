@@ -19,8 +19,7 @@ constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 
 constexpr double kHighPass = 0.7;  // time constant [s]
 constexpr double kMemory = 15.0;   // of the comparison [s]
-// A mode counts if it leaves this part of the misfit that the best hypothesis without one, or with
-// the strongest damping, leaves.
+// A mode counts if it leaves this part of the misfit without one, or with the strongest damping.
 constexpr double kClear = 0.5;
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent

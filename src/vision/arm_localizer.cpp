@@ -1,16 +1,14 @@
 #include "helix_arm/vision/arm_localizer.hpp"
 
 #include <algorithm>
-#include <stdexcept>
-#include <string>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "tag_tracker.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
-// Cosine between a tag's normal and its line of sight: tags at larger angles are not detected
-// reliably.
+// Cosine between a tag's normal and its line of sight; at larger angles detection is unreliable.
 constexpr double kLeastCosine = 0.3;
 
 bool contains(const std::vector<int>& ids, int id) {
@@ -137,12 +135,9 @@ struct ArmLocalizer::Workspace {
 
   const Observation& locate(const cv::Mat& gray, const model::Shape& model) {
     const estimation::Camera& camera = view.camera;
-    if (gray.cols != camera.width || gray.rows != camera.height) {
-      throw std::invalid_argument("a picture of " + std::to_string(gray.cols) + " x " +
-                                  std::to_string(gray.rows) + " pixels; expected the camera's " +
-                                  std::to_string(camera.width) + " x " +
-                                  std::to_string(camera.height));
-    }
+    basics::require(gray.cols == camera.width && gray.rows == camera.height, "a picture of ",
+                    gray.cols, " x ", gray.rows, " pixels; expected the camera's ", camera.width,
+                    " x ", camera.height);
     const model::Shape start = expectTags(model);
     take(tracker.track(gray, expected));
     fit(start, model);
@@ -192,10 +187,8 @@ const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
 void LocalizerConfig::validate() const {
   detector.validate();
   fit.validate();
-  if (min_tags < 2) {
-    throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
-                                "; expected at least 2: the pose of a single tag is ambiguous");
-  }
+  basics::require(min_tags >= 2, "the least number of tags is ", min_tags,
+                  "; expected at least 2: the pose of a single tag is ambiguous");
 }
 
 const char* nameOf(ObservationState state) {

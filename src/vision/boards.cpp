@@ -82,8 +82,7 @@ double roomAround(const Eigen::Vector2d& pixel, const Outlook& outlook) {
   return (outlook.corners.colwise() - pixel).colwise().norm().minCoeff();
 }
 
-std::map<int, Outlook> outlooksOf(const CharucoBoard& board,
-                                  const std::vector<MarkerObservation>& markers) {
+std::map<int, Outlook> outlooksOf(const CharucoBoard& board, const Markers& markers) {
   std::map<int, Outlook> outlooks;
   auto seen = markers.begin();
   const int squares = board.columns * board.rows;
@@ -153,8 +152,7 @@ Markers mostMarkers(const std::string& dictionary, const std::vector<cv::Mat>& p
 // Dictionaries of equal bits by OpenCV's authors begin alike; the last one has all their markers.
 bool begins(const MarkerDictionary& dictionary, const MarkerDictionary& longer) {
   const auto stem = [](const MarkerDictionary& one) {
-    const char* const end = std::strrchr(one.name, '_');
-    return std::string(one.name, end);
+    return std::string(one.name, std::strrchr(one.name, '_'));
   };
   return dictionary.bits == longer.bits && stem(dictionary) == stem(longer) &&
          std::strncmp(dictionary.name, "DICT_APRILTAG", 13) != 0;
@@ -260,9 +258,8 @@ std::string otherSquares(const CharucoBoard& board, const Markers& markers) {
 
 estimation::Corners TagBoard::corners(int id) const {
   if (!has(id)) {
-    throw std::out_of_range("tag id is " + std::to_string(id) + "; the board has " +
-                            std::to_string(first_id) + " to " +
-                            std::to_string(first_id + count() - 1));
+    throw std::out_of_range(
+        messageOf("tag id is ", id, "; the board has ", first_id, " to ", first_id + count() - 1));
   }
   const int column = (id - first_id) % columns, row = (id - first_id) / columns;
   const Eigen::Vector2d centre(column - 0.5 * (columns - 1), 0.5 * (rows - 1) - row);
@@ -483,8 +480,7 @@ std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const 
   return markers;
 }
 
-std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
-                                        const std::vector<MarkerObservation>& markers) {
+std::vector<MarkedCorner> markedCorners(const CharucoBoard& board, const Markers& markers) {
   const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
   std::vector<MarkedCorner> corners;
   std::vector<int> marker_of;  // one of a corner's markers

@@ -131,9 +131,8 @@ void fit(const cv::Size& size, int coefficients, Fit& out) {
   cv::calibrateCamera(board, picture, size, out.K, out.D, rotations, translations,
                       flagsOf(coefficients), until);
   cv::Mat all = cv::Mat::zeros(kCoefficients, 1, CV_64F);
-  for (int i = 0; i < std::min<int>(kCoefficients, static_cast<int>(out.D.total())); ++i) {
-    all.at<double>(i) = out.D.at<double>(i);
-  }
+  const auto known = std::min<std::size_t>(kCoefficients, out.D.total());
+  std::copy_n(out.D.ptr<double>(), known, all.ptr<double>());
   out.D = all;
   for (std::size_t i = 0; i < out.views.size(); ++i) {
     rotations[i].convertTo(out.views[i].rotation, CV_64F);
@@ -165,8 +164,8 @@ Linearised linearise(const Fit& fit, const View& view) {
                                        : projected[point].y - view.picture[point].y;
     out.residual[row] = offset;
     const double* const from = jacobian.ptr<double>(static_cast<int>(row));
-    for (int k = 0; k < kPose; ++k) out.by_pose(row, k) = from[k];
-    for (int k = 0; k < kIntrinsics; ++k) out.by_intrinsics(row, k) = from[kPose + k];
+    out.by_pose.row(row) = Eigen::RowVectorXd::Map(from, kPose);
+    out.by_intrinsics.row(row) = Eigen::RowVectorXd::Map(from + kPose, kIntrinsics);
   }
   return out;
 }
@@ -229,8 +228,7 @@ double reachOf(const Fit& fit, const estimation::Camera& camera) {
 void place(const View& view, CalibratedView& out) {
   cv::Matx33d rotation;
   cv::Rodrigues(view.rotation, rotation);
-  const cv::Vec3d centre(view.translation.at<double>(0), view.translation.at<double>(1),
-                         view.translation.at<double>(2));
+  const cv::Vec3d centre = view.translation;
   out.distance = cv::norm(centre);
   const cv::Vec3d normal(rotation(0, 2), rotation(1, 2), rotation(2, 2));
   out.tilt = std::acos(std::clamp(-normal.dot(centre) / out.distance, -1.0, 1.0));
@@ -272,13 +270,8 @@ bool isDetermined(const CameraParameter& one) {
 void describe(const cv::Size& size, const Fit& fit,
               const std::vector<BoardObservation>& observations,
               const std::vector<Linearised>& residuals, int coefficients, CameraCalibration& out) {
-  out.camera = {size.width,
-                size.height,
-                fit.K.at<double>(0, 0),
-                fit.K.at<double>(1, 1),
-                fit.K.at<double>(0, 2),
-                fit.K.at<double>(1, 2),
-                {}};
+  const cv::Matx33d K = fit.K;
+  out.camera = {size.width, size.height, K(0, 0), K(1, 1), K(0, 2), K(1, 2), {}};
   std::copy_n(fit.D.ptr<double>(), kCoefficients, out.camera.distortion.begin());
   const Eigen::VectorXd errors = standardErrors(residuals, coefficients);
   const double values[4] = {out.camera.fx, out.camera.fy, out.camera.cx, out.camera.cy};
@@ -304,7 +297,6 @@ void describe(const cv::Size& size, const Fit& fit,
 }
 
 CameraCalibration refused(CameraCalibration out, const std::string& reason) {
-  out.success = false;
   out.reason = reason;
   return out;
 }

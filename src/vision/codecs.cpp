@@ -8,12 +8,14 @@
 #include <png.h>
 #include <turbojpeg.h>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
+using basics::messageOf;
 using Codec = std::unique_ptr<void, void (*)(void*)>;
 
 Codec owned(tjhandle codec) {
@@ -29,8 +31,7 @@ bool isHarmless(const std::string& warning) {
   return warning.find("extraneous bytes before marker 0xd9") != std::string::npos;
 }
 
-// Number of scans. Start-of-scan markers inside skipped segments are not counted: they belong to
-// thumbnails.
+// Number of scans. Start-of-scan markers in skipped segments do not count: thumbnails have them.
 int scansOf(const std::uint8_t* data, std::size_t size) {
   constexpr std::uint8_t kMark = 0xff, kFirstSegment = 0xc0, kScan = 0xda;
   int scans = 0;
@@ -62,18 +63,16 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
     return "a JPEG in CMYK, which is not supported; expected gray or YCbCr";
   }
   const long pixels = static_cast<long>(width) * height;
-  const std::string claim =
-      "a JPEG header that claims " + std::to_string(width) + " x " + std::to_string(height) + " px";
+  const std::string claim = messageOf("a JPEG header that claims ", width, " x ", height, " px");
   if (pixels <= 0 || pixels > JpegDecoder::kMaxPixels) {
-    return claim + "; expected 1 to " + std::to_string(JpegDecoder::kMaxPixels) + " pixels";
+    return messageOf(claim, "; expected 1 to ", JpegDecoder::kMaxPixels, " pixels");
   }
   if (pixels / kMaxPixelsPerByte > static_cast<long>(size)) {
-    return claim + ", which " + std::to_string(size) + " bytes cannot hold";
+    return messageOf(claim, ", which ", size, " bytes cannot hold");
   }
   const int scans = scansOf(data, size);
   if (scans > JpegDecoder::kMaxScans) {
-    return "a JPEG of " + std::to_string(scans) + " scans; expected at most " +
-           std::to_string(JpegDecoder::kMaxScans);
+    return messageOf("a JPEG of ", scans, " scans; expected at most ", JpegDecoder::kMaxScans);
   }
   gray.create(height, width, CV_8UC1);
   if (tjDecompress2(codec, data, size, gray.data, width, static_cast<int>(gray.step[0]), height,
@@ -183,24 +182,18 @@ cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
 }
 
 JpegEncoder::JpegEncoder(int quality) : codec_(owned(tjInitCompress())), quality_(quality) {
-  if (quality < 1 || quality > 100) {
-    throw std::invalid_argument("JPEG quality is " + std::to_string(quality) +
-                                "; expected 1 to 100");
-  }
+  basics::require(quality >= 1 && quality <= 100, "JPEG quality is ", quality,
+                  "; expected 1 to 100");
 }
 
 std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
-  if (gray.empty() || gray.type() != CV_8UC1) {
-    throw std::invalid_argument(
-        "the picture to encode is " +
-        (gray.empty() ? "empty" : "of type " + cv::typeToString(gray.type())) +
-        "; expected gray of 8 bits, CV_8UC1");
-  }
+  basics::require(!gray.empty() && gray.type() == CV_8UC1, "the picture to encode is ",
+                  gray.empty() ? "empty" : "of type " + cv::typeToString(gray.type()),
+                  "; expected gray of 8 bits, CV_8UC1");
   const tjhandle codec = codec_.get();
   const auto refuse = [&]() {
-    throw std::runtime_error("a picture of " + std::to_string(gray.cols) + " x " +
-                             std::to_string(gray.rows) +
-                             " px does not encode: " + tjGetErrorStr2(codec));
+    throw std::runtime_error(messageOf("a picture of ", gray.cols, " x ", gray.rows,
+                                       " px does not encode: ", tjGetErrorStr2(codec)));
   };
   const unsigned long worst = tjBufSize(gray.cols, gray.rows, TJSAMP_GRAY);
   if (worst == static_cast<unsigned long>(-1)) refuse();

@@ -319,9 +319,8 @@ constexpr EdgeTolerance kOfDetection{0.8, 0.2, 4.0, 1.5};
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 
-// Sums over the edges between the cells along one axis. Where the gray level at the middle of such
-// an edge is not the threshold, the edge is displaced; the displacements are fitted by those that
-// moved corners would cause.
+// Sums over the edges between the cells along one axis. Where the gray level at the middle of an
+// edge is not the threshold, it is displaced; this is fitted by what moved corners would cause.
 struct EdgeSums {
   Matrix5d squares = Matrix5d::Zero();
   Vector5d moments = Vector5d::Zero();
@@ -493,8 +492,7 @@ class Refiner {
     return lineThrough(p, q);
   }
 
-  // Position nearest to a point where the gray level crosses the threshold, in the outward
-  // direction.
+  // Outward position nearest to a point at which the gray level crosses the threshold.
   std::optional<double> crossing(const Vector2d& point, const Vector2d& outward, double reach,
                                  double passed) const {
     const int steps = static_cast<int>(std::ceil(reach / kStep));

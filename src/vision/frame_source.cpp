@@ -25,8 +25,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// ---- Webcams ------------------------------------------------------------------------------------
-
 // Formats that hold a gray picture without conversion.
 constexpr std::array<const char*, 4> kFormats = {"MJPG", "YUYV", "UYVY", "GREY"};
 
@@ -77,8 +75,6 @@ class CameraSource : public FrameSource {
   double next_try_ = -std::numeric_limits<double>::infinity();
   std::string fault_;
 };
-
-// ---- Files --------------------------------------------------------------------------------------
 
 struct Claim {
   std::uint64_t width = 0, height = 0;
@@ -142,8 +138,7 @@ Claim ofWebp(const Header& header) {
   return {header.little(26, 2) & 0x3fffU, header.little(28, 2) & 0x3fffU};
 }
 
-// The first picture of the file; absent if its tiles or strips are larger than the picture, or its
-// samples longer than two bytes.
+// The first picture; absent if tiles or strips exceed it, or samples are longer than two bytes.
 Claim ofTiff(const Header& header) {
   const bool is_big = header.byte(0) == 'M';
   const auto number = [&](std::size_t place, int count) {
@@ -337,8 +332,8 @@ std::optional<std::string> sizeFault(const cv::Size& size,
            " px per side: make it smaller";
   }
   if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
-    return found + "at most " + std::to_string(JpegDecoder::kMaxPixels) +
-           " pixels: make it smaller";
+    return basics::messageOf(found, "at most ", JpegDecoder::kMaxPixels,
+                             " pixels: make it smaller");
   }
   return std::nullopt;
 }
@@ -374,16 +369,13 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
   std::error_code error;
   if (fs::is_directory(path, error)) {
     std::vector<fs::path> pictures = picturesIn(path);
-    if (pictures.empty()) {
-      throw std::invalid_argument(path + " holds no pictures; expected files ending in " +
-                                  basics::joined(kPictures, " "));
-    }
+    basics::require(!pictures.empty(), path, " holds no pictures; expected files ending in ",
+                    basics::joined(kPictures, " "));
     return std::make_unique<PictureFiles>(std::move(pictures), expected);
   }
-  if (!fs::is_regular_file(path, error)) {
-    throw std::invalid_argument(path + " is neither a file nor a folder" +
-                                (error ? ": " + error.message() : ""));
-  }
+  const bool is_file = fs::is_regular_file(path, error);
+  basics::require(is_file, path, " is neither a file nor a folder",
+                  error ? ": " + error.message() : "");
   if (hasExtension(path, kPictures)) {
     return std::make_unique<PictureFiles>(std::vector<fs::path>{path}, expected);
   }

@@ -12,8 +12,7 @@
 namespace helix_arm::vision {
 
 /// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG and PNG.
-/// They bring 200 shared libraries along, so that they are in a library of their own, which is
-/// loaded at the first use.
+/// They bring 200 shared libraries, so that they are in a library that the first use loads.
 struct Media {
   std::unique_ptr<VideoDevice> (*webcam)(const WebcamConfig& config);
   /// See FrameSource::files().
@@ -34,8 +33,7 @@ const Media& media();
 /// @return what is wrong with the data; empty on success.
 std::optional<std::string> decodePng(const std::uint8_t* data, std::size_t size, cv::Mat& gray);
 
-/// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
-/// acceptable.
+/// Checks a picture's size [px] before it is decoded. @return the fault, if there is one.
 std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
 
 }  // namespace helix_arm::vision

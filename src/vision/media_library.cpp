@@ -184,8 +184,7 @@ std::optional<std::string> decode(const std::string& bytes, cv::Mat& gray) {
   // Not written to; cv::Mat has no constructor for constant data.
   const cv::Mat data(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
   try {
-    // In the orientation of the sensor: the calibration does not know the orientation stored in the
-    // file.
+    // In the sensor's orientation: the calibration does not know the one stored in the file.
     gray = cv::imdecode(data, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     return "it does not decode: " + error.err;

@@ -10,15 +10,13 @@ namespace {
 
 using estimation::Corners;
 
-// Margin of a region around the expected tag, in tag sizes, and in px for small tags; the cost
-// grows with its square.
+// Margin of a region around a tag, in tag sizes, and for small tags in px; the cost is quadratic.
 constexpr double kRegionMargin = 0.5;
 constexpr double kLeastRegionMargin = 16.0;
 // Constant cost of a search, expressed as area: regions are merged if that is cheaper [px^2].
 constexpr int kRegionOverhead = 500;
 // Tags that were not found last time may stay invisible for long. One of them at a time is searched
-// in its region, and the whole picture once a second at 30 Hz, which adds a thirtieth of its cost
-// to that of each picture.
+// in its region, and the whole picture once a second at 30 Hz: a thirtieth of its cost each time.
 constexpr int kWholeEvery = 30;
 // If no tag is missing, a whole search only serves to notice unexpected tags.
 constexpr int kWholeForStrangersEvery = 90;
@@ -125,18 +123,13 @@ struct TagTracker::Workspace {
       const cv::Rect region = regionOf(tag.corners, gray.size());
       if (!region.empty()) regions.push_back(region);
     };
-    std::size_t unseen = 0;
+    unseen.clear();
     for (std::size_t i = 0; i < expected.size(); ++i) {
       if (way[i] != Way::kNone) continue;
       if (expected[i].seen_before) add(expected[i]);
-      unseen += expected[i].seen_before ? 0 : 1;
+      if (!expected[i].seen_before) unseen.push_back(i);
     }
-    std::size_t skip = unseen == 0 ? 0 : turn++ % unseen;
-    for (std::size_t i = 0; i < expected.size() && unseen > 0; ++i) {
-      if (way[i] != Way::kNone || expected[i].seen_before || skip-- > 0) continue;
-      add(expected[i]);
-      break;
-    }
+    if (!unseen.empty()) add(expected[unseen[turn++ % unseen.size()]]);
     join(regions);
     candidates.clear();
     for (const cv::Rect& region : regions) {
@@ -219,8 +212,9 @@ struct TagTracker::Workspace {
   std::vector<Way> tag_ways;       // and each of the result before the whole picture was searched
   std::vector<cv::Rect> regions;
   std::vector<TagDetection> candidates;
-  std::size_t turn = 0;  // of the tags that were not found last time
-  int since_whole = 0;   // pictures
+  std::vector<std::size_t> unseen;  // indices of the tags that were not found last time
+  std::size_t turn = 0;             // of these
+  int since_whole = 0;              // pictures
 };
 
 TagTracker::TagTracker(const DetectorConfig& config, TrackingMode mode)

@@ -16,12 +16,10 @@ namespace helix_arm::vision {
 /// Maximum number of cells along a border, over all families with a closed one.
 inline constexpr int kMostCells = 8;
 
-/// The cells of one tag of a family with a closed border, as one reads it, up to the outer edge of
-/// that: 0, or white.
+/// The cells of a tag with a closed border, as one reads it, up to its outer edge: 0, or white.
 using TagCells = cv::Mat_<std::uint8_t>;
 
-/// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be
-/// found by their edges.
+/// Whether the family's bits lie in a black border on white: such tags are found by their edges.
 inline bool hasClosedBorder(const TagFamily& family) {
   const int within = family.borderCells() - 2;
   return family.borderCells() <= kMostCells && family.bitCount() == within * within;
@@ -53,9 +51,8 @@ std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& fa
 /// @param corners  [px]
 bool cornersHold(const cv::Mat& gray, const TagCells& cells, const estimation::Corners& corners);
 
-/// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
-/// where the gray level is half-way between the centres of the cells on its two sides; pixels
-/// beyond these cells have no influence.
+/// Moves a tag's corners to where the lines through its edges meet. An edge lies where the gray
+/// level is half-way between the centres of the cells on both sides; pixels beyond do not matter.
 ///
 /// @param reach    maximum error of the given corners [px].
 /// @param corners  [px]
@@ -67,8 +64,7 @@ estimation::Corners refineCorners(const cv::Mat& gray, const TagFamily& family, 
 struct ExpectedTag {
   int id;
   estimation::Corners corners;  ///< [px]
-  /// True if it was seen in the last picture; if it is then not found, the whole picture is
-  /// searched.
+  /// It was seen in the last picture; if it is then not found, the whole picture is searched.
   bool seen_before;
 };
 

@@ -7,7 +7,9 @@
 #include <regex>
 #include <string_view>
 #include <utility>
+#include <variant>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
@@ -71,7 +73,7 @@ std::string_view takeCell(std::string_view& line) {
 }
 
 std::string atMost(std::size_t found, const char* what, std::size_t most) {
-  return "has " + std::to_string(found) + what + "; expected at most " + std::to_string(most);
+  return basics::messageOf("has ", found, what, "; expected at most ", most);
 }
 
 // Reads the lines of one table.
@@ -108,8 +110,13 @@ class TableReader {
   }
 
  private:
-  void refuse(int line, const std::string& fault) {
-    faults_.add(line, fault);
+  template <class... Parts>
+  void complain(int line, const Parts&... fault) {
+    faults_.add(line, basics::messageOf(fault...));
+  }
+  template <class... Parts>
+  void refuse(int line, const Parts&... fault) {
+    complain(line, fault...);
     full_ = true;
   }
 
@@ -119,8 +126,8 @@ class TableReader {
     for (std::size_t i = 0; i < count; ++i) {
       const std::string_view name = takeCell(content);
       if (name.size() > kLongestName) {
-        return refuse(line, "column " + std::to_string(i + 1) + " " +
-                                atMost(name.size(), " characters in its name", kLongestName));
+        return refuse(line, "column ", i + 1, " ",
+                      atMost(name.size(), " characters in its name", kLongestName));
       }
       data_.columns.emplace_back(name);
       skips_.push_back(std::find(skipped_.begin(), skipped_.end(), name) != skipped_.end());
@@ -132,74 +139,62 @@ class TableReader {
     std::map<std::string, std::size_t> seen;
     for (std::size_t i = 0; i < data_.columns.size(); ++i) {
       if (data_.columns[i].empty()) {
-        faults_.add(line,
-                    "column " + std::to_string(i + 1) + " has no name; expected one with its unit");
+        complain(line, "column ", i + 1, " has no name; expected one with its unit");
         continue;
       }
       const auto [first, is_new] = seen.emplace(data_.columns[i], i);
-      if (!is_new) {
-        faults_.add(line, "column " + std::to_string(i + 1) + " has the name of column " +
-                              std::to_string(first->second + 1) + "; expected each name once");
-      }
+      if (is_new) continue;
+      complain(line, "column ", i + 1, " has the name of column ", first->second + 1,
+               "; expected each name once");
     }
   }
 
   void readRow(std::string_view content, int line) {
     if (rows_ == kMostRows) {
-      return refuse(line, "is row " + std::to_string(rows_ + 1) + "; expected at most " +
-                              std::to_string(kMostRows) + " rows: split the file");
+      return refuse(line, "is row ", rows_ + 1, "; expected at most ", kMostRows,
+                    " rows: split the file");
     }
     const std::size_t columns = data_.columns.size();
     if ((rows_ + 1) * columns > kMostCells) {
-      return refuse(line, "is row " + std::to_string(rows_ + 1) + " of " + std::to_string(columns) +
-                              " columns; expected at most " + std::to_string(kMostCells) +
-                              " cells: split the file");
+      return refuse(line, "is row ", rows_ + 1, " of ", columns, " columns; expected at most ",
+                    kMostCells, " cells: split the file");
     }
     ++rows_;
     data_.lines.push_back(line);
     const std::size_t count = cellCount(content);
     if (count != columns) {
-      return faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
-                                   std::to_string(columns) + ", one per column");
+      return complain(line, "has ", count, " cells; expected ", columns, ", one per column");
     }
     for (std::size_t i = 0; i < columns; ++i) {
       const std::string_view cell = takeCell(content);
       if (skips_[i]) continue;
-      const bool name = data_.columns[i] == kTrial;
-      cells_.push_back(name ? trialOf(cell, i, line) : numberOf(cell, i, line));
+      const Cell read = data_.columns[i] == kTrial ? trialOf(cell) : numberOf(cell);
+      cells_.push_back(std::holds_alternative<double>(read) ? std::get<double>(read) : 0.0);
+      if (const auto* fault = std::get_if<std::string>(&read)) {
+        complain(line, columnText(data_.columns, i), " ", *fault);
+      }
     }
   }
 
-  double complain(std::size_t column, int line, const std::string& fault) {
-    faults_.add(line, columnText(data_.columns, column) + " " + fault);
-    return 0.0;
-  }
+  // The value of a cell, or its fault.
+  using Cell = std::variant<double, std::string>;
 
-  double trialOf(std::string_view cell, std::size_t column, int line) {
-    if (cell.empty()) return complain(column, line, "is empty; expected a name");
-    if (cell.size() > kLongestName) {
-      return complain(column, line, atMost(cell.size(), " characters", kLongestName));
-    }
+  Cell trialOf(std::string_view cell) {
+    if (cell.empty()) return "is empty; expected a name";
+    if (cell.size() > kLongestName) return atMost(cell.size(), " characters", kLongestName);
     const auto [trial, is_new] = trials_.emplace(cell, trials_.size());
     if (is_new) data_.trials.emplace_back(cell);
     return static_cast<double>(trial->second);
   }
 
-  double numberOf(std::string_view cell, std::size_t column, int line) {
-    const auto complain = [&](const std::string& fault) {
-      return this->complain(column, line, fault);
-    };
-    if (cell.empty()) return complain("is empty; expected a finite number");
-    if (cell.size() > kLongestCell) {
-      return complain(atMost(cell.size(), " characters", kLongestCell));
-    }
+  Cell numberOf(std::string_view cell) {
+    if (cell.empty()) return "is empty; expected a finite number";
+    if (cell.size() > kLongestCell) return atMost(cell.size(), " characters", kLongestCell);
     cell_.assign(cell);
     const std::optional<double> number = parseNumber(cell_);
-    if (!number) return complain("is not a finite number; expected one");
-    if (std::abs(*number) > kLargest) {
-      return complain("is too large; expected at most " + formatNumber(kLargest));
-    }
-    return *number;
+    if (!number) return "is not a finite number; expected one";
+    if (std::abs(*number) <= kLargest) return *number;
+    return "is too large; expected at most " + formatNumber(kLargest);
   }
 
   DataSet& data_;

@@ -95,8 +95,7 @@ std::string targetOf(const std::string& path) {
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
   if (error) refuse(path, error.value());
-  // A scene may be kept under a second name. Any other result would replace a file that its path
-  // does not name.
+  // A scene may have a second name. Others would replace a file that their path does not name.
   const auto isScene = [](const fs::path& file) { return file.extension() == ".yaml"; };
   if (is_there && S_ISLNK(entry.st_mode) && !(isScene(path) && isScene(target))) {
     refuse(path, "it is a link to " + basics::printable(target.string()),
@@ -168,8 +167,7 @@ void AtomicFile::create() {
     if (file_ < 0 && errno == EEXIST) continue;
     if (file_ < 0) refuse(path_, errno);
     temporary_ = temporary;
-    // Between creation and lock, another writer may remove the file as abandoned. On file systems
-    // without locks it cannot.
+    // Until the lock, another writer may remove the file as abandoned, where there are locks.
     const bool taken = ::flock(file_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
     struct stat now {};
     if (!taken && ::fstat(file_, &now) == 0 && now.st_nlink > 0) return;

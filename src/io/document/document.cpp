@@ -38,8 +38,7 @@ constexpr long kMostMarks = 4L * kMostValues;
 struct TooLarge {};
 
 // Records where documents start, and throws TooLarge before an oversized tree is built.
-// YAML::LoadAll cannot be used to find a second document: it does not return from a stray `,`
-// between documents.
+// YAML::LoadAll does not return from a stray `,` between documents.
 class Survey : public YAML::EventHandler {
  public:
   std::optional<YAML::Mark> last;
@@ -149,8 +148,8 @@ struct Conversion {
       if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
       if (const std::string fault = faultOfText(value.text, "\t\n\r"); !fault.empty()) {
         is_text = false;
-        report(faults, place(node.Mark(), key_place),
-               nameOf(path) + " holds " + fault + "; expected printable text in UTF-8");
+        report(faults, place(node.Mark(), key_place), nameOf(path), " holds ", fault,
+               "; expected printable text in UTF-8");
       }
       value.quoted = node.Tag() == "!";
       value.place = place(node.Mark(), key_place);
@@ -173,22 +172,20 @@ struct Conversion {
     const Place here = place(key.Mark(), map.place);
     count();  // omitted ones, too
     if (!key.IsScalar()) {
-      return report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
+      return report(faults, here, nameOf(path), " has a key that is not a word; expected a name");
     }
     const std::string& name = key.Scalar();
     if (name.size() > kLongestKey) {
-      return report(faults, here,
-                    nameOf(path) + " has a key of " + std::to_string(name.size()) +
-                        " characters; expected a name of at most " + std::to_string(kLongestKey));
+      return report(faults, here, nameOf(path), " has a key of ", name.size(),
+                    " characters; expected a name of at most ", kLongestKey);
     }
     if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
       is_text = false;
-      report(faults, here,
-             nameOf(path) + " has a key with " + fault + "; expected a name of printable text");
-      return;
+      return report(faults, here, nameOf(path), " has a key with ", fault,
+                    "; expected a name of printable text");
     }
     if (!names.insert(name).second) {
-      return report(faults, here, joinPath(path, name) + " is given twice; expected it once");
+      return report(faults, here, joinPath(path, name), " is given twice; expected it once");
     }
     map.entries.push_back({name, convert(node, joinPath(path, name), here, depth + 1)});
   }
@@ -372,8 +369,8 @@ std::optional<Value> parseDocument(const std::string& text, const DocumentKind& 
     faults.append(found);
     return document;
   }
-  report(faults, document->place,
-         "the document is " + kindOf(*document) + "; expected a map of " + alternatives(kind.keys));
+  report(faults, document->place, "the document is ", kindOf(*document), "; expected a map of ",
+         alternatives(kind.keys));
   return std::nullopt;
 }
 
@@ -390,16 +387,14 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
     if (target->kind == Value::Kind::kList) {
       Value* entry = entryOf(*target, part);
       if (entry == nullptr) {
-        return report(faults, place,
-                      nameOf(path) + " has " + std::to_string(target->entries.size()) +
-                          " entries; expected an index from 0, not " + part);
+        return report(faults, place, nameOf(path), " has ", target->entries.size(),
+                      " entries; expected an index from 0, not ", part);
       }
       target = entry;
       path += "[" + part + "]";
     } else if (target->kind == Value::Kind::kText) {
-      report(faults, place,
-             nameOf(path) + " is " + target->describe() + "; expected a map or a list");
-      return;
+      return report(faults, place, nameOf(path), " is ", target->describe(),
+                    "; expected a map or a list");
     } else {
       target->kind = Value::Kind::kMap;
       target = childOf(*target, part, place);
@@ -431,10 +426,9 @@ std::string yamlText(const std::string& text) {
 Value numberValue(double number) { return plainValue(formatNumber(number)); }
 
 Value numbersValue(const Eigen::VectorXd& numbers) {
-  Value list;
-  list.kind = Value::Kind::kList;
-  for (const double number : numbers) list.entries.push_back({{}, numberValue(number)});
-  return list;
+  std::vector<Value> values;
+  for (const double number : numbers) values.push_back(numberValue(number));
+  return listValue(values);
 }
 
 Value listValue(const std::vector<Value>& values) {

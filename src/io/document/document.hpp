@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/fault_list.hpp"
 
 namespace helix_arm::io {
@@ -40,8 +41,7 @@ struct Value {
 
   /// The value of a map's key, null if there is none.
   const Value* find(const std::string& key) const;
-  /// Its description in messages: its text (printable, 60 letters at most), "a list", "a map" or
-  /// "empty".
+  /// What messages call it: its text (printable, 60 letters at most), "a list", "a map" or "empty".
   std::string describe() const;
 };
 
@@ -52,6 +52,11 @@ struct Value::Entry {
 
 /// Adds a fault at a place.
 void report(FaultList& faults, const Place& place, const std::string& fault);
+/// The same with the concatenated parts of the fault.
+template <class... Parts>
+void report(FaultList& faults, const Place& place, const Parts&... fault) {
+  report(faults, place, basics::messageOf(fault...));
+}
 
 /// `parent.key`, or the key alone at the top.
 std::string joinPath(const std::string& parent, const std::string& key);
@@ -74,8 +79,7 @@ struct DocumentKind {
 std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
                                    FaultList& faults);
 
-/// Applies an override to the tree, creating missing maps. The schema checks later whether its keys
-/// are known.
+/// Applies an override to the tree, creating missing maps. The schema checks its keys later.
 void applyOverride(Value& document, const Override& change, FaultList& faults);
 
 /// The YAML text of a tree; parsing it gives the same tree, except for its places.

@@ -109,16 +109,14 @@ MapReader::MapReader(const Value& map, std::string path, const std::vector<Key>&
   std::vector<std::string> known;
   for (const Key& key : keys) known.push_back(key.name());
   if (!isMap()) {
-    report("",
-           nameOf(path_) + " is " + map_.describe() + "; expected a map of " + alternatives(known));
+    report("", nameOf(path_), " is ", map_.describe(), "; expected a map of ", alternatives(known));
     return;
   }
   for (const auto& [key, value] : map_.entries) {
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
     const std::string nearest = nearestWord(key, known);
-    const std::string expected =
-        nearest.empty() ? "expected " + alternatives(known) : "did you mean " + nearest + "?";
-    complain(key, "is not a known key; " + expected);
+    complain(key, "is not a known key; ",
+             nearest.empty() ? "expected " + alternatives(known) : "did you mean " + nearest + "?");
   }
   for (const Key& key : keys) key.read(*this);
 }
@@ -133,15 +131,9 @@ const Value* MapReader::required(const std::string& key, const std::string& expe
   const Value* value = map_.find(key);
   // A value that is not a map was reported as a whole.
   if (value == nullptr && map_.kind == Value::Kind::kMap) {
-    report("", path(key) + " is missing; expected " + expected);
+    report("", path(key), " is missing; expected ", expected);
   }
   return value;
-}
-
-void MapReader::fault(const std::string& key, const std::string& rule) const {
-  const Value* value = map_.find(key);
-  complain(key,
-           (value == nullptr ? "is missing" : "is " + value->describe()) + "; expected " + rule);
 }
 
 // The value of a required key that fits; otherwise a fault.
@@ -164,7 +156,7 @@ std::optional<double> MapReader::read(const std::string& key, const NumberRule& 
 
 std::optional<long long> MapReader::read(const std::string& key, const Whole& rule) const {
   const std::string expected =
-      "a whole number from " + std::to_string(rule.lowest) + " to " + std::to_string(rule.highest);
+      basics::messageOf("a whole number from ", rule.lowest, " to ", rule.highest);
   const Value* found = valueOf(key, expected, [&rule](const Value& value) {
     const std::optional<double> number = finiteNumber(value);
     return number && *number == std::floor(*number) &&
@@ -183,8 +175,8 @@ std::optional<std::string> MapReader::read(const std::string& key, const Text& r
   if (found == nullptr) return std::nullopt;
   // Names and addresses reach messages, logs and terminals. Lines of a device may hold tabs.
   if (!isPlain(found->text)) {
-    complain(key, "is " + found->describe() + ", which holds a control character; expected " +
-                      rule.expected);
+    complain(key, "is ", found->describe(), ", which holds a control character; expected ",
+             rule.expected);
     return std::nullopt;
   }
   return found->text;
@@ -207,8 +199,8 @@ std::optional<std::vector<double>> MapReader::read(const std::string& key,
     const Value& entry = list->entries[i].value;
     const std::optional<double> number = finiteNumber(entry);
     if (const std::optional<std::string> broken = brokenPart(rule.each, number)) {
-      io::report(faults_, entry.place,
-                 indexPath(path(key), i) + " is " + entry.describe() + "; expected " + *broken);
+      io::report(faults_, entry.place, indexPath(path(key), i), " is ", entry.describe(),
+                 "; expected ", *broken);
     } else {
       result.push_back(*number);
     }
@@ -236,7 +228,7 @@ bool MapReader::eachOf(
   if (value == nullptr) return false;
   if (value->kind != Value::Kind::kList || value->entries.empty()) {
     const bool hollow = value->kind != Value::Kind::kText && value->entries.empty();
-    complain(key, "is " + (hollow ? "empty" : value->describe()) + "; expected " + expected);
+    complain(key, "is ", hollow ? "empty" : value->describe(), "; expected ", expected);
     return false;
   }
   for (std::size_t i = 0; i < value->entries.size(); ++i) {
@@ -261,8 +253,9 @@ std::optional<std::size_t> MapReader::exactlyOne(const std::vector<std::string>&
     if (has(keys[i])) given.push_back(i);
   }
   if (given.size() == 1) return given.front();
-  const std::string found = given.empty() ? "none" : keys[given[0]] + " and " + keys[given[1]];
-  report("", nameOf(path_) + " has " + found + "; expected exactly one of " + alternatives(keys));
+  report("", nameOf(path_), " has ",
+         given.empty() ? "none" : keys[given[0]] + " and " + keys[given[1]],
+         "; expected exactly one of ", alternatives(keys));
   return std::nullopt;
 }
 
@@ -325,8 +318,7 @@ Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
 }
 
 Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R) {
-  // Near a pitch of 90 degrees the yaw is arbitrary; roll is computed from it, so that the rotation
-  // is accurate to rounding.
+  // Near a pitch of 90 degrees the yaw is arbitrary; roll follows from it: accurate to rounding.
   const double yaw = std::atan2(R(1, 0), R(0, 0));
   const double c = std::cos(yaw), s = std::sin(yaw);
   const double pitch = std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0));

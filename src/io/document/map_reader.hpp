@@ -18,8 +18,7 @@
 
 namespace helix_arm::io {
 
-/// Rule of a number: its sign, and a plausible range. A radius of 25.4 m was probably meant as 25.4
-/// mm.
+/// Rule of a number: its sign, and a plausible range. A radius of 25.4 m was probably meant in mm.
 struct NumberRule {
   const char* text;  ///< describes the sign, as in "expected a finite value > 0"
   bool (*holds)(double);
@@ -140,8 +139,7 @@ Value mapOf(const std::vector<Key>& keys);
 /// gives nothing; reading continues.
 class MapReader {
  public:
-  /// Reports a value that is not a map, and each key that the schema does not know; then reads the
-  /// rows in their order.
+  /// Reports a value that is no map, and keys that the schema does not know; then reads the rows.
   MapReader(const Value& map, std::string path, const std::vector<Key>& keys, FaultList& faults);
 
   const Value* find(const std::string& key) const { return map_.find(key); }
@@ -182,19 +180,25 @@ class MapReader {
   /// Which one of several keys is given; a fault if none or more than one is.
   std::optional<std::size_t> exactlyOne(const std::vector<std::string>& keys) const;
 
-  /// Reports `key value; expected rule` at the place of the key.
-  void fault(const std::string& key, const std::string& rule) const;
+  /// Reports `key value; expected rule` at the place of the key; the rule's parts are concatenated.
+  template <class... Parts>
+  void fault(const std::string& key, const Parts&... rule) const {
+    complain(key, has(key) ? "is " + find(key)->describe() : "is missing", "; expected ", rule...);
+  }
   /// Reports any other fault of a key (or, if it is missing, of the map).
-  void complain(const std::string& key, const std::string& fault) const {
-    report(key, path(key) + " " + fault);
+  template <class... Parts>
+  void complain(const std::string& key, const Parts&... fault) const {
+    report(key, path(key), " ", fault...);
   }
   /// Reports a message that names the key itself, at the same place.
-  void report(const std::string& key, const std::string& message) const {
-    io::report(faults_, (!key.empty() && has(key) ? *find(key) : map_).place, message);
+  template <class... Parts>
+  void report(const std::string& key, const Parts&... message) const {
+    io::report(faults_, (!key.empty() && has(key) ? *find(key) : map_).place, message...);
   }
   /// Reports `key has count entries; expected rule`.
-  void complainOfSize(const std::string& key, std::size_t count, const std::string& rule) const {
-    complain(key, "has " + std::to_string(count) + " entries; expected " + rule);
+  template <class... Parts>
+  void complainOfSize(const std::string& key, std::size_t count, const Parts&... rule) const {
+    complain(key, "has ", count, " entries; expected ", rule...);
   }
 
  private:

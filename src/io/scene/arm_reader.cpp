@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -61,12 +60,12 @@ std::vector<double> extensionalStiffness(const MapReader& scene,
   if (!lacking.empty() && scene.has("load")) {
     const Value& arm = *scene.find("arm");
     const Value* stiffness = arm.find("stiffness");
-    report(scene.faults(), (stiffness == nullptr ? arm : *stiffness).place,
-           joinPath(scene.path("arm"), "stiffness.K_eps_n") +
-               " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
-               "actuator, which the key load needs; missing there and in their own stiffness: "
-               "sections " +
-               lacking);
+    report(
+        scene.faults(), (stiffness == nullptr ? arm : *stiffness).place,
+        joinPath(scene.path("arm"), "stiffness.K_eps_n"),
+        " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
+        "actuator, which the key load needs; missing there and in their own stiffness: sections ",
+        lacking);
   }
   if (values.size() != sections.size()) values.clear();
   return values;
@@ -95,7 +94,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   });
   if (!listed) return std::nullopt;
   if (parts.size() > model::kMaxSections) {
-    arm->complainOfSize("sections", parts.size(), "at most " + std::to_string(model::kMaxSections));
+    arm->complainOfSize("sections", parts.size(), "at most ", model::kMaxSections);
   }
   std::vector<statics::StiffnessTable> tables;
   for (const SectionParts& one : parts) tables.push_back(one.stiffness.table);
@@ -118,7 +117,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     const model::Arm spatial = flat ? model::embed(*flat) : model::Arm(std::move(sections), tool);
     return ArmParts{X_WB, spatial, flat, looks, K_eps, tables};
   } catch (const std::invalid_argument& error) {
-    arm->complain("sections", std::string("do not form an arm: ") + error.what());
+    arm->complain("sections", "do not form an arm: ", error.what());
     return std::nullopt;
   }
 }
@@ -139,12 +138,11 @@ std::vector<double> readMasses(const MapReader& load, const ArmParts* arm) {
     Key("mass_kg", Numbers{kMass, sections}, masses).read(load);
     return masses;
   }
-  double whole = 0;
+  double whole = 0, length = 0;
   Key("mass_kg", kMass, whole).read(load);
   for (std::size_t k = 0; k < sections; ++k) {
-    masses[k] = arm->arm.restLength(static_cast<int>(k));
+    length += masses[k] = arm->arm.restLength(static_cast<int>(k));
   }
-  const double length = std::accumulate(masses.begin(), masses.end(), 0.0);
   for (double& mass : masses) mass *= whole / length;
   return masses;
 }
@@ -194,9 +192,8 @@ bool isWeightless(const statics::Load& load) {
          });
 }
 
-// Reads `load`; values given in the world frame are rotated into the arm's base. If the scene has
-// none but the arm has K_eps, a load that is empty except for K_eps. Nothing if it has neither, or
-// faults leave none.
+// Reads `load`; values given in the world frame are rotated into the base. If the scene has none
+// but the arm has K_eps, a load that is empty except for K_eps. Nothing with neither, or faults.
 // @param arm  null if faults leave no arm; the faults of `load` itself are still found.
 std::optional<statics::Load> readLoad(const MapReader& scene, const ArmParts* arm) {
   const Eigen::Matrix3d R_BW = (arm == nullptr ? lie::SE3() : arm->X_WB).rotation.transpose();
@@ -254,10 +251,10 @@ std::string allowed(bool planar, bool loaded) {
 void checkSceneAllows(const MapReader& scene, statics::Tier tier, const ArmParts& arm) {
   const bool planar = arm.planar.has_value();
   if (tier == statics::Tier::kPlanar && !planar) {
-    scene.fault("tier", allowed(false, true) + ", since arm.geometry is spatial");
+    scene.fault("tier", allowed(false, true), ", since arm.geometry is spatial");
   }
   if (statics::takesLoad(tier) && !scene.has("load") && arm.K_eps.empty()) {
-    scene.fault("tier", allowed(planar, false) + ", since the scene has no key load; or add it");
+    scene.fault("tier", allowed(planar, false), ", since the scene has no key load; or add it");
   }
 }
 
@@ -276,8 +273,8 @@ statics::TierRequest readTierRequest(const MapReader& scene, const ArmParts* arm
   if (request.tier && arm) checkSceneAllows(scene, *request.tier, *arm);
   Key("order", Whole{statics::kLeastOrder, statics::kMostOrder}, request.order).read(scene);
   if (scene.has("order") && known && tier != "loaded") {
-    scene.complain("order", "applies to tier: loaded, but tier is " + tier +
-                                "; expected tier: loaded, or no order");
+    scene.complain("order", "applies to tier: loaded, but tier is ", tier,
+                   "; expected tier: loaded, or no order");
   }
   std::optional<double> percent;
   scene.map("accuracy", {Key("tip_error_percent", kTipError, percent).required()});
@@ -289,9 +286,9 @@ statics::TierRequest readTierRequest(const MapReader& scene, const ArmParts* arm
   const bool chosen = tier != statics::kAutoTier && (tier != "loaded" || scene.has("order"));
   for (const char* key : {"accuracy", "budget"}) {
     if (!scene.has(key) || !known || !chosen) continue;
-    const std::string what = tier + (tier == "loaded" ? " with an order" : "");
-    scene.complain(key, "has no effect, since tier is " + what +
-                            "; expected tier: auto, or loaded without an order");
+    scene.complain(key, "has no effect, since tier is ", tier,
+                   tier == "loaded" ? " with an order" : "",
+                   "; expected tier: auto, or loaded without an order");
   }
   return request;
 }

@@ -56,12 +56,10 @@ void findLimitsBeyond(const std::string& name, const model::Range& range,
     for (const char* key : {"min_pressure_kpa", "max_pressure_kpa"}) {
       const Value* limit = entry.keys->find(key);
       if (limit == nullptr || range.contains(pascals(*parseNumber(limit->text)))) continue;
-      report(faults, limit->place,
-             joinPath(entry.path, key) + " is " + limit->text +
-                 "; expected a pressure where the new curve of " + name + " was measured, " +
-                 formatNumber(kilopascals(range.lower)) + " to " +
-                 formatNumber(kilopascals(range.upper)) +
-                 ": move the limit there, or measure the free length as far as that");
+      report(faults, limit->place, joinPath(entry.path, key), " is ", limit->text,
+             "; expected a pressure where the new curve of ", name, " was measured, ",
+             formatNumber(kilopascals(range.lower)), " to ", formatNumber(kilopascals(range.upper)),
+             ": move the limit there, or measure the free length as far as that");
     }
   }
 }
@@ -340,8 +338,7 @@ void putMode(const estimation::Mode& mode, Value& document) {
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
 
-// Applies the changes to the document of a scene. Scales apply to the new curves, so they are
-// written after these.
+// Applies the changes to the document of a scene: scales last, since they are of the new curves.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
                     FaultList& faults) {
   for (const auto& [name, fit] : changes.contractions) {

@@ -35,9 +35,8 @@ Key linesKey(const char* name, std::vector<std::string>& lines) {
               const Value& entry = entries[i].value;
               lines.push_back(entry.text);
               if (entry.kind == Value::Kind::kText && !entry.text.empty()) continue;
-              report(keys.faults(), entry.place,
-                     indexPath(keys.path(key), i) + " is " + entry.describe() +
-                         "; expected a line of text");
+              report(keys.faults(), entry.place, indexPath(keys.path(key), i), " is ",
+                     entry.describe(), "; expected a line of text");
             }
           }};
 }
@@ -196,8 +195,8 @@ std::optional<regulator::Profile> readProfileFile(const MapReader& keys, const s
   FaultList in_file(path.string());
   std::optional<regulator::Profile> read = readContent(path, kind.c_str(), in_file);
   if (!in_file.empty()) {
-    keys.complain("profile",
-                  "is " + basics::quoted(*profile, kLongestProfile) + ", which has faults:");
+    keys.complain("profile", "is ", basics::quoted(*profile, kLongestProfile),
+                  ", which has faults:");
   }
   keys.faults().append(in_file);
   return read;
@@ -235,9 +234,8 @@ std::vector<std::string> readAddresses(const MapReader& keys, const ArmParts* ar
   }
   for (const auto& [none, entry] : keys.find("addresses")->entries) {
     const auto complain = [&, &value = entry](const std::string& expected) {
-      report(keys.faults(), value.place,
-             indexPath(keys.path("addresses"), addresses.size()) + " is " + value.describe() +
-                 "; expected " + expected);
+      report(keys.faults(), value.place, indexPath(keys.path("addresses"), addresses.size()),
+             " is ", value.describe(), "; expected ", expected);
     };
     const bool word = entry.kind == Value::Kind::kText && !entry.text.empty() &&
                       std::all_of(entry.text.begin(), entry.text.end(),
@@ -267,12 +265,12 @@ std::optional<regulator::Config> readSerial(const MapReader& regulator, const st
   const bool addressed =
       profile != nullptr && profile->write.find("{address}") != std::string::npos;
   if (addressed && !given) {
-    keys.complain("addresses", "is missing; profile " + profile->name +
-                                   " addresses each channel: expected " +
-                                   (arm == nullptr ? "one per actuator" : perActuator(*arm)));
+    keys.complain("addresses", "is missing; profile ", profile->name,
+                  " addresses each channel: expected ",
+                  arm == nullptr ? "one per actuator" : perActuator(*arm));
   } else if (profile && !addressed && given) {
-    keys.complain("addresses", "is not used: the lines of profile " + profile->name +
-                                   " have no {address}; expected none");
+    keys.complain("addresses", "is not used: the lines of profile ", profile->name,
+                  " have no {address}; expected none");
   }
   if (!profile || !device) return std::nullopt;
   config.profile = *profile;
@@ -303,12 +301,11 @@ void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
     const model::Range& limits = actuator.limits;
     if (!model::isPressure(actuator.drive)) continue;
     if (takes.contains(limits.lower) && takes.contains(limits.upper)) continue;
-    keys.complain("profile", "is " + profile.name + ", which accepts " +
-                                 formatNumber(kilopascals(takes.lower)) + " to " +
-                                 formatNumber(kilopascals(takes.upper)) +
-                                 " kPa; expected limits within that, not " + actuator.name +
-                                 "'s of " + formatNumber(kilopascals(limits.lower)) + " to " +
-                                 formatNumber(kilopascals(limits.upper)) + " kPa");
+    keys.complain("profile", "is ", profile.name, ", which accepts ",
+                  formatNumber(kilopascals(takes.lower)), " to ",
+                  formatNumber(kilopascals(takes.upper)), " kPa; expected limits within that, not ",
+                  actuator.name, "'s of ", formatNumber(kilopascals(limits.lower)), " to ",
+                  formatNumber(kilopascals(limits.upper)), " kPa");
   }
 }
 
@@ -364,8 +361,8 @@ void readAction(const MapReader& keys, const std::string& key,
   Key(key.c_str(), oneOfNamed(control::kFaultActions), action).read(keys);
   if (action == control::FaultAction::kClose && regulator &&
       !regulator::factsOf(*regulator).closes_valves) {
-    keys.complain(key, "is close, but the valves of " + regulator::describe(*regulator) +
-                           " cannot be closed; expected vent or hold");
+    keys.complain(key, "is close, but the valves of ", regulator::describe(*regulator),
+                  " cannot be closed; expected vent or hold");
   }
 }
 
@@ -419,9 +416,9 @@ void checkVentedBelow(const MapReader& safety, const SafetyConfig& config) {
     if (safety.has("vented_below_kpa")) {
       safety.fault("vented_below_kpa", expected);
     } else {
-      safety.complain("vented_below_kpa", "is " +
-                                              formatNumber(kilopascals(config.rules.vented_below)) +
-                                              " by default; expected " + expected);
+      safety.complain("vented_below_kpa", "is ",
+                      formatNumber(kilopascals(config.rules.vented_below)),
+                      " by default; expected ", expected);
     }
     return;
   }
@@ -437,8 +434,7 @@ std::optional<regulator::Profile> readProfile(const Value& document, const char*
   if (!found) return std::nullopt;
   const std::string& given = kinds[*found];
   if (kind != nullptr && given != kind) {
-    file.complain(
-        given, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
+    file.complain(given, "is not the scene's kind of regulator; expected a profile of ", kind);
     return std::nullopt;
   }
   return kindOf(given).read_profile(*file.find(given), given, name, faults);
@@ -483,17 +479,16 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Arm
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm->arm.actuator(i);
     if (model::isPressure(actuator.drive)) continue;
-    regulator->complain(kind,
-                        "regulates pressures, but " + actuator.name +
-                            " is a tendon; expected an arm of pressure actuators or no regulator");
+    regulator->complain(kind, "regulates pressures, but ", actuator.name,
+                        " is a tendon; expected an arm of pressure actuators or no regulator");
   }
   std::optional<regulator::Config> config = kindOf(kind).read(*regulator, kind, arm);
   if (!config || arm == nullptr || !regulator->isSound()) return std::nullopt;
   try {
-    regulator::makeDriver(*config,
-                          arm->arm.actuatorCount());  // constructed for its checks, not connected
+    // Constructed for its checks, not connected.
+    regulator::makeDriver(*config, arm->arm.actuatorCount());
   } catch (const std::invalid_argument& error) {
-    regulator->complain(kind, std::string("cannot be used: ") + error.what());
+    regulator->complain(kind, "cannot be used: ", error.what());
   }
   return config;
 }

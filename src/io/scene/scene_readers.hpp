@@ -29,8 +29,7 @@ struct NamedContraction {
   model::Response response{};  ///< between the pressure and the curve
 };
 
-/// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,
-/// not at every use.
+/// All curves by name; one that has faults maps to nothing: they are not reported at every use.
 using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 
 /// Reads `contractions`.
@@ -106,8 +105,7 @@ SceneArmParts readSceneArm(const MapReader& scene);
 // Readers of the other keys. A key that the scene omits gives nothing, or the defaults. The arm is
 // null, and the regulator absent, if faults leave none: references to them are then not checked.
 
-/// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, y left,
-/// z up).
+/// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, z up).
 extern const Eigen::Matrix3d kOpticalInBody;
 
 /// Reads `camera`.

@@ -23,8 +23,8 @@ bool areAscending(const MapReader& keys, const std::string& key, const std::vect
                   const char* what) {
   for (std::size_t i = 1; i < values.size(); ++i) {
     if (values[i] > values[i - 1]) continue;
-    keys.complain(key, "has " + formatNumber(values[i]) + " after " + formatNumber(values[i - 1]) +
-                           "; expected ascending " + what);
+    keys.complain(key, "has ", formatNumber(values[i]), " after ", formatNumber(values[i - 1]),
+                  "; expected ascending ", what);
     return false;
   }
   return true;
@@ -40,8 +40,7 @@ void readPlays(const MapReader& keys, model::Response& response) {
                          "play_weight for none");
   }
   if (reach->size() > model::kMaxPlays) {
-    return keys.complainOfSize("play_kpa", reach->size(),
-                               "at most " + std::to_string(model::kMaxPlays));
+    return keys.complainOfSize("play_kpa", reach->size(), "at most ", model::kMaxPlays);
   }
   if (!areAscending(keys, "play_kpa", *reach, "values")) return;
   const auto weight = keys.read("play_weight", Numbers{kPlayWeight, reach->size()});
@@ -56,9 +55,9 @@ void readPlays(const MapReader& keys, model::Response& response) {
     response.validate();
   } catch (const std::invalid_argument&) {
     response.play_count = 0;
-    keys.complain("play_weight", "has the sum " + formatNumber(sum) + "; expected at most " +
-                                     formatNumber(model::Response::kMostWeight) +
-                                     ", so that every length belongs to one pressure");
+    keys.complain("play_weight", "has the sum ", formatNumber(sum), "; expected at most ",
+                  formatNumber(model::Response::kMostWeight),
+                  ", so that every length belongs to one pressure");
   }
 }
 
@@ -67,8 +66,7 @@ void addSlowState(const MapReader& keys, double time, double weight, model::Resp
   const char* const pair[] = {"slow_time_constant_s", "slow_weight"};
   for (int given : {0, 1}) {
     if (keys.has(pair[given]) && !keys.has(pair[1 - given])) {
-      keys.complain(pair[given],
-                    std::string("is given without ") + pair[1 - given] + "; expected both or none");
+      keys.complain(pair[given], "is given without ", pair[1 - given], "; expected both or none");
     }
   }
   if (time == 0) return;
@@ -79,9 +77,8 @@ void addSlowState(const MapReader& keys, double time, double weight, model::Resp
     slow.validate();
     response = slow;
   } catch (const std::invalid_argument&) {
-    keys.complain("slow_weight", "and play_weight have the sum " + formatNumber(slow.weights()) +
-                                     "; expected at most " +
-                                     formatNumber(model::Response::kMostWeight));
+    keys.complain("slow_weight", "and play_weight have the sum ", formatNumber(slow.weights()),
+                  "; expected at most ", formatNumber(model::Response::kMostWeight));
   }
 }
 
@@ -148,9 +145,8 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
     OptionalCurve curve = kind.read(contraction, kind.key);
     if (curve) return NamedContraction{std::move(*curve), kind.drive, response};
   } catch (const std::invalid_argument& error) {
-    contraction.complain(
-        kind.key,
-        std::string("is not a valid contraction (values in Pa, m and rad): ") + error.what());
+    contraction.complain(kind.key,
+                         "is not a valid contraction (values in Pa, m and rad): ", error.what());
   }
   return std::nullopt;
 }
@@ -179,14 +175,14 @@ model::Range readLimits(const MapReader& keys, const std::string& contraction_na
                                    std::pair{"max_pressure_kpa", &limits.upper}}) {
     if (!keys.has(key)) continue;
     if (!model::isPressure(contraction.drive)) {
-      keys.complain(key, "limits a pressure, but contraction " + contraction_name +
-                             " is a tendon; expected its max_angle_rad to be the limit");
+      keys.complain(key, "limits a pressure, but contraction ", contraction_name,
+                    " is a tendon; expected its max_angle_rad to be the limit");
       continue;
     }
     Key(key, kPressure, *limit, kKilo).read(keys);
     if (range.contains(*limit)) continue;
-    keys.fault(key, "a pressure that contraction " + contraction_name + " covers, " +
-                        formatNumber(range.lower / 1e3) + " to " + formatNumber(range.upper / 1e3));
+    keys.fault(key, "a pressure that contraction ", contraction_name, " covers, ",
+               formatNumber(range.lower / 1e3), " to ", formatNumber(range.upper / 1e3));
   }
   if (keys.faults().count() == before && !(limits.lower < limits.upper)) {
     const std::string key = keys.has("min_pressure_kpa") ? "min_pressure_kpa" : "max_pressure_kpa";
@@ -242,9 +238,8 @@ void addActuator(const MapReader& keys, std::optional<model::Actuator> actuator,
   const double rest = curve.restLength();
   const double least = rest + scale.stroke * (curve.lengthRange().lower - rest);
   if (!(least > 0)) {
-    return keys.complain("stroke_scale", "makes " + name + " as short as " +
-                                             formatNumber(scale.length * least) +
-                                             " m; expected lengths > 0");
+    return keys.complain("stroke_scale", "makes ", name, " as short as ",
+                         formatNumber(scale.length * least), " m; expected lengths > 0");
   }
   actuator->contraction = curve.scaledBy(scale.length, scale.stroke);
   if (along.size() > 1) actuator->taper = along;
@@ -256,8 +251,8 @@ std::string nextName(ArmContext& arm) { return "muscle_" + std::to_string(++arm.
 
 void claimName(const MapReader& keys, const std::string& name, ArmContext& arm) {
   if (arm.actuator_names.insert(name).second) return;
-  keys.complain(keys.has("name") ? "name" : "",
-                "makes a second actuator named " + name + "; expected distinct names");
+  keys.complain(keys.has("name") ? "name" : "", "makes a second actuator named ", name,
+                "; expected distinct names");
 }
 
 // A number, or a list of 2 or more from the section's beginning to its end; empty after a fault.
@@ -270,8 +265,8 @@ std::vector<double> readAlong(const MapReader& ring, const std::string& key,
   const std::optional<std::vector<double>> numbers = ring.read(key, Numbers{rule});
   if (!numbers) return {};
   if (numbers->size() >= 2 && numbers->size() <= model::kMostCells + 1) return *numbers;
-  ring.complainOfSize(key, numbers->size(),
-                      "one number, or a list of 2 to " + std::to_string(model::kMostCells + 1));
+  ring.complainOfSize(key, numbers->size(), "one number, or a list of 2 to ",
+                      model::kMostCells + 1);
   return {};
 }
 
@@ -307,9 +302,8 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
   if (!count || radius.empty() || tilt_deg.empty()) return;
   const std::size_t places = std::max(radius.size(), tilt_deg.size());
   if (std::min(radius.size(), tilt_deg.size()) > 1 && radius.size() != tilt_deg.size()) {
-    return ring.complain("tilt_deg", "has " + std::to_string(tilt_deg.size()) +
-                                         " values; expected " + std::to_string(radius.size()) +
-                                         ", as many as radius_m, or one number");
+    return ring.complain("tilt_deg", "has ", tilt_deg.size(), " values; expected ", radius.size(),
+                         ", as many as radius_m, or one number");
   }
   const auto size = static_cast<std::size_t>(*count);
   const std::vector<double> lengths = readScales(ring, "length_scale", size),
@@ -344,8 +338,7 @@ lie::SE3 readActuatorPose(const MapReader& keys, bool planar) {
   const bool tilted = keys.has("tilt_deg");
   if (tilted && keys.has("rpy_deg")) keys.fault("tilt_deg", "either tilt_deg or rpy_deg");
   if (p.x() != 0) {
-    keys.complain("position_m",
-                  "has x = " + formatNumber(p.x()) + "; expected 0, the cross-section");
+    keys.complain("position_m", "has x = ", formatNumber(p.x()), "; expected 0, the cross-section");
   }
   if (planar && p.z() != 0) {
     keys.complain("position_m", "has z = " + formatNumber(p.z()) + "; expected 0, the arm's plane");
@@ -371,9 +364,8 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
   const Value* own = keys.find("stiffness");
   const bool depends = !inherited.bending.empty() || !stiffness.bending.empty();
   const auto refuse = [&keys](const char* key, const Value& given, const char* why) {
-    report(keys.faults(), given.place,
-           keys.path(key) + " is that of one actuator; expected it in the stiffness of the " +
-               "section or of arm" + why);
+    report(keys.faults(), given.place, keys.path(key),
+           " is that of one actuator; expected it in the stiffness of the section or of arm", why);
   };
   if (own != nullptr && depends) {
     refuse("stiffness.K_kappa_m2", *own, ", where it depends on pressure, and none here");
@@ -411,9 +403,8 @@ void readEntry(const MapReader& owner, const StiffnessKeys& of, double& least,
   const auto value = keys.read(of.value, Numbers{of.entry});
   if (!pressure || !value) return;
   if (pressure->size() < 2 || pressure->size() != value->size()) {
-    return keys.complain(of.value, "has " + std::to_string(value->size()) + " entries for " +
-                                       std::to_string(pressure->size()) + " of " + of.pressure +
-                                       "; expected 2 or more of each");
+    return keys.complain(of.value, "has ", value->size(), " entries for ", pressure->size(), " of ",
+                         of.pressure, "; expected 2 or more of each");
   }
   if (!areAscending(keys, of.pressure, *pressure, "pressures")) return;
   least = *std::min_element(value->begin(), value->end());
@@ -435,11 +426,11 @@ void checkTable(const MapReader& keys, const char* key, const model::StiffnessTa
       keys.complain("", who + ", but it is a tendon; expected one number");
     } else if (actuator.limits.lower < table.input.front() ||
                actuator.limits.upper > table.input.back()) {
-      keys.complain("", who + ", from " + formatNumber(table.input.front() / 1e3) + " to " +
-                            formatNumber(table.input.back() / 1e3) +
-                            " kPa; expected to cover its limits of " +
-                            formatNumber(actuator.limits.lower / 1e3) + " to " +
-                            formatNumber(actuator.limits.upper / 1e3) + " kPa");
+      keys.complain("", who, ", from ", formatNumber(table.input.front() / 1e3), " to ",
+                    formatNumber(table.input.back() / 1e3),
+                    " kPa; expected to cover its limits of ",
+                    formatNumber(actuator.limits.lower / 1e3), " to ",
+                    formatNumber(actuator.limits.upper / 1e3), " kPa");
     } else {
       continue;
     }
@@ -536,7 +527,7 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
     if (!listed) return parts;
     const std::size_t count = keys.find("actuators")->entries.size();
     if (count > model::kMaxActuators) {
-      keys.complainOfSize("actuators", count, "at most " + std::to_string(model::kMaxActuators));
+      keys.complainOfSize("actuators", count, "at most ", model::kMaxActuators);
     }
   }
   parts.section.bending = parts.stiffness.bending;

@@ -41,8 +41,7 @@ std::vector<Key> webcamKeys(vision::WebcamConfig& webcam) {
 constexpr NumberRule kTagId{"a whole number >= 0",
                             [](double x) { return x >= 0 && x == std::floor(x); }, 0, 1e6};
 
-// The frame of a group's poses: a section, and the frame of an actuator or (default) of the base
-// curve.
+// The frame of a group's poses: that of a section's actuator, by default of its base curve.
 struct Mount {
   int section = 0;
   const model::Actuator* actuator = nullptr;
@@ -73,17 +72,16 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFa
   if (!ids) return;
   if (ids->empty()) group.complain("ids", "is empty; expected at least one tag");
   if (s && ids->size() != s->size()) {
-    group.complainOfSize("s", s->size(), std::to_string(ids->size()) + ", one per id");
+    group.complainOfSize("s", s->size(), ids->size(), ", one per id");
   }
   for (std::size_t i = 0; i < ids->size(); ++i) {
     const int id = static_cast<int>((*ids)[i]);
     if (id >= family.count()) {
-      group.complain("ids", "has " + std::to_string(id) + "; expected 0 to " +
-                                std::to_string(family.count() - 1) + ", the tags of " +
-                                family.name());
+      group.complain("ids", "has ", id, "; expected 0 to ", family.count() - 1, ", the tags of ",
+                     family.name());
     }
     if (layout.find(id) >= 0) {
-      group.complain("ids", "places tag " + std::to_string(id) + " again; expected distinct ids");
+      group.complain("ids", "places tag ", id, " again; expected distinct ids");
     }
     // A tag without s still counts, since its id is used.
     const double at = s && i < s->size() ? (*s)[i] : 0.0;
@@ -198,9 +196,9 @@ void setVibration(const MapReader& keys, const std::optional<double>& given,
   loop.filter.settling_time = 1 / (2 * basics::kPi * *frequency * damping);
   const double least = follow::smoothingFor(*frequency, damping, loop.time_constant);
   if (given && *given < least) {
-    keys.fault("smoothing_s", "at least " + formatNumber(std::ceil(100 * least) / 100) +
-                                  " s, or the loop excites an arm with this mode_hz and "
-                                  "mode_damping; leave out smoothing_s to use that value");
+    keys.fault("smoothing_s", "at least ", formatNumber(std::ceil(100 * least) / 100),
+               " s, or the loop excites an arm with this mode_hz and mode_damping; leave out "
+               "smoothing_s to use that value");
   }
   loop.smoothing = std::max(loop.smoothing, least);
 }
@@ -223,8 +221,8 @@ std::optional<CameraConfig> readCamera(const MapReader& scene) {
                  {"webcam", webcamKeys(webcam)}});
   if (!keys) return std::nullopt;
   if (size.prod() > vision::JpegDecoder::kMaxPixels) {
-    keys->complain("size_px", "makes " + formatNumber(size.prod()) + " pixels; expected at most " +
-                                  formatNumber(vision::JpegDecoder::kMaxPixels));
+    keys->complain("size_px", "makes ", formatNumber(size.prod()), " pixels; expected at most ",
+                   formatNumber(vision::JpegDecoder::kMaxPixels));
   }
   model.width = static_cast<int>(size.x());
   model.height = static_cast<int>(size.y());
@@ -265,8 +263,8 @@ std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
   });
   if (!listed) return std::nullopt;
   if (parts.layout.tags.size() > static_cast<std::size_t>(estimation::kMaxTags)) {
-    tags->complain("groups", "place " + std::to_string(parts.layout.tags.size()) +
-                                 " tags; expected at most " + std::to_string(estimation::kMaxTags));
+    tags->complain("groups", "place ", parts.layout.tags.size(), " tags; expected at most ",
+                   estimation::kMaxTags);
   }
   return parts;
 }
@@ -282,7 +280,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
   try {
     config.detector.validate();
   } catch (const std::invalid_argument& error) {
-    scene.complain("vision", std::string("does not configure a tag detector: ") + error.what());
+    scene.complain("vision", "does not configure a tag detector: ", error.what());
   }
   return config;
 }

@@ -27,8 +27,7 @@ struct FrameNames {
   std::vector<std::string> curve;
   std::string tip;
 
-  /// @param prefix  prefix of all names except the world's, so that several arms can share one tf
-  /// tree.
+  /// @param prefix  of all names except the world's, so that several arms can share one tf tree.
   /// @param shape   of the curve's frames: names::kModelFrames or names::kMeasuredFrames.
   /// @param count   number of frames on the curve, >= 2.
   FrameNames(const std::string& world_frame, const std::string& prefix, const std::string& shape,
@@ -80,8 +79,7 @@ class FrameLookup {
     lie::SE3 X_BF;  ///< newest one [m]
     bool fixed;     ///< only static transforms lie between the two
   };
-  /// Empty and the base's own name need no tf. A frame that tf does not relate to the base is
-  /// refused.
+  /// Empty and the base's own name need no tf. A frame that tf does not relate to it is refused.
   control::Checked<Place> find(const std::string& frame) const;
 
   const std::string& baseFrame() const { return base_frame_; }

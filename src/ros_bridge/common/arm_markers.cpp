@@ -83,8 +83,7 @@ std_msgs::ColorRGBA pressureColor(double share) {
   return color(mix(0), mix(1), mix(2));
 }
 
-// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along the
-// muscle.
+// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along it.
 Eigen::Vector3d onCircle(double radius, int side) {
   const double angle = 6.283185307179586 * side / kSides;
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
@@ -201,8 +200,7 @@ using Feedback = visualization_msgs::InteractiveMarkerFeedback;
 // Of the handle.
 constexpr char kHandle[] = "tip";
 constexpr double kFollowStep = 0.002;  // smaller moves are not worth a message [m]
-constexpr double kHoldTimeout =
-    2.0;  // after which an rviz that ended while dragging releases the handle [s]
+constexpr double kHoldTimeout = 2.0;   // of an rviz that ended while it dragged the handle [s]
 
 visualization_msgs::InteractiveMarker handle(const std::string& frame, const io::Scene& scene) {
   const double size = std::clamp(4.0 * scene.looks.back().separator_radius, 0.1, 0.15);  // [m]

@@ -21,17 +21,14 @@
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
-/// What rviz shows of an arm: markers in the arm's base frame, in stable namespaces and ids, and
-/// the handle that drags its tip.
+/// What rviz shows of an arm: markers in its base frame, in stable namespaces and ids; its handle.
 namespace helix_arm::ros_bridge {
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
 /// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
-/// the world frame, whose z axis points up, or in those of the base. Everything grows with the
-/// arm's length.
+/// the world frame, whose z axis points up, or of the base; all grows with the arm's length.
 ///
-/// A hanging or standing arm has its columns of text beside it; any other arm runs to the right,
-/// with the columns above it.
+/// A hanging or standing arm has its columns of text beside it; any other runs right, below them.
 struct SideView {
   double scale = 1.0;                     ///< of texts: 1 for an arm of 0.3 m
   double yaw = 0.0, pitch = 0.0;          ///< of a camera that orbits as rviz/Orbit does [rad]
@@ -123,14 +120,12 @@ class Screen {
 
 /// Draws an arm.
 ///
-/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, lilac at
-///   the upper one
+/// - muscles: a tube per actuator, from blue (lower limit of its pressure) to lilac (upper limit)
 /// - base_curve: the curve that the muscles bend
 /// - separators: the discs that hold the muscles
 /// - tip_trace: trace of the tip, smoothed over a few drawings
 /// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
-/// - state_banner: the state of the arm (0), after its name if its frames have a prefix, and its
-///   reason (1), in the state's colour
+/// - state_banner: the arm's state (0), after its name if frames have a prefix, and its reason (1)
 /// - legend: what is drawn here, one line each in its curve's colour
 class ArmMarkers : public Screen {
  public:
@@ -227,15 +222,13 @@ class LoopMarkers : public Screen {
                                        const Tips& tips);
 };
 
-/// A handle in rviz that drags the tip: an interactive marker that sends position targets,
-/// orientation free.
+/// A handle in rviz that drags the tip: an interactive marker that sends targets of the position.
 class TipHandle {
  public:
   using OnTarget = std::function<void(const TipTarget&)>;
 
   /// @param scene      of the arm: tip and handle of a planar one stay in the base's x-y plane.
-  /// @param on_target  called from the callback queue while the handle is held, with a target in
-  /// the base frame.
+  /// @param on_target  called from the callback queue while it is held, with a target in its frame.
   TipHandle(const std::string& base_frame, const io::Scene& scene, OnTarget on_target);
 
   /// Moves the handle to the commanded tip (base frame), unless it is held.

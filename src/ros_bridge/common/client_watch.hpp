@@ -18,8 +18,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "run_node.hpp"
 
-/// A commander and those behind it: whether the master and the sender of a goal are there, and how
-/// the commander ends.
+/// A commander, whether the master and the sender of a goal are there, and how the commander ends.
 namespace helix_arm::ros_bridge {
 
 /// Longest wait for an answer [s].
@@ -33,15 +32,13 @@ enum class Reply {
   kIsGone,   ///< nobody is there, or it ended
 };
 
-/// Calls and waits for at most kAnswerPatience, unlike ros::master::execute(), which waits
-/// without end for one that hangs.
+/// Calls and waits for at most kAnswerPatience; ros::master::execute() waits without end.
 ///
 /// @param answer  the value of a success.
 Reply callXmlRpc(const std::string& host, int port, const char* method,
                  const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer);
 
-/// Asks the master for this node: after a restart it answers, but does not know the node, which
-/// nobody can then find.
+/// Asks the master for this node, which a restarted one does not know and nobody can then find.
 Reply askMaster();
 
 /// Whether the ROS master answers within kAnswerPatience; unlike ros::master::check(), which

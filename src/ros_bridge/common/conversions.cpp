@@ -15,8 +15,7 @@ using basics::messageOf;
 using control::Fault, control::Refusal;
 
 constexpr double kShortest = 1e-3;  // a curve [m]
-// Senders round to a few digits; larger differences between pieces and mean twist are an error [m,
-// rad].
+// Senders round to a few digits; pieces and mean twist that differ by more are wrong [m, rad].
 constexpr double kPieceTolerance = 1e-3;
 
 std::string text(const Eigen::Vector3d& vector) {

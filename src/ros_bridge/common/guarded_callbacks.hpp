@@ -101,8 +101,7 @@ class CheckedStream {
 // How the servers and clients of actions read what the other side sends: a server makes the
 // Serializer of its goals a GoalSerializer.
 
-/// Serializer of a message by its fields, which reads it with the checks of all other messages
-/// (CheckedStream).
+/// Serializer of a message by its fields, which reads it as all messages are read (CheckedStream).
 template <class Message, auto... fields>
 struct CheckedSerializer {
   template <class Stream>
@@ -178,8 +177,7 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
   const Callback callback_;
 };
 
-/// Passes the calls of one service from roscpp to a callback. If it throws, the caller receives the
-/// message of the exception.
+/// Passes a service's calls from roscpp to a callback; callers get the message of what it throws.
 template <class Request, class Response>
 class GuardedService : public ros::ServiceCallbackHelper {
  public:
@@ -208,8 +206,7 @@ class GuardedService : public ros::ServiceCallbackHelper {
         &why);
     params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
                             : ros::serialization::serializeServiceResponse(false, why);
-    // roscpp sends this response only if this returns true; the response itself says that the call
-    // failed.
+    // roscpp sends this response only if this returns true; the response says that the call failed.
     return !sound || ok;
   }
 
@@ -251,8 +248,7 @@ ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uin
   });
 }
 
-/// Advertises a service. The callback takes request and response, after the name of the calling
-/// node if it wants that.
+/// Advertises a service. The callback takes request and response, or the caller before them.
 template <class Node, class... Taken>
 ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
                          bool (Node::*callback)(Taken&...), Node* owner) {

@@ -16,16 +16,13 @@
 #include "helix_arm/model/contraction.hpp"
 #include "helix_arm/regulator/config.hpp"
 
-/// What a user gives a node: its parameters, the files that its services read and write, and
-/// another scene.
+/// What a user gives a node: parameters, files that its services read and write, another scene.
 namespace helix_arm::ros_bridge {
 
-/// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if it is
-/// not set.
+/// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if unset.
 std::string defaultFolder();
 
-/// Folder in which the user called this node, or the roslaunch that started it: where a relative
-/// path begins.
+/// Folder in which the user called this node, or its roslaunch: where a relative path begins.
 ///
 /// That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it
 /// is the working directory of that roslaunch; and where this cannot be found, PWD, which a node
@@ -42,8 +39,7 @@ class ParameterReader {
  public:
   explicit ParameterReader(const ros::NodeHandle& private_node) : node_(private_node) {}
 
-  /// Each returns the fallback if the parameter is absent or invalid; the latter is noted as a
-  /// fault.
+  /// Each returns the fallback if the parameter is absent or invalid (noted as a fault).
   std::string text(const std::string& name, const std::string& fallback);
   /// Name of a tf frame or a prefix of one: no leading slash, empty only if the fallback is.
   std::string frame(const std::string& name, const std::string& fallback);
@@ -96,8 +92,7 @@ io::Scene requirePneumatic(io::Scene scene);
 /// @throws std::invalid_argument if the scene has no regulator.
 const regulator::Config& requireRegulator(const io::Scene& scene);
 
-/// Warns of actuators whose limits the supply of the scene's regulator does not reach, if that is
-/// simulated.
+/// Warns of actuators whose limits the supply of the scene's simulated regulator does not reach.
 void warnOfShortSupply(const io::Scene& scene);
 
 /// Restricts the files that a node's services read to some folders, since any client may name any
@@ -124,14 +119,12 @@ class FileAccess {
   std::vector<Folder> folders_;
 };
 
-/// Serves a node's `~reload`: loads another file of the same rig at run time, for example after a
-/// calibration.
+/// Serves a node's `~reload`: loads another file of the same rig, for example after a calibration.
 ///
 /// The file is loaded and checked before anything changes; its faults are the answer.
 class ReloadServer {
  public:
-  /// Replaces the node's scene completely; or throws a std::exception with the reason and changes
-  /// nothing.
+  /// Replaces the node's scene; or throws a std::exception with the reason and changes nothing.
   using Adopt = std::function<void(io::Scene)>;
 
   /// @param private_node  of the node.

@@ -53,12 +53,10 @@ void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
 /// Ends the process if its node was asked to end and cannot: a hanging ROS master blocks every call
 /// to it, including unregistering at the end.
 ///
-/// It ends with kFailed, without destructors. If the node drives hardware and has not vented, its
-/// guard vents.
+/// It ends with kFailed, without destructors. The guard of hardware vents what is not vented.
 class EndWatch {
  public:
-  /// Reports that the node's main thread is running; required every kPatience once the node was
-  /// asked to end.
+  /// Tells that the main thread runs; required every kPatience once the node was asked to end.
   void turn() { ++turns_; }
   /// While true, the watch is suspended, for work that takes time and needs no master.
   void waits(bool so) { waits_ = so; }
@@ -102,10 +100,9 @@ bool timeIsSimulated() {
 
 /// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
 ///
-/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also in
-/// threads of roscpp and actionlib where the exception cannot be caught: one message would end the
-/// process. Times of 2^31 s and more, or with 10^9 ns or more, are dropped, counted and warned of.
-/// No effect without /use_sim_time.
+/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also where
+/// the exception cannot be caught: one message would end the process. Times of 2^31 s and more, or
+/// with 10^9 ns or more, are dropped, counted and warned of. No effect without /use_sim_time.
 class ClockGate {
  public:
   /// Calls ros::init() such that roscpp neither reads /use_sim_time nor subscribes to /clock.

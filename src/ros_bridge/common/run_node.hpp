@@ -21,9 +21,8 @@ enum ExitCode {
   kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
 };
 
-/// Request to end a node: by Ctrl-C, SIGTERM, rosnode kill, or from within. It does not shut ROS
-/// down: the node can first do its work, such as venting an arm, without the ROS master, which may
-/// hang. runNode() handles the request.
+/// Request to end a node: by Ctrl-C, SIGTERM, rosnode kill, or from within. ROS stays up: the node
+/// can do its work, such as venting, without the ROS master, which may hang. For runNode().
 class EndRequest {
  public:
   /// Replaces roscpp's handlers; its node must have been started.

@@ -56,11 +56,9 @@ struct PressureCommandOptions {
   /// `scene` drives the scene's regulator, hardware or simulated, from this node; `topic` leaves
   /// the pressures to another node, which reports them on pressure_measured.
   std::string regulator = reader.choice("regulator", "scene", {"scene", "topic"});
-  /// A target enables the arm, at first and after commander or regulator fell silent. Never with
-  /// hardware.
+  /// A target enables the arm, first and after commander or regulator fell silent; never hardware.
   bool auto_enable = reader.flag("auto_enable", regulator == "scene");
-  /// Drive hardware although ROS time is simulated; the safety rules run on the steady clock in any
-  /// case.
+  /// Drive hardware although ROS time is simulated; the safety rules run on the steady clock.
   bool allow_sim_time = reader.flag("allow_sim_time", false);
   /// Of the threads between targets and valves (SCHED_FIFO), and of the guard, if the user's limits
   /// allow it; the log reports the result. 0: none. With hardware, memory is locked as well.
@@ -104,8 +102,7 @@ ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
   return node;
 }
 
-// Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
-// clock of the rules.
+// Age of a reading [s]; 0 without a stamp, and in simulated time, which may outrun real time.
 double ageOf(const ros::Time& stamp) {
   if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
   return ros::Time::now().toSec() - stamp.toSec();
@@ -143,8 +140,7 @@ LogLevel levelOf(const control::SafetyReport& report) {
   return ros::console::levels::Info;
 }
 
-/// The pressure path of a node in its own thread: neither the path nor a stop is delayed by other
-/// work of the node.
+/// The pressure path of a node in its own thread: no other work of the node delays it, or a stop.
 ///
 /// Readings from a topic have their own thread too, so that they cannot delay a stop.
 ///
@@ -215,9 +211,8 @@ class PressureLoop {
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
-  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that somebody else
-  /// asked for, it is refused until it pauses for target_timeout, asks for rest itself, or somebody
-  /// enables the arm.
+  /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
+  /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
   std::optional<control::Refusal> command(const std::string& commander,
                                           const Eigen::VectorXd& pressure)
       HELIX_ARM_EXCLUDES(mutex_) {
@@ -488,8 +483,7 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
 /// stop; the statuses say so. All of it belongs to the thread of the node's callback queue.
 class ShapePublisher {
  public:
-  /// @param scene      Kept by reference: after a change to it, call adopt() before the next
-  ///                   reading.
+  /// @param scene      Kept by reference: after a change, call adopt() before the next reading.
   /// @param on_target  As TipHandle's.
   ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
                  const PressureCommandOptions& options, TipHandle::OnTarget on_target)
@@ -537,8 +531,7 @@ class ShapePublisher {
     if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
   }
 
-  /// Brings the handle, if there is one, to the model's tip at these pressures once they are
-  /// effective, if it finds one.
+  /// Brings the handle, if any, to the model's tip, if any, once these pressures are effective.
   /// @param goal  (n) gauge [Pa]
   void moveHandle(const Eigen::VectorXd& goal) {
     if (!handle_) return;
@@ -777,15 +770,13 @@ constexpr double kLongestGap = 0.4;     // between turns [s]
 constexpr double kMissedTurns = 4;      // of a slow loop, before it counts as stopped
 constexpr double kLinePatience = 1.25;  // of the line, so that the safety core detects a gap first
 
-/// Longest gap between two turns of a loop at this rate [Hz] before the receiver of its orders may
-/// have vented by itself [s].
+/// Longest gap [s] between two turns at this rate [Hz] before the receiver may vent by itself.
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
 /// Starts the scene's regulator with its own I/O. Logs it, and warns of a short supply.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
-/// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
-/// regulator::RegulatorIo.
+/// @throws std::invalid_argument as requireRegulator(), makeDriver() and RegulatorIo.
 std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene, double rate,
                                                          int realtime_priority) {
   const regulator::Config& config = requireRegulator(scene);

@@ -46,15 +46,13 @@ struct TargetSolution {
 /// answer per target. Counts them, and warns of those that are dropped or out of reach.
 class TargetAdmission {
  public:
-  /// @param scene  Its arm and safety rules are used. Kept by reference: after a change to it, call
-  ///               adopt() before the next target.
+  /// @param scene  Kept by reference: after a change, call adopt() before the next target.
   TargetAdmission(ros::NodeHandle& node, const io::Scene& scene);
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt();
 
-  /// The target's value when it is sound, has not waited in some queue, and its sender may command;
-  /// else drops it and returns null.
+  /// The target's value if it is sound and fresh and its sender may command; else drops it: null.
   template <class T>
   const T* admit(const TargetSender& sender, const control::Checked<T>& checked) {
     if (const auto other = refusalOf(sender, std::get_if<control::Refusal>(&checked))) {
@@ -70,12 +68,10 @@ class TargetAdmission {
   void drop(const TargetSender& sender, const control::Refusal& refusal);
   /// Answers a target that the command realises.
   void accept(const TargetSender& sender);
-  /// Answers a target by its inverse: reached, out of reach and replaced by the closest, or dropped
-  /// since no pressures were found.
+  /// Answers a target by its inverse: reached, replaced by the closest, or dropped if it has none.
   void accept(const TargetSender& sender, const TargetSolution& solution);
 
-  /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
-  /// call.
+  /// The status `<node>: targets`: WARN if one was dropped or out of reach since the last call.
   diagnostic_msgs::DiagnosticStatus status();
 
  private:

@@ -35,9 +35,8 @@ struct SimulatedRigOptions {
   /// Time without commands after which the regulator vents by itself, or without readings after
   /// which their absence is warned of (before the first one, at least 3 s) [s].
   double command_timeout = reader.number("command_timeout_s", 0.5, {0.01, 60.0});
-  /// 0 uses the time of the other nodes. Other values, 0.01 to 1000, make this node their clock
-  /// (needs use_sim_time), with this number of simulated seconds per second; not with the regulator
-  /// of another node, whose time is its own.
+  /// 0 uses the time of the other nodes. Else, 0.01 to 1000, this node is their clock (needs
+  /// use_sim_time), with so many simulated seconds per second; not with another node's regulator.
   double time_factor = reader.number("time_factor", 0.0, {0.0, kTimeFactors.upper});
 
   SimulatedRigOptions() {

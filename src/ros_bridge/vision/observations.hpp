@@ -68,8 +68,7 @@ class ModelHistory {
     return *found;
   }
 
-  /// True if a future model may be nearer than the present ones: models are arriving, and none is
-  /// as late as the stamp.
+  /// True if a future model may be nearer: models are arriving, and none is as late as the stamp.
   bool mayGetNearer(const ros::Time& stamp) const {
     return !entries_.empty() && entries_.back().stamp < stamp &&
            secondsBetween(entries_.back().stamp, stamp) <= kReach;
@@ -80,8 +79,7 @@ class ModelHistory {
 };
 
 /// What was seen in one picture, and what it is compared with. It refers to memory of the picture
-/// and of the PictureMeasurer: it is valid until the next picture is measured, and no longer than
-/// its picture.
+/// and of the PictureMeasurer: valid as long as its picture, until the next one is measured.
 struct Measurement {
   ros::Time stamp;  ///< of the picture
   cv::Mat gray;     ///< (CV_8UC1)
@@ -255,9 +253,8 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
 
 /// Draws over a picture what was seen in it.
 ///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
-/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
-/// are in the upper left corner.
+/// Tags are outlined, with their ids: green, red where they do not fit, grey where not the arm's or
+/// seen twice. The measured curve is solid, the model's dashed; lines of text are upper left.
 /// @return (CV_8UC3), BGR.
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 

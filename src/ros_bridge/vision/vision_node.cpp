@@ -42,8 +42,7 @@ struct VisionOptions {
   /// `topic` (image and image/compressed, whichever speaks first), one of these two alone, `webcam`
   /// (the scene's camera.webcam), or the path of a video, picture or folder.
   std::string source = readSource(reader);
-  bool use_camera_info =
-      reader.flag("use_camera_info", true);  ///< else the scene's intrinsics hold
+  bool use_camera_info = reader.flag("use_camera_info", true);  ///< else the scene's intrinsics
   std::string camera_info_url = reader.text("camera_info_url", "");    ///< of a webcam or file
   double file_rate = reader.number("file_rate", 15.0, {0.1, 1000.0});  ///< pictures of a file [Hz]
   double draw_rate = reader.number("draw_rate", 20.0, {0.1, 100.0});   ///< of markers, overlay [Hz]
@@ -243,8 +242,7 @@ class PictureSource {
   std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
 
   mutable basics::Mutex mutex_;
-  std::optional<CheckedPicture<estimation::Camera>> camera_info_
-      HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
+  std::optional<CheckedPicture<estimation::Camera>> camera_info_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;
@@ -254,8 +252,7 @@ class PictureSource {
 // then, so a replay uses the same models.
 constexpr std::chrono::milliseconds kModelPatience(100);
 
-// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
-// the pictures down.
+// Each wait in vain halves the patience, down to this: late models do not slow the pictures down.
 constexpr std::chrono::milliseconds kLeastPatience(5);
 
 // Expected shape before the first model arrives.
@@ -517,8 +514,7 @@ constexpr double kDrawingSlack = 0.9;
 /// the node vision of docs/nodes.md. Parameters: VisionOptions.
 ///
 /// A bad picture or camera_info is counted, warned of at a limited rate and reported on
-/// vision_status; it never makes a measurement. A steady clock decides whether pictures still come;
-/// all else goes by stamps.
+/// vision_status, not measured. A steady clock tells whether pictures come; all else is by stamps.
 class VisionNode : public Node {
  public:
   /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
@@ -526,8 +522,7 @@ class VisionNode : public Node {
 
   /// @param node          where topics are relative to.
   /// @param private_node  where parameters are; names the node in diagnostics.
-  /// @throws io::DocumentError or std::invalid_argument with every fault found;
-  /// NothingToDo.
+  /// @throws io::DocumentError or std::invalid_argument with every fault found; NothingToDo.
   VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
       : host_(host),
         options_(private_node),

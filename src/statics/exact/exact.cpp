@@ -34,8 +34,7 @@ using lie::Vector6;
 constexpr double kContraction = 0.5;  // of Newton's steps that stay on their branch
 constexpr double kLargestStep = 1.0;  // of them [rad], relative to the arm's size
 constexpr double kNoise = 10;         // in tolerances: such a defect need not decrease
-constexpr double kLeastGain =
-    0.5;  // of a damped step, relative to the fraction of Newton's step that it takes
+constexpr double kLeastGain = 0.5;    // of a damped step, relative to its fraction of Newton's step
 constexpr double kShortestStep = 1e-4;  // of a damped one, as a part of Newton's
 constexpr double kNegative = 1e-9;      // of an eigenvalue, relative to the largest
 
@@ -215,8 +214,7 @@ class MultipleShooting {
   }
 
   // Rows P x_j = c that the steps x_j must satisfy so that everything beyond node j fits,
-  // propagated from the tip to the base. They are orthonormal, so that components that grow towards
-  // the tip decay in them.
+  // propagated from tip to base. Orthonormal: components that grow towards the tip decay in them.
   Step newtonStep(const Shot& shot) const {
     using Rows = Eigen::Matrix<double, 3, 6>;
     const int count = rod_.segmentCount();
@@ -274,8 +272,7 @@ constexpr double kBranchEnd = 1e-6;      // step relative to the load at which t
 constexpr int kFewIterations = 5;        // of a step, after which the next one is longer
 
 /// Applies the load in steps, as long as Newton's method stays on the branch that grows from the
-/// unloaded shape. Where the branch ends, the result is whichever shape damped steps find under the
-/// full load.
+/// unloaded shape. Where it ends, the result is whichever shape damped steps find under all of it.
 Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) {
   Reached out;
   out.nodes = shooting.unloadedNodes();
@@ -320,8 +317,7 @@ Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) 
 // this multiple of the tolerance, it counts as zero.
 constexpr double kNoWork = 1e-8;
 constexpr double kNoWorkTolerances = 10;
-// Gauss points of a panel of the derivatives, and its largest turn [rad] and e-fold growth, which
-// they resolve to 1e-12.
+// Gauss points of a panel of the derivatives; its largest turn [rad] and growth, resolved to 1e-12.
 constexpr int kPanelNodes = 8;
 constexpr double kPanelTurn = 1.2;
 

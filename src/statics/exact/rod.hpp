@@ -341,8 +341,7 @@ class Rod {
   double momentScale() const { return moment_scale_; }
   /// Moment that bends the arm by about one radian [N m].
   double momentUnit() const { return moment_unit_; }
-  /// False if a moment keeps its direction: it then has no potential energy that decides about
-  /// stability.
+  /// False if a moment keeps its direction: no potential energy then decides about stability.
   bool conservative() const { return conservative_; }
 
  private:

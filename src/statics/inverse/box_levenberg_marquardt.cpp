@@ -17,8 +17,7 @@ constexpr double kAtRest = 1e-13;  // relative decrease below which the descent 
 constexpr double kRestFraction = 2e-3;
 constexpr double kNewtonGain = 0.1;  // accepted decrease of the cost by an undamped step
 
-// A step is accepted if it gains at least this fraction of the decrease that the linear model
-// predicts.
+// A step is accepted if it gains this fraction of the decrease that the linear model predicts.
 constexpr double kLeastRatio = 1e-3;
 // The damping falls above the first ratio and rises below the second.
 constexpr double kGoodRatio = 0.75;
@@ -73,8 +72,7 @@ void BoxLevenbergMarquardt::linearise(const InversePoint& point) noexcept {
 }
 
 // For three muscles and a position, solves the square system directly, at a third of the cost of
-// the normal equations. Returns false if that leaves the box or gains little; the damped steps then
-// take over.
+// the normal equations. Returns false if that leaves the box or gains little: damped steps follow.
 bool BoxLevenbergMarquardt::takeNewtonStep(InversePoint& point) {
   const Eigen::Matrix3d J = point.jacobian.topRows<3>();
   const Eigen::Vector3d a = J.col(0), b = J.col(1), c = J.col(2), r = point.residual.head<3>();

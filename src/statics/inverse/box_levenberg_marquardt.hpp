@@ -27,18 +27,15 @@ enum class Descent {
   kExhausted,  ///< the maximum number of iterations was reached
 };
 
-/// Least squares of an inverse task over the lengths inside their box, by Levenberg-Marquardt with
-/// an active set.
+/// Least squares of an inverse task over a box of lengths: Levenberg-Marquardt with an active set.
 ///
-/// Keeps references to task and box. The task's target may change between calls. All memory is
-/// allocated in the constructor.
+/// Keeps references to task and box; the target may change between calls. Allocates only when made.
 class BoxLevenbergMarquardt {
  public:
   /// @param tolerance  residual at which a target counts as reached [m].
   BoxLevenbergMarquardt(const InverseTask& task, const LengthBox& box, double tolerance);
 
-  /// Computes residual, Jacobian and cost at the point's lengths. Throws as
-  /// InverseTask::evaluate().
+  /// Computes residual, Jacobian and cost at the point. Throws as InverseTask::evaluate().
   void evaluate(InversePoint& point) const;
 
   /// Moves an evaluated point to the goal or to a local minimum.
@@ -59,8 +56,7 @@ class BoxLevenbergMarquardt {
   const Eigen::VectorXd& proposed() const { return trial_.lengths; }
 
   /// The step (n) [m] of the linearised point inside the box that minimises the linear model plus
-  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. Call it once per
-  /// linearisation.
+  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. One per linearisation.
   const Eigen::VectorXd& stepWith(const Eigen::VectorXd& diagonal,
                                   const Eigen::VectorXd& gradient) noexcept;
   /// Mean of diag(J'J) at the linearised point.

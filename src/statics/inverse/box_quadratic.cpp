@@ -68,8 +68,7 @@ void BoxQuadratic::solveFree() noexcept {
   }
 }
 
-// Moves to the free minimiser or to the first bound on the way, which is then fixed. Returns true
-// if no bound was in the way.
+// Moves to the free minimiser and returns true, or to the first bound on the way and fixes it.
 bool BoxQuadratic::advance() noexcept {
   double fraction = 1.0;
   int blocking = -1;

@@ -5,8 +5,7 @@
 
 namespace helix_arm::statics {
 
-/// Minimises 1/2 x' H x + g' x over lower <= x <= upper with a primal active-set method that starts
-/// at x = 0.
+/// Minimises 1/2 x' H x + g' x over lower <= x <= upper by a primal active-set method from x = 0.
 ///
 /// Set the members, then call solve(). All memory is allocated in the constructor.
 class BoxQuadratic {

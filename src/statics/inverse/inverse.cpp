@@ -82,10 +82,9 @@ constexpr int kValleyDescent = 25;  // iterations from a step back to the bottom
 
 /// Continues descents that ended near a target, along a valley of the cost.
 ///
-/// A section that closes to a circle hardly moves its tip when the circle turns about its start.
-/// This is a narrow valley, so curved that a descent makes little progress along it. This class
-/// takes the full step of the linear model along the valley, descends from there, and only then
-/// compares the costs.
+/// A section that closes to a circle hardly moves its tip when the circle turns about its start: a
+/// narrow valley, so curved that a descent makes little progress. This class takes the full step of
+/// the linear model along it, descends from there, and only then compares the costs.
 class InverseValley {
  public:
   /// @param rest_length  of the arm [m]. @param budget  iterations in valleys per target.
@@ -206,8 +205,7 @@ class InversePreference {
     return sum;
   }
 
-  // Of kStiff: logarithm of the compliance at inputs, and its gradient by the fractions of their
-  // ranges.
+  // Of kStiff: logarithm of the compliance at inputs; its gradient by fractions of their ranges.
   double softness(const Eigen::VectorXd& input) const {
     Eigen::VectorXd lengths(n_);
     for (int i = 0; i < n_; ++i) {
@@ -248,8 +246,7 @@ class InversePreference {
       const model::Actuator& actuator = arm_.actuator(i);
       const double range = actuator.limits.upper - actuator.limits.lower;
       const double mean_slope = (box_.upper()[i] - box_.lower()[i]) / range;
-      // Where the contraction is flat, a length does not determine its input, so the slope is
-      // bounded away from zero.
+      // A flat contraction does not determine its input: the slope is bounded away from zero.
       const double slope = actuator.contraction.slopeInside(input[i]);
       const double kept = std::copysign(std::max(std::abs(slope), kLeastSlope * mean_slope), slope);
       slope_[i] = 1.0 / (kept * range);
@@ -455,8 +452,7 @@ class InverseSolver::Workspace {
       minimiser_.evaluate(current_);
     }
     Descent outcome = minimiser_.descend(current_, options_.max_iterations);
-    // Twists are linear in the lengths, so their least squares have one minimum. Tips may have
-    // local minima.
+    // Twists are linear in the lengths, so that their squares have one minimum. Tips may have more.
     if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
       valley_.restart();
       outcome = valley_.follow(current_, outcome);
@@ -508,8 +504,7 @@ class InverseSolver::Workspace {
     }
   }
 
-  // Leaves the best of the starts in current_. It counts as converged if any start as good has
-  // converged.
+  // Leaves the best of the starts in current_: converged if any start as good has converged.
   Descent tryOtherStarts(Descent first) {
     const double infinity = std::numeric_limits<double>::infinity();
     double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;

@@ -76,8 +76,7 @@ class LengthBox {
 /// Residual if no shape balances the load: larger than that of any target [m].
 inline constexpr double kNoBalance = 1e9;
 
-/// The function whose root the inverse seeks: the weighted error of a target as a function of the
-/// actuators' lengths.
+/// The function whose root the inverse seeks: a target's weighted error by the actuators' lengths.
 class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
@@ -91,8 +90,7 @@ class InverseTask {
                 !corrected.arm().links()),
         tip_by_lengths_(6, actuators_) {
     for (int k = 0; k < model_.arm().sectionCount(); ++k) {
-      // Rank of the map rather than of A: an untilted ring can shear and twist, but its muscles
-      // cannot cause it.
+      // Rank of the map rather than of A: an untilted ring can shear and twist, not by its muscles.
       Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(model_.arm().equilibrium(k).map);
       qr.setThreshold(1e-9);
       map_rank_ += static_cast<int>(qr.rank());
@@ -142,8 +140,7 @@ class InverseTask {
     jacobian.setZero();
   }
 
-  /// Distance between the tip at these lengths and the desired tip [m]; infinite if no shape
-  /// balances the load.
+  /// Distance of the tip at these lengths from the wanted one [m]; infinite if no shape balances.
   double positionError(const Eigen::VectorXd& lengths) const {
     const auto shape = model_.shape(lengths);
     if (!shape) return std::numeric_limits<double>::infinity();
@@ -274,8 +271,7 @@ class InverseStarts {
   static constexpr int kMaxActuatorsForCorners = 6;
   static constexpr int kStride = 97;  // between the later starts; coprime to their number
 
-  // The start among the first `count` unused ones whose tip is nearest to the target; -1 if there
-  // is none.
+  // The start among the first `count` unused ones whose tip is nearest to the target; -1: none.
   int nearest(int count, const InverseTask& task) const noexcept {
     int choice = -1;
     double least = std::numeric_limits<double>::infinity();

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "helix_arm/basics/requirement.hpp"
-
 namespace helix_arm::statics {
 namespace {
 

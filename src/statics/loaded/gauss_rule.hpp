@@ -7,8 +7,7 @@
 
 namespace helix_arm::statics {
 
-/// Gauss-Legendre points on [0, 1], with integrals of the polynomials through values at these
-/// points.
+/// Gauss-Legendre points on [0, 1], with integrals of the polynomials through values at them.
 template <int kNodes>
 class GaussRule {
  public:

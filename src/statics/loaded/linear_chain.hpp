@@ -68,8 +68,7 @@ class LinearChain {
   Response answer(const std::vector<Eigen::MatrixXd>& rates, const Motion& at_tip) const;
 
  private:
-  // Derivatives with respect to the element's rates, the motion of its start, the wrench beyond it
-  // and its parameters.
+  // Derivatives by the element's rates, its start's motion, the wrench beyond it, its parameters.
   struct Part {
     int unknowns, first_column, columns;
     Eigen::MatrixXd rates;  // that balance the load

@@ -14,8 +14,7 @@
 #include "lie/jacobian_slope.hpp"
 #include "relaxation.hpp"
 
-/// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
-/// slow.
+/// Definitions of LoadedArmOf. Each group is instantiated in its own file: compilation is slow.
 namespace helix_arm::statics {
 
 inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and one radian

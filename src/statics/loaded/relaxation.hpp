@@ -40,8 +40,7 @@ inline constexpr double kAtRest = 1e-11;
 // most this long, relative to the arm's size and one radian.
 inline constexpr double kContracting = 0.5;
 inline constexpr double kTrustedStep = 0.02;
-// Rotation of a section relative to its unloaded shape beyond which its coordinates are ambiguous
-// [rad].
+// Rotation of a section from its unloaded shape beyond which its coordinates are ambiguous [rad].
 inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
 inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
@@ -61,14 +60,12 @@ inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;
 
-// Stiffness of a shape that may have another beside it: 2 a = 1/4 of the square of its turn [rad],
-// and as much to spare.
+// Stiffness of a shape that may have another beside it: 2 a = turn^2 / 4 [rad], as much to spare.
 inline constexpr double kBranching = 0.5;
 // Load steps, relative to the whole load.
 inline constexpr double kFirstLoadStep = 0.25;
 inline constexpr double kLeastLoadStep = 1e-3;
-// Distance of a step's shape from the predicted one: relative to the step, or to the arm's size and
-// one radian.
+// Of a step's shape from the predicted one: relative to the step, or to the arm's size and 1 rad.
 inline constexpr double kOnBranch = 0.5;
 inline constexpr double kNearBranch = 0.05;
 
@@ -183,8 +180,7 @@ class Anderson {
   int calls_ = 0;
 };
 
-/// The elements of an arm without load: poses seen from their starts, and compliance at the Gauss
-/// points.
+/// The elements of an unloaded arm: poses seen from their starts, compliance at the Gauss points.
 template <class Group>
 template <int kNodes>
 class LoadedArmOf<Group>::UnloadedElements {
@@ -233,8 +229,7 @@ class LoadedArmOf<Group>::UnloadedElements {
                           .step(element.begin + lastNode(before) * element.length,
                                 element.begin + t * element.length));
   }
-  /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
-  /// from the element's start.
+  /// Motions (dof x m) of nodes and end by the section's parameters, seen from the element's start.
   std::vector<Motion> changes(int e, const UnloadedChange<Group>& change) const {
     const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     std::vector<Motion> out;

@@ -109,8 +109,7 @@ Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> wrenchesAt(const typename Gro
   return out;
 }
 
-/// The twist whose exp is X and whose rotation vector is nearest to `near` [rad], by more than pi
-/// if necessary.
+/// The twist whose exp is X and whose rotation vector is nearest to `near` [rad], beyond pi, too.
 lie::Vector6 twistNear(const lie::SE3& X, const Eigen::Vector3d& near);
 
 /// Body motion of the tip with respect to the free length of each actuator, without load. Calls

@@ -92,8 +92,7 @@ void markJumps(const model::Arm& arm, const Change& change, ShapeDerivative& by_
 }
 
 // Without load: the tip, and the derivatives by parameters that change one section each.
-// @param byPiece  of section k and its piece j: (6 x parameters of the section) derivatives of the
-//     piece's twist.
+// @param byPiece  (6 x parameters of section k) derivatives of the twist of its piece j.
 template <class ByPiece>
 std::pair<SE3, ShapeDerivative> unloadedDerivative(const model::Arm& arm,
                                                    const model::Unloaded& unloaded,
@@ -139,8 +138,7 @@ ShapeDerivative unloadedByStiffness(const model::Arm& arm, const model::Unloaded
   return out;
 }
 
-// By the parameters of a change and, on request, by a load at the tip, at the equilibrium of a
-// tier.
+// By the parameters of a change and, on request, a load at the tip, at the equilibrium of a tier.
 ShapeResponse loadedResponse(const model::Arm& arm, const Load& load, const TierSetting& setting,
                              const Eigen::VectorXd& lengths, const Change& change, bool by_load) {
   const model::Unloaded unloaded = unloadedUnderOfLengths(arm, load, lengths);

@@ -19,8 +19,7 @@
 namespace helix_arm::statics {
 namespace {
 
-// Sizes of pieces: about 20 ns per point in closed form, up to 0.1 s with sensitivity by the exact
-// tier.
+// Of pieces: a point takes 20 ns in closed form, up to 0.1 s with sensitivity by the exact tier.
 constexpr int kBatchPiece = 16384;
 constexpr int kClosedFormPiece = 256;
 constexpr int kLoadedPiece = 64;
@@ -342,8 +341,7 @@ class ExtentBound {
     return total(linear);
   }
 
-  // Bound on d'(y - centre) over the reachable y in the box; below its least value over the box if
-  // there are none.
+  // Bound on d'(y - centre) over the reachable y in the box; below the least of the box if none is.
   double dualBound(const Eigen::VectorXd& d, const Box& box, int which, Found& found) {
     const Eigen::Index m = Z_.rows(), n = Z_.cols();
     const double weight = kPenalty * d.norm();
