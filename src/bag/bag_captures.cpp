@@ -24,7 +24,8 @@ using nlohmann::json;
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
 // What is read of a recording: a topic by its name behind the last `/`, its type, and the checksum
-// of the definition in msg/, which bag_captures_test compares: the command is built without ROS too.
+// of the definition in msg/, which bag_captures_test compares: the command is built without ROS
+// too.
 enum Topic { kDetections, kMeasured, kCommand, kTopicCount };
 const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
 const char* const kPressures[] = {"helix_arm/PressureArray", "16e7dc420c1fb29f7ee29e1f1b50f307"};
@@ -69,8 +70,8 @@ std::vector<std::string> topicsOf(const json& found, const std::string& path) {
   }
   for (const Topic needed : {kDetections, kMeasured}) {
     if (!out[needed].empty()) continue;
-    faults.add(0,
-               std::string("topic ") + kTopics[needed].name + " is missing; record it with the others");
+    faults.add(
+        0, std::string("topic ") + kTopics[needed].name + " is missing; record it with the others");
   }
   faults.throwIfAny();
   return out;

@@ -348,10 +348,11 @@ void expectCharuco(const cv::Mat& page, const vision::CharucoBoard& board, int d
   const auto theirs =
       test::openCvBoard(board.columns, board.rows, static_cast<float>(board.square_size),
                         static_cast<float>(board.marker_size), dictionary);
-  std::vector<int> ids, corner_ids;
+  std::vector<std::vector<cv::Point2f>> markers;
   std::vector<cv::Point2f> corners;
-  theirs.find(page, ids, corners, corner_ids);
-  ASSERT_EQ(ids.size(), static_cast<std::size_t>(board.count()));
+  std::vector<int> corner_ids;
+  theirs.find(page, markers, corners, corner_ids);
+  ASSERT_EQ(markers.size(), static_cast<std::size_t>(board.count()));
   ASSERT_EQ(corners.size(), static_cast<std::size_t>(board.cornerCount()));
   double worst = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {

@@ -9,6 +9,7 @@
 #include <sys/wait.h>
 
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/TagDetections.h"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "support/random.hpp"

@@ -383,12 +383,7 @@ TEST(MarkerDictionaries, AreThoseOfOpenCvInItsOrder) {
   const auto& known = markerDictionaries();
   ASSERT_EQ(known.size(), static_cast<std::size_t>(cv::aruco::DICT_APRILTAG_36h11) + 1);
   for (std::size_t i = 0; i < known.size(); ++i) {
-    const auto theirs = cv::aruco::getPredefinedDictionary(static_cast<int>(i));
-#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
-    const cv::aruco::Dictionary& dictionary = *theirs;
-#else
-    const cv::aruco::Dictionary& dictionary = theirs;
-#endif
+    const cv::aruco::Dictionary dictionary(cv::aruco::getPredefinedDictionary(static_cast<int>(i)));
     EXPECT_EQ(dictionary.bytesList.rows, known[i].markers) << known[i].name;
     EXPECT_EQ(dictionary.markerSize, known[i].bits) << known[i].name;
     EXPECT_EQ(dictionaryIndex(known[i].name), static_cast<int>(i));
@@ -433,7 +428,7 @@ TEST(CharucoBoard, IsTheOneOfOpenCv) {
     const CharucoBoard board{columns, rows, 0.03, 0.021, "DICT_5X5_100"};
     const auto theirs =
         test::openCvBoard(columns, rows, 0.03F, 0.021F, dictionaryIndex(board.dictionary));
-    ASSERT_EQ(theirs.ids.size(), static_cast<std::size_t>(board.count()));
+    ASSERT_EQ(theirs.markers.size(), static_cast<std::size_t>(board.count()));
     ASSERT_EQ(theirs.corners.size(), static_cast<std::size_t>(board.cornerCount()));
     const bool upwards = theirs.markers.front()[0].y > theirs.markers.back()[0].y;
     for (int row = 0; row < rows; ++row) {

@@ -205,11 +205,11 @@ class LoopMarkers : public Screen {
  public:
   /// The tips at one time, base frame. What is absent is not drawn.
   struct Tips {
-    std::optional<Eigen::Vector3d> wanted;     ///< [m]
-    std::optional<Eigen::Vector3d> predicted;  ///< [m]
-    Eigen::Matrix3d covariance;                ///< of predicted [m^2]
-    std::optional<Eigen::Vector3d> force;      ///< on the arm, while something touches it [N]
-    std::vector<Eigen::Vector3d> curve;        ///< of the corrected model; empty if unknown
+    std::optional<Eigen::Vector3d> wanted;                 ///< [m]
+    std::optional<Eigen::Vector3d> predicted;              ///< [m]
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();  ///< of predicted [m^2]
+    std::optional<Eigen::Vector3d> force;  ///< on the arm, while something touches it [N]
+    std::vector<Eigen::Vector3d> curve;    ///< of the corrected model; empty if unknown
     std::string text;
     std::string budget;    ///< the table; empty: none
     bool outside = false;  ///< the budget does not explain what is measured
