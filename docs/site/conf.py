@@ -18,7 +18,6 @@ exclude_patterns = ["config", "docs/site", "examples", "include"]
 html_theme = "sphinx_rtd_theme"
 html_copy_source = False
 myst_heading_anchors = 4
-myst_url_schemes = ("http", "https", "mailto")
 highlight_language = "none"  # most examples are what a terminal shows
 suppress_warnings = ["duplicate_declaration.cpp", "myst.header"]  # overloads; the heading in the README's box
 breathe_projects = {"helix_arm": os.environ["HELIX_ARM_DOXYGEN"]}

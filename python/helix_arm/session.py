@@ -38,7 +38,12 @@ MOST_DIFFERENCES = 20  # of a file
 
 
 def sha256_of(*paths):
-    return hashlib.sha256(b"".join(Path(path).read_bytes() for path in paths)).hexdigest()
+    digest = hashlib.sha256()
+    for path in paths:
+        with open(str(path), "rb") as file:  # videos are large
+            for block in iter(lambda: file.read(1 << 20), b""):
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def version_of(program):
@@ -120,13 +125,16 @@ def run(command, cwd, inputs, copies, to, echo):
             for chunk in iter(lambda: os.read(source.fileno(), 65536), b""):
                 for file in list(files):
                     try:
-                        file.write(chunk)
+                        rest = chunk
+                        while rest:
+                            rest = rest[file.write(rest):]
                         file.flush()
                     except BrokenPipeError:  # nobody reads on; the files get the rest
                         files.remove(file)
 
-        pumps = [threading.Thread(target=pump, args=(child.stdout, [log, out] + [sys.stdout.buffer] * echo)),
-                 threading.Thread(target=pump, args=(child.stderr, [log] + [sys.stderr.buffer] * echo))]
+        own = [[open(number, "wb", buffering=0, closefd=False)] if echo else [] for number in (1, 2)]
+        pumps = [threading.Thread(target=pump, args=(child.stdout, [log, out] + own[0])),
+                 threading.Thread(target=pump, args=(child.stderr, [log] + own[1]))]
         for each in pumps:
             each.start()
         for each in pumps:
