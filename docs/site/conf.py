@@ -50,5 +50,13 @@ def write_api(folder):
         (folder / ("cpp_%s.rst" % layer.name)).write_text(text, encoding="utf-8")
 
 
+def list_others(_, name, source):
+    """Puts the pages of docs that docs/site/index.rst does not name behind those that it does."""
+    if name == "index":
+        pages = ["docs/" + page.stem for page in sorted((ROOT / "docs").glob("*.md"))]
+        source[0] = source[0].replace("@OTHERS@", "\n   ".join(page for page in pages if page + "\n" not in source[0]))
+
+
 def setup(app):
     write_api(Path(app.srcdir) / "api")
+    app.connect("source-read", list_others)
