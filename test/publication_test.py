@@ -61,6 +61,10 @@ class Publication(unittest.TestCase):
                 self.assertRegex(" ".join(calls), r"^\.ci/container \S+( matrix\.release }})? \${{ matrix\.step }}$")
                 self.programs(calls + job["strategy"]["matrix"]["step"])
 
+    def test_the_citation_has_the_version_of_the_package(self):
+        version = re.search("<version>(.*)</version>", (ROOT / "package.xml").read_text()).group(1)
+        self.assertEqual(yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"], version)
+
     @unittest.skipUnless((ROOT / ".git").exists(), "this is no checkout of git")
     def test_a_release_writes_its_version_everywhere_and_a_broken_link_stops_the_site(self):
         with tempfile.TemporaryDirectory(prefix="helix_arm release ") as scratch:

@@ -139,13 +139,13 @@ class Doctor:
         variable = next((name for name in ("ROS_HOSTNAME", "ROS_IP") if self.environment.get(name)), "host name")
         own = self.environment.get(variable) or socket.gethostname()
         uri = self.environment.get("ROS_MASTER_URI") or "http://localhost:11311"
-        master = urlparse(uri)
+        master = urlparse(uri if re.match(r"http://[\w.-]+:\d{1,5}/?$", uri) else "")
         for_itself = is_here(own) and is_here(master.hostname) is False and socket.gethostbyname(own).startswith("127.")
         self.say("own_name", for_itself or not is_here(own), "%s %s%s" % (variable, own, " reaches no other machine" if for_itself else
                  {True: "", False: " is another machine", None: " does not resolve"}[is_here(own)]), REACH)
         transport = TimedTransport()
         try:
-            if not master.hostname or not master.port:
+            if not master.hostname:
                 raise ValueError("expected http://HOST:11311")
             proxy = xmlrpc.client.ServerProxy(uri, transport=transport)
             nodes = {name for kind in proxy.getSystemState("/helix_arm_doctor")[2] for _, names in kind for name in names}
