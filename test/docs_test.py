@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Checks README.md, CONTRIBUTING.md and docs/*.md against the package: links and anchors, paths, launch arguments, commands
+"""Checks README.md, CONTRIBUTING.md, SECURITY.md and docs/*.md against the package: links and anchors, paths, launch arguments, commands
 and their options, tests, ROS names, the example of a scene, the length of the README and a few phrases.
 
 usage: docs_test.py --root PACKAGE --command HELIX_ARM [--self-test]
@@ -24,7 +24,7 @@ FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include
            "srv", "test")
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
-CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "CMakeLists.txt", "action", "cmake", "config", "docs", "examples", "firmware", "include",
+CHECKED = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff", "CHANGELOG.rst", "CMakeLists.txt", "action", "cmake", "config", "docs", "examples", "firmware", "include",
            "launch", "LICENSE", "msg", "python", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
@@ -175,11 +175,11 @@ class Package:
 class Checker:
     def __init__(self, root, command):
         self.root = root
-        names = [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").glob("*.md"))]
+        names = [root / "README.md", root / "CONTRIBUTING.md", root / "SECURITY.md", *sorted((root / "docs").glob("*.md"))]
         self.documents = {path.resolve(): Document(root, path) for path in names if path.is_file()}
         self.package = Package(root, command)
         self.faults = []
-        for path in names[:2]:
+        for path in names[:3]:
             if not path.is_file():
                 self.faults.append("%s:1: is missing" % path.name)
 

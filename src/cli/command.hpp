@@ -29,7 +29,9 @@ enum class Format { kText, kJson, kCsv };
 /// Options of every subcommand.
 struct GlobalOptions {
   Format format = Format::kText;
+  std::string format_word = "text";    ///< as --format says it
   std::vector<std::string> overrides;  ///< key=value
+  std::string session;                 ///< folder that keeps the run; empty: none
 };
 
 /// A subcommand: what parses its options, and its work, which gives an exit code.
@@ -41,6 +43,7 @@ struct Subcommand {
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
 Subcommand addCheck(CLI::App& app);
+Subcommand addDoctor(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
@@ -51,10 +54,16 @@ Subcommand addLocalize(CLI::App& app);
 Subcommand addNew(CLI::App& app);
 Subcommand addPath(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
+Subcommand addSession(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);
 Subcommand addTags(CLI::App& app);
 Subcommand addTrade(CLI::App& app);
 Subcommand addWorkspace(CLI::App& app);
+
+/// Runs a file of the Python package in the place of this process, without loading the package.
+/// @param words  its arguments behind the path of this program.
+/// @throws CallerError where it cannot be run; otherwise it does not return.
+int runPython(const std::string& module, std::vector<std::string> words);
 
 /// Exit code of a command that was interrupted, as a shell gives it for Ctrl-C.
 inline constexpr int kInterrupted = 130;

@@ -67,6 +67,18 @@ void checkArguments(const std::vector<std::string>& arguments) {
   }
 }
 
+// What --session keeps: the same call gives the same result.
+const std::string kKept = "calibrate, commission, evaluate, fit, follow, localize, simulate";
+
+// Has the call run without --session, and kept. @throws CallerError where it is of no such kind.
+int keepSession(const std::string& name, std::string folder, std::vector<std::string> words) {
+  if ((kKept + ",").find(name + ",") == std::string::npos) {
+    throw CallerError("--session does not keep " + name + "; it keeps " + kKept);
+  }
+  words.insert(words.begin(), {"keep", folder, name, io::shippedFolder(io::kShippedScenes)});
+  return runPython("session", std::move(words));
+}
+
 // The exit code where the call ends here: --help, --version and errors.
 std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
   checkArguments(arguments);
@@ -100,25 +112,30 @@ int run(int argc, char** argv) {
   GlobalOptions global;
   const std::map<std::string, Format> formats{
       {"text", Format::kText}, {"json", Format::kJson}, {"csv", Format::kCsv}};
-  std::string format = "text";
-  addOption(app, "--format", format, "output format: text, json or csv",
+  addOption(app, "--format", global.format_word, "output format: text, json or csv",
             CLI::IsMember({"text", "json", "csv"}), kShowDefault);
   addOption(app, "--set", global.overrides,
             "override a key of the scene, list entries by number from 0; repeatable",
             TypeName{"KEY=VALUE"})
       ->allow_extra_args(false);
+  addOption(app, "--session", global.session,
+            "folder that keeps this run in a folder of its own; of " + kKept, TypeName{"DIR"});
 
   const Subcommand subcommands[] = {
-      addForward(app),  addInverse(app),  addEvaluate(app), addFit(app),        addCalibrate(app),
-      addLocalize(app), addSimulate(app), addTrade(app),    addWorkspace(app),  addPath(app),
-      addFollow(app),   addTags(app),     addCamera(app),   addCommission(app), addCheck(app),
-      addNew(app),      addRegulator(app)};
+      addForward(app),  addInverse(app),   addEvaluate(app), addFit(app),        addCalibrate(app),
+      addLocalize(app), addSimulate(app),  addTrade(app),    addWorkspace(app),  addPath(app),
+      addFollow(app),   addTags(app),      addCamera(app),   addCommission(app), addCheck(app),
+      addNew(app),      addRegulator(app), addSession(app),  addDoctor(app)};
   if (argc == 3 && argv[1] == kNamesOption) {
     printNames(argv[2]);
     return kDone;
   }
   if (const auto exit_code = parse(app, {argv + 1, argv + argc})) return *exit_code;
-  global.format = formats.at(format);
+  global.format = formats.at(global.format_word);
+  if (!global.session.empty()) {
+    return keepSession(app.get_subcommands()[0]->get_name(), global.session,
+                       {argv + 1, argv + argc});
+  }
   std::optional<PrintableStream> for_people;
   if (global.format == Format::kText) for_people.emplace(std::cout);
   int exit_code = kCallerErred;

@@ -33,6 +33,7 @@ struct TwistReading {
 using Reading = std::variant<CurvatureReading, TwistReading, std::vector<PoseObservation>,
                              std::vector<CornerObservation>>;
 
+/// What was measured at one set of inputs.
 struct Capture {
   int number;                ///< number in its data set
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
@@ -84,7 +85,7 @@ enum class FitParameter {
   kTags,
   kBleed,
 };
-constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;
+constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;  ///< how many
 
 /// Blocks of the least-squares problem, which contain the numbers of the parameters.
 enum class ParameterBlock {
@@ -155,6 +156,7 @@ struct CalibrationOptions {
   void validate() const;
 };
 
+/// Whether a calibration has a result.
 enum class CalibrationStatus {
   kCalibrated,
   kNoCaptures,       ///< no captures, or none with enough tags
@@ -205,6 +207,7 @@ constexpr double kLeastExponent = 0.05;
 /// That covariance is the second moment of the errors of the reported values, by the readings and
 /// the priors of all requested stiffness parameters, including those that keep their initial value.
 struct Combination {
+  /// One factor of the product.
   struct Power {
     std::string parameter;
     double exponent;

@@ -75,7 +75,7 @@ struct FitParameterInfo {
 
 /// The table; row i describes the parameter with value i.
 const std::vector<FitParameterInfo>& fitParameters();
-const FitParameterInfo& infoOf(FitParameter parameter);
+const FitParameterInfo& infoOf(FitParameter parameter);  ///< row of a parameter
 
 /// All words of a request, groups before their members.
 std::vector<std::string> fitWords();
@@ -94,6 +94,6 @@ std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bo
 
 /// Sets the options to fit exactly these parameters.
 void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options);
-bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options);
+bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options);  ///< whether it is
 
 }  // namespace helix_arm::estimation

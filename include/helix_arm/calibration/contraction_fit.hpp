@@ -43,6 +43,7 @@ struct LengthSample {
   double length;    ///< [m]
 };
 
+/// How a curve is written.
 enum class CurveKind {
   kQuintic,  ///< one polynomial over p / p_ref, as in the paper; from 0 to the largest pressure
   kTable,    ///< monotone piecewise cubic (PCHIP) from the smallest to the largest pressure
@@ -54,11 +55,13 @@ enum class CurveKind {
 /// within 1 % of the largest pressure are ignored.
 enum class Branch { kBoth, kRising, kFalling };
 
+/// Which curve is fitted, and to which readings.
 struct ContractionFitOptions {
   CurveKind kind = CurveKind::kQuintic;
   Branch branch = Branch::kBoth;
 };
 
+/// Whether a curve was fitted.
 enum class ContractionFitStatus {
   kFitted,
   kTooFewPressures,  ///< fewer distinct pressures on the branch than the curve needs: 6 for

@@ -76,6 +76,7 @@ struct SeriesComparison {
   Eigen::MatrixXd deviation;       ///< (these rows x 2 or 3) model - measured, in F [m]
 };
 
+/// What fitSeries() found.
 struct SeriesFit {
   std::string failure;  ///< cause and remedy; empty if fitted
   std::vector<Parameter> parameters;

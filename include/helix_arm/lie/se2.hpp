@@ -39,13 +39,13 @@ struct SE2 {
 /// Conversions between the plane and the plane z = 0 of space. project() drops the components out
 /// of the plane.
 SE3 embed(const SE2& X);
-Vector6 embed(const SE2::Tangent& xi);
-SE2::Tangent project(const Vector6& xi);
+Vector6 embed(const SE2::Tangent& xi);    ///< the same of a twist
+SE2::Tangent project(const Vector6& xi);  ///< its part in the plane
 
 /// A pose or twist of either group as a spatial one.
 inline const SE3& inSpace(const SE3& X) { return X; }
-inline SE3 inSpace(const SE2& X) { return embed(X); }
-inline const Vector6& inSpace(const Vector6& twist) { return twist; }
-inline Vector6 inSpace(const SE2::Tangent& twist) { return embed(twist); }
+inline SE3 inSpace(const SE2& X) { return embed(X); }                       ///< embedded
+inline const Vector6& inSpace(const Vector6& twist) { return twist; }       ///< as it is
+inline Vector6 inSpace(const SE2::Tangent& twist) { return embed(twist); }  ///< embedded
 
 }  // namespace helix_arm::lie

@@ -6,8 +6,8 @@
 /// the whole section.
 namespace helix_arm::lie {
 
-using Vector6 = Eigen::Matrix<double, 6, 1>;
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Vector6 = Eigen::Matrix<double, 6, 1>;  ///< a twist
+using Matrix6 = Eigen::Matrix<double, 6, 6>;  ///< acts on twists
 
 /// Cross-product matrix: skew(w) u = w x u.
 Eigen::Matrix3d skew(const Eigen::Vector3d& w);

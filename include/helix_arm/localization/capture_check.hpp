@@ -20,6 +20,7 @@ struct CaptureScatter {
 /// @param per_tag  residuals of a tag: 3 of a position, 8 of corners.
 CaptureScatter scatterOf(const TwistFit& fit, int per_tag, bool planar);
 
+/// Which captures of a data set fit worse than the others.
 struct CaptureCheck {
   /// Median of the captures' RMS; absent with fewer than 5 captures, which tell nothing.
   std::optional<double> usual;

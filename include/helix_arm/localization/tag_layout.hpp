@@ -61,7 +61,7 @@ struct PiecePlace {
   int piece;  ///< piece index over all sections, counted from 0 at the base
   double s;   ///< position along that piece, in [0, 1]
 };
-PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section);
+PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section);  ///< where that tag is
 
 /// Poses X_BT of all tags on an arm of this shape, seen from its base.
 std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Shape& shape);

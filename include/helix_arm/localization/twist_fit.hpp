@@ -50,6 +50,7 @@ struct RigEstimate {
   Matrix covariance;             ///< positive definite [m, rad, m]
 };
 
+/// Noise that is expected, and what is fitted besides the twists.
 struct TwistFitOptions {
   double corner_noise = 0.3;      ///< expected standard deviation of a corner's coordinate [px]
   double position_noise = 0.010;  ///< of a tag pose's position, each axis [m]
@@ -70,6 +71,7 @@ struct TwistFitOptions {
   void validate() const;
 };
 
+/// Whether a shape was fitted.
 enum class FitStatus {
   kConverged,
   kNotConverged,     ///< the last estimate is returned, but it is not a minimum

@@ -20,6 +20,7 @@ inline constexpr int kMaxPlays = 4;
 /// Its contraction curve takes w in place of p: l = L(w). w stays within the inputs visited, so the
 /// curve is not extrapolated. While s holds, dw/dx lies between 1 - sum a_j - a and 1 - a.
 struct Response {
+  /// One play operator.
   struct Play {
     double reach = 0.0;   ///< r_j > 0 [Pa]: how far x turns back before the play follows, halved
     double weight = 0.0;  ///< a_j >= 0

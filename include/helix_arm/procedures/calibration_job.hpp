@@ -145,7 +145,7 @@ struct Determined {
   std::vector<int> tags;  ///< ids of tags with a parameter that was determined, ascending
   int omitted = 0;        ///< number of parameters that were not determined, those of tags included
 };
-Determined determinedOf(const CalibrationOutcome& outcome);
+Determined determinedOf(const CalibrationOutcome& outcome);  ///< what this one determined
 
 /// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2"; without an error
 /// "K_gamma = 61.7231". Pressures in kPa.

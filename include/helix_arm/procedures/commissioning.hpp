@@ -49,6 +49,7 @@ struct WalkedSensor {
   int reads_as = -1;    ///< index of the actuator that it reads, if it is another one
 };
 
+/// What a walk found.
 struct Commissioning {
   std::vector<WalkedChannel> channels;  ///< (actuators)
   std::vector<WalkedSensor> sensors;    ///< (actuators)

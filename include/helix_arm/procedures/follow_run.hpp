@@ -98,6 +98,7 @@ struct FollowAlarm {
   bool normalised;             ///< the scene has no K_eps
 };
 
+/// A run along tips or a path, and its figures.
 struct FollowResult {
   std::vector<FollowRow> rows;
   FollowFigures figures;  ///< nothing if the run ended early

@@ -42,6 +42,7 @@ struct VisionFigures {
   double pixels_per_bit = 0;
 };
 
+/// What checkRig() found.
 struct RigCheck {
   std::vector<Finding> findings;
   std::optional<VisionFigures> vision;  ///< only with camera and tags
@@ -54,7 +55,8 @@ struct RigCheck {
 inline constexpr double kFarthestTag = 1.0;
 /// Pixels of a tag's bit in the picture that is searched, shrunk by vision.quad_decimate: fewer
 /// cost detections, and below the second most tags are lost, so that they count as unseen.
-inline constexpr double kWantedPixelsPerBit = 1.5, kLeastPixelsPerBit = 1.0;
+inline constexpr double kWantedPixelsPerBit = 1.5;
+inline constexpr double kLeastPixelsPerBit = 1.0;  ///< the second
 
 /// Looks for what keeps a rig from working, without moving or connecting anything: tags that stand
 /// off the arm, face inward, overlap or are too small; how many are seen over the workspace and how

@@ -47,6 +47,7 @@ struct SettleRules {
   void validate() const;
 };
 
+/// Whether a shape is at rest.
 enum class SettleState {
   kSettled,
   kStale,     ///< pressures are missing or too old

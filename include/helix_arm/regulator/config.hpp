@@ -218,7 +218,7 @@ inline constexpr const char* kKinds[] = {SimulatedRegulatorConfig::kKind, Serial
 /// The profile of one.
 using Profile = std::variant<SerialProfile, ModbusProfile>;
 
-DeviceFacts factsOf(const Config& config);
+DeviceFacts factsOf(const Config& config);  ///< those of the regulator's kind
 /// "simulated", or the kind with its profile and address: "ascii_serial alicat at /dev/ttyUSB0".
 std::string describe(const Config& config);
 /// Positions of the actuators in the device, in their order: "addresses A, B, C" or "slots 0, 1,

@@ -12,7 +12,7 @@ namespace helix_arm::regulator {
 
 /// Default priority of these threads, below that of the kernel's interrupt threads (50).
 inline constexpr int kRealtimePriority = 40;
-inline constexpr int kHighestRealtimePriority = 99;
+inline constexpr int kHighestRealtimePriority = 99;  ///< as Linux has it
 
 /// Schedules the calling thread as SCHED_FIFO; threads that it starts keep ordinary scheduling.
 /// @param priority  0 for no change, up to kHighestRealtimePriority.

@@ -57,6 +57,7 @@ std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count, st
 /// @throws std::invalid_argument naming the value and its rule.
 SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::TagBoard& board,
                             const lie::SE3& X_CP, const SimulatedCameraConfig& config);
+/// The same with a ChArUco board.
 SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::CharucoBoard& board,
                             const lie::SE3& X_CP, const SimulatedCameraConfig& config);
 

@@ -30,7 +30,7 @@ enum class DeviceFault {
   kStuckShut,
   kLowSupply,
 };
-inline constexpr int kDeviceFaultCount = 13;
+inline constexpr int kDeviceFaultCount = 13;  ///< number of values
 
 /// "none", "silence", "garbage", "half_line", "wrong_unit", "slow", "restart", "nan_text",
 /// "stuck_value", "burst", "stuck_open", "stuck_shut" or "low_supply".

@@ -11,6 +11,7 @@
 
 namespace helix_arm::statics {
 
+/// When the exact solution is exact enough.
 struct ExactOptions {
   double tolerance = 1e-11;    ///< integration tolerance, relative to the arm's size and one radian
   int max_iterations = 200;    ///< Newton iterations, summed over all load steps

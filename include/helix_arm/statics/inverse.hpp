@@ -37,6 +37,7 @@ Preference preferenceOf(const std::string& word);
 /// Largest accepted magnitude of a target's entry, [m] or [rad].
 inline constexpr double kFarthestTarget = 1e6;
 
+/// What an inverse prefers, and when it ends.
 struct InverseOptions {
   Preference preference = Preference::kMinPressure;
   double cocontraction = 0.5;        ///< preferred fraction of each actuator's range, in [0, 1]
@@ -60,6 +61,7 @@ enum class InverseStatus {
                   ///< iterate
 };
 
+/// Inputs that reach a target, or come closest.
 struct InverseResult {
   Eigen::VectorXd input;  ///< (n) inside the limits: [Pa], or [rad] for tendons
   /// Norm of the weighted error [m]. Infinite, with status kNotConverged, if no shape balances the

@@ -29,6 +29,7 @@ struct WorkspacePoints {
   int count() const { return static_cast<int>(tips.rows()); }
 };
 
+/// How many inputs are drawn, and how.
 struct WorkspaceOptions {
   std::uint64_t seed = 1;
   bool sensitivity = false;

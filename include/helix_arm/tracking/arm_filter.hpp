@@ -27,7 +27,7 @@ enum class ObservationFault {
   kUnbalanced,   ///< the model finds no shape at these pressures
   kOutlier,      ///< farther from the prediction than chance allows
 };
-inline constexpr int kObservationFaultCount = 10;
+inline constexpr int kObservationFaultCount = 10;  ///< number of values
 /// "none", "future", "not_newer", "too_old", "wrong_size", "not_finite", "not_positive",
 /// "implausible", "unbalanced" or "outlier".
 const char* nameOf(ObservationFault fault);

@@ -19,10 +19,11 @@ enum class BudgetPart {
   kPlacement,    ///< tags and base: it does not average out, and no filter sees it
   kCamera,       ///< one picture
 };
-inline constexpr int kBudgetPartCount = 5;
+inline constexpr int kBudgetPartCount = 5;  ///< number of parts
 /// "calibration", "unexplained", "pressure", "placement" or "camera".
 const char* nameOf(BudgetPart part);
 
+/// Whether the budget explains the error.
 enum class BudgetState {
   kInside,   ///< the scene's calibration explains what is measured
   kOutside,  ///< it does not: a load, slip or a changed muscle

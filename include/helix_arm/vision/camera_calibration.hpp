@@ -138,6 +138,7 @@ BoardObservation charucoObservation(const CharucoBoard& board, const std::string
 /// another dictionary, another number of squares, another size of the markers, or no markers.
 std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures);
 
+/// What calibrateCamera() fits, and to how many views.
 struct CameraCalibrationOptions {
   /// Number of coefficients of distortion: 0, 2 (k1 k2), 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4
   /// k5 k6). The others are 0.

@@ -23,6 +23,7 @@ struct WebcamConfig {
   void validate() const;
 };
 
+/// How tags are searched for.
 struct DetectorConfig {
   std::string family = "36h11";
   /// Factor by which the picture is shrunk for the quad search: 1, 1.5 or a whole number up to 32.
@@ -48,6 +49,7 @@ enum class TrackingMode {
   kEdges,
 };
 
+/// How pictures become shapes: key vision of a scene.
 struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;

@@ -20,6 +20,7 @@ enum class FrameStatus {
   kEnd,    ///< end of the file or folder
 };
 
+/// One picture, or why there is none.
 struct Frame {
   cv::Mat gray;       ///< (CV_8UC1) empty with a fault; its memory is reused
   std::string name;   ///< file, or `file#number`, or the device

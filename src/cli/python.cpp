@@ -1,0 +1,54 @@
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+
+#include <unistd.h>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/io/shipped_files.hpp"
+
+namespace helix_arm::cli {
+
+int runPython(const std::string& module, std::vector<std::string> words) {
+  const auto program = std::filesystem::read_symlink("/proc/self/exe");
+  const auto folder = program.parent_path().parent_path() / "python3/dist-packages/helix_arm";
+  const auto file = folder / (module + ".py");
+  words.insert(words.begin(), {"/usr/bin/python3", file, program});
+  std::vector<char*> arguments(words.size() + 1);
+  std::transform(words.begin(), words.end(), arguments.begin(),
+                 [](std::string& word) { return word.data(); });
+  if (std::filesystem::exists(file)) execv(arguments[0], arguments.data());
+  throw CallerError(words[0] + " " + file.string() +
+                    " cannot be run; check that the package is completely installed");
+}
+
+Subcommand addDoctor(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("doctor", "does this computer have what an arm needs?");
+  command->footer(
+      R"(Nothing moves. helix_arm check does the same for a scene and its rig.
+json: checks [{name, state (ok, warning, fault, not_checked), found, remedy}].
+csv: one row per check. Exit code 1 if there is a fault.)");
+  return {command, [](const auto& global) { return runPython("doctor", {global.format_word}); }};
+}
+
+Subcommand addSession(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("session", "make a run that --session kept again");
+  CLI::App* rerun = command->add_subcommand("rerun", "run it again, and compare what it gives");
+  command->require_subcommand(1);
+  const auto folder = std::make_shared<std::string>(), out = std::make_shared<std::string>();
+  addOption(*rerun, "FOLDER", *folder, "folder of the run, below that of --session", kRequired);
+  addOption(*rerun, "--out", *out, "folder for what it gives; must be empty or absent",
+            TypeName{"DIR"});
+  rerun->footer(
+      R"(The same command runs on the copies of its scenes and data, in a folder of its own.
+json: folder, same (true or false), version, version_then, exit_code, exit_code_then,
+differences [{file (stdout.txt, or of the run), line, then, now}], out. csv: one row per
+difference. Exit code 1 unless all is the same.)");
+  return {command, [folder, out](const GlobalOptions& global) {
+            const std::string scenes = io::shippedFolder(io::kShippedScenes);
+            return runPython("session", {"rerun", global.format_word, *folder, *out, scenes});
+          }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,110 @@
+#!/usr/bin/env python3
+"""Containers, workflows, releases and the documentation site name what is there, and work as far as they can here.
+
+usage: publication_test.py --python FOLDER (above the built Python package)
+"""
+import inspect
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def run(*command, folder, code=0):
+    """What a command prints, which has to end with this code."""
+    who = {name + each: "test@example.org" for name in ("GIT_AUTHOR_", "GIT_COMMITTER_") for each in ("NAME", "EMAIL")}
+    done = subprocess.run(list(map(str, command)), cwd=str(folder), env={**os.environ, **who}, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, timeout=200)
+    if done.returncode != code:
+        raise AssertionError("%s ended with %d: %s" % (command, done.returncode, done.stdout.decode()))
+    return done.stdout.decode()
+
+
+class Publication(unittest.TestCase):
+    def programs(self, calls):
+        """Each call begins with a program of the package."""
+        for word in (call.split()[0].replace("/helix_arm/", "") for call in calls):
+            self.assertTrue("/" in word and os.access(str(ROOT / word), os.X_OK), "%s is no program of the package" % word)
+
+    def test_containers_run_scripts_and_copy_files_of_the_package(self):
+        lines = (ROOT / "Dockerfile").read_text()
+        stages = re.findall(r"^FROM \S+ AS (\w+)$", lines, re.M)
+        self.assertEqual(len(stages), 3)
+        self.assertLessEqual(set(re.findall(r"(?:^FROM |--from=)(\w+) ", lines, re.M)), set(stages))
+        for copied in re.findall(r"^COPY (?!--from)(.*) \S+$", lines, re.M):
+            self.assertTrue(all((ROOT / each).exists() for each in copied.split()), copied)
+        container = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text())
+        self.assertIn(container["build"]["target"], stages)
+        self.programs(re.findall("^RUN (.*)$", lines, re.M) + [container["postCreateCommand"]])
+
+    def test_the_two_machines_start_a_launch_file_with_its_arguments(self):
+        commands = [service["command"] for service in yaml.safe_load((ROOT / "compose.yaml").read_text())["services"].values()]
+        calls = [call for call in (re.search(r"helix_arm (\w+\.launch)(.*)", command) for command in commands) if call]
+        self.assertEqual([re.search(r"role:=(\w+)", call.group(2)).group(1) for call in calls], ["control", "camera"])
+        for call in calls:
+            declared = re.findall(r'<arg name="(\w+)"', (ROOT / "launch" / call.group(1)).read_text())
+            self.assertLessEqual(set(re.findall(r"(\w+):=", call.group(2))), set(declared))
+
+    def test_workflows_run_scripts_alone(self):
+        for path in (ROOT / ".github/workflows").iterdir():
+            for job in yaml.safe_load(path.read_text())["jobs"].values():
+                calls = [step["run"] for step in job["steps"] if "run" in step]
+                self.assertRegex(" ".join(calls), r"^\.ci/container \S+( matrix\.release }})? \${{ matrix\.step }}$")
+                self.programs(calls + job["strategy"]["matrix"]["step"])
+
+    def test_the_citation_has_the_version_of_the_package(self):
+        version = re.search("<version>(.*)</version>", (ROOT / "package.xml").read_text()).group(1)
+        self.assertEqual(yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"], version)
+
+    @unittest.skipUnless((ROOT / ".git").exists(), "this is no checkout of git")
+    def test_a_release_writes_its_version_everywhere_and_a_broken_link_stops_the_site(self):
+        with tempfile.TemporaryDirectory(prefix="helix_arm release ") as scratch:
+            clone = Path(scratch) / "package"
+            run("git", "clone", "-q", "--shared", ROOT, clone, folder=scratch)
+            self.assertIn("expected one above", run("scripts/release", "0.0.1", folder=clone, code=1))
+            run("scripts/release", "98.7.6", "--source-only", folder=clone)
+            self.assertEqual(run("git", "describe", folder=clone) + run("git", "status", "--porcelain", folder=clone), "v98.7.6\n")
+            for name, text in (("CITATION.cff", r"\nversion: 98.7.6\ndate-released: 20"), ("package.xml", "<version>98.7.6</version>"),
+                               ("CHANGELOG.rst", r"\n98.7.6 \(20\d\d-\d\d-\d\d\)\n-{19}\n\* ")):
+                self.assertRegex((clone / name).read_text(), text)
+            run("sha256sum", "-c", "SHA256SUMS", folder=clone / "build/release")
+            self.assertIn("helix_arm-98.7.6/package.xml", run("tar", "tf", clone / "build/release/helix_arm-98.7.6.tar.gz", folder=clone))
+            if subprocess.run([sys.executable, "-c", "import myst_parser, sphinx_rtd_theme"]).returncode:
+                self.skipTest("Sphinx or MyST is not installed")
+            run("scripts/docs", "--pages", folder=clone)
+            with open(str(clone / "docs/theory.md"), "a") as page:
+                page.write("\n[gone](scene.md#gone)\n")
+            self.assertIn("gone", run("scripts/docs", "--pages", folder=clone, code=1))
+
+    @unittest.skipUnless(shutil.which("doxygen"), "Doxygen is not installed")
+    def test_every_public_class_and_function_is_documented(self):
+        config = (ROOT / "docs/site/Doxyfile").read_text().replace("WARNINGS = NO", "").replace("WARN_IF_UNDOCUMENTED = NO", "")
+        with tempfile.TemporaryDirectory() as folder:
+            config += 'OUTPUT_DIRECTORY = "%s"\nWARN_LOGFILE = "%s/log"\n' % (folder, folder)
+            subprocess.run(["doxygen", "-"], input=config.encode(), cwd=str(ROOT), check=True)
+            found = (Path(folder) / "log").read_text()
+        self.assertEqual(re.findall(r"(?:Compound (\S+)|Member (.*) of namespace \S+) is not documented", found), [])
+        self.assertIn("of class", found)  # names that say all need nothing: so Doxygen has looked
+
+    def test_every_name_of_the_python_package_is_documented(self):
+        import helix_arm
+        for name in set(helix_arm.__all__) - {"__version__"}:
+            value = getattr(helix_arm, name)
+            members = vars(value).items() if inspect.isclass(value) else ()
+            for each, member in ((name, value), *members):
+                if each == name or inspect.isroutine(member) and each[0] != "_":
+                    self.assertTrue(inspect.getdoc(member), "%s of %s has no docstring" % (each, name))
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, sys.argv[sys.argv.index("--python") + 1])
+    unittest.main(argv=sys.argv[:1])
