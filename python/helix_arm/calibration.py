@@ -106,14 +106,14 @@ class Calibrator:
         # An unknown word raises; missing data does not.
         self._fit_scene(_core.CalibrationData(), fit)
 
-    def calibrate(self, data: Any, out: str, cancelled: Callable[[], bool], *request: Any) -> Dict[str, Any]:
+    def calibrate(self, data: Any, out: str, cancelled: Callable[[], bool], *request: Any, force: bool = False) -> Dict[str, Any]:
         """Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
 
         out: as scene_path() returned it; checked again before the scene is written. cancelled: asked once, after the fit. request:
         as of _fit_scene().
         """
         self._require_unchanged()
-        return self._keep(self._fit_scene(data, *request), out, cancelled)
+        return self._keep(self._fit_scene(data, *request, force=force), out, cancelled)
 
     def commission(self, data: Any, out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
         """Judges the captures of a walk; with a path, writes the scene without the leading mistake, as calibrate() does."""
@@ -341,7 +341,7 @@ class RunAction:
             out = self._calibrator.scene_path(goal.out)
             cancelled = self._server.is_preempt_requested
             fill(result, self._calibrator.commission(data, out, cancelled) if goal.walk else
-                 self._calibrator.calibrate(data, out, cancelled, goal.fit), out)
+                 self._calibrator.calibrate(data, out, cancelled, goal.fit, force=goal.force), out)
 
         answer("run_calibration", result, fit)
         return self._server.is_preempt_requested()
@@ -427,8 +427,8 @@ class Calibration(Node):
                   max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
-            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, "", "", "both",
-                                                       request.force), out)
+            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, force=request.force),
+                 out)
 
     def _fit_contraction(self, request: Any, response: Any) -> None:
         kind, branch = word_of("kind", request.kind, KINDS), word_of("branch", request.branch, BRANCHES)

@@ -287,3 +287,4 @@ class FollowRun(Result):
     vented: str  #: why the safety core vented the arm; empty if it did not
     reason: str  #: why there are no figures, or none of a closed loop; empty if there are
     budget: Optional[Budget]  #: at the last accepted picture
+    suspects: List[Suspect]  #: usual mistakes that explain the pictures, best first

@@ -291,6 +291,7 @@ class Scene(_core.Scene):
                              self if rig is None else rig, plant)
         numbers, states, unreachable, alarms, others = found
         others["budget"] = others["budget"] and results.Budget(**others["budget"])
+        others["suspects"] = [results.Suspect(**one) for one in others["suspects"]]
         columns, end = {}, 0
         for name, width in FOLLOW_COLUMNS.items():
             begin, end = end, end + width

@@ -281,7 +281,19 @@ std::optional<Verdict> unfinished(const CalibrationFit& fit) {
 }  // namespace
 
 bool ArmCaptures::isLoaded() const {
-  return load && !load->empty() && statics::takesLoad(tier.tier);
+  return (load && !load->empty() && statics::takesLoad(tier.tier)) ||
+         std::any_of(captures.begin(), captures.end(),
+                     [](const Capture& capture) { return capture.hung.has_value(); });
+}
+
+ArmCaptures ArmCaptures::under(const std::optional<statics::PointLoad>& hung) const {
+  // The arm's tier was chosen for its own load.
+  constexpr statics::TierSetting kAccurate{statics::Tier::kLoaded, 5};
+  ArmCaptures out{name, arm, planar, layout, X_CB, camera, {}, load, tier, free_curve};
+  if (!hung) return out;
+  out.load.value().points.push_back(*hung);
+  if (tier.tier != statics::Tier::kExact) out.tier = kAccurate;
+  return out;
 }
 
 void CalibrationOptions::validate() const {

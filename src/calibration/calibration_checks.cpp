@@ -86,12 +86,17 @@ std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& ar
 }
 
 std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
-  ShapeModel model(arms, {});
+  if (std::none_of(arms.begin(), arms.end(), [](const auto& arm) { return arm.isLoaded(); })) {
+    return std::nullopt;
+  }
+  const std::vector<ArmCaptures> states = statesOf(arms);
+  ShapeModel model(states, {});
+  std::size_t hung = arms.size();
   for (std::size_t a = 0; a < arms.size(); ++a) {
-    if (!arms[a].isLoaded()) continue;
     for (const Capture& capture : arms[a].captures) {
       const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
-      if (model.at(static_cast<int>(a), lengths, nullptr).found) continue;
+      const std::size_t state = capture.hung ? hung++ : a;
+      if (model.at(static_cast<int>(state), lengths, nullptr).found) continue;
       return text(arms[a].name, ", capture ", capture.number, ": at ",
                   pressureText(capture.pressure),
                   " the model finds no shape that balances the load; check the scene's load and "
@@ -156,7 +161,8 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
     if (info.need != FitNeed::kCorners || !isFitted(info, options)) continue;
     if (!isMet(info.need, kind)) return nothing(text(info.word, " needs captures of tag corners"));
   }
-  if (rig && arms.size() > 1) {
+  // White bleeds into black alike.
+  if ((options.base || options.tags) && arms.size() > 1) {
     return nothing(rigWords() + " belong to one rig; fit them for one arm at a time");
   }
   if (options.free_shapes && !tags) return nothing("free shapes need captures of tags");

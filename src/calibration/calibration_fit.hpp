@@ -37,7 +37,8 @@ struct NoisySolution {
 /// Estimates both together, starting from the problem's values, which are updated.
 ///
 /// @param bias  error that the residuals do not show, in expected standard deviations; >= 0.
-NoisySolution solveWithNoise(CalibrationProblem& problem, double bias);
+/// @param rough  ends once the noise is known: values are then off by less than it leaves open.
+NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool rough = false);
 
 /// Converts a standard deviation from units of the parameter to units of the value.
 double standardErrorOf(const ParameterInfo& info, double value, double deviation);

@@ -70,9 +70,11 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
     : shared_(arms, options, selection),
       blocks_(arms, options, selection, shared_.model),
       kind_(kindOf(firstReading(arms))) {
+  auto hung = static_cast<int>(arms.size());
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
       places_.push_back(placeAt(shared_, static_cast<int>(a), captures(), capture.pressure));
+      if (capture.hung) places_.back().state = hung++;
     }
   }
   if (selection.free_shapes) addShapes();
@@ -97,7 +99,7 @@ void CalibrationProblem::addShapes() {
   for (const Place& place : places_) {
     // Before there are shapes to fit, the model's.
     shared_.expected_shapes.push_back(
-        shared_.model.at(place.arm, place.lengths, values().stiffness.data()).shape);
+        shared_.model.at(place.state, place.lengths, values().stiffness.data()).shape);
     const model::Twists model = shared_.expected_shapes.back().twists();
     Eigen::VectorXd mean(place.entries.size()), deviation(place.entries.size());
     for (std::size_t i = 0; i < place.entries.size(); ++i) {

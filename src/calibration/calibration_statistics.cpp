@@ -103,7 +103,7 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   return out;
 }
 
-NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
+NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool rough) {
   NoisySolution estimate;
   // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
   // residuals; otherwise the robust loss would discard all readings.
@@ -122,7 +122,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
   bool exact = false;
   double data_parameters = 0, counted_at = 0;
   for (int round = 0; round < kMostRounds; ++round) {
-    exact = exact || round + 1 == kMostRounds;
+    exact = !rough && (exact || round + 1 == kMostRounds);
     const double before = estimate.noise_scale;
     const Solved solved =
         problem.solve(before, everyCapture, nullptr, exact ? kSolvedTolerance : kRoughTolerance);
@@ -142,7 +142,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias) {
     const double now = std::hypot(seen.scale, bias);
     const bool settled = std::abs(now / before - 1) < kNoiseSettled;
     if (!settled || exact) estimate.noise_scale = now;
-    if (settled && exact) break;
+    if (settled && (exact || rough)) break;
     exact = settled;
   }
   if (has_curve) {

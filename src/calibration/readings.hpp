@@ -34,6 +34,7 @@ struct Shared {
   const std::vector<ArmCaptures>& arms;
   const CalibrationOptions& options;
   Selection selection;
+  const std::vector<ArmCaptures> states;  // see statesOf()
   ShapeModel model;
   // (captures) shapes of the model before the search, for free shapes: the deviations of a
   // section's pieces from its mean are the model's.
@@ -46,7 +47,8 @@ struct Shared {
       : arms(all),
         options(wanted),
         selection(chosen),
-        model(all, chosen.stiffness),
+        states(statesOf(all)),
+        model(states, chosen.stiffness),
         held_tag(all.front().layout.baseTag()) {
     expected.corner_noise = options.corner_noise;
     expected.position_noise = options.position_noise;
@@ -68,6 +70,7 @@ struct Place {
   std::vector<int> entries;  // free entries of the twists, for free shapes
   // Of lengths and rest (actuators x numbers of the curve), if one is fitted [m].
   Eigen::MatrixXd by_curve, rest_by_curve;
+  int state;  // of Shared::states
 
   // With these values of the curve's numbers.
   Eigen::VectorXd lengthsAt(const Eigen::VectorXd& curve) const {
@@ -82,7 +85,7 @@ struct Place {
 
 inline Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd& pressure) {
   const ArmCaptures& data = shared.arms[arm];
-  Place place{arm, capture, data.arm.lengths(pressure), pressure, freeEntries(data), {}, {}};
+  Place place{arm, capture, data.arm.lengths(pressure), pressure, freeEntries(data), {}, {}, arm};
   for (int i = 0; i < pressure.size(); ++i) {
     place.rest[i] = data.arm.actuator(i).contraction.restLength();
   }
@@ -127,11 +130,11 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
   for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared.scaleOf(values.length_scale, i);
   const double* const stiffness = values.stiffness.data();
   if (place.by_curve.size() == 0 && !has_strokes) {
-    return shared.model.at(place.arm, lengths, stiffness, shared.scales(), derivatives);
+    return shared.model.at(place.state, lengths, stiffness, shared.scales(), derivatives);
   }
   // The derivatives with respect to each length give those with respect to all that changes it.
-  ShapeThere shape =
-      shared.model.at(place.arm, lengths, stiffness, static_cast<int>(lengths.size()), derivatives);
+  ShapeThere shape = shared.model.at(place.state, lengths, stiffness,
+                                     static_cast<int>(lengths.size()), derivatives);
   if (!derivatives) return shape;
   const Eigen::MatrixXd by_unscaled = shape.by_scale * unscaled.cwiseInverse().asDiagonal();
   if (has_strokes) shape.by_stroke = by_unscaled * change.asDiagonal();

@@ -6,28 +6,28 @@
 
 #include "basics/vector_clones.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/arm_model.hpp"
-#include "helix_arm/statics/stiffness_by_input.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-// Step of the central differences of the logs, for arms with pieces; their error is of second
-// order.
+// Step of the central differences of the logs, for loaded arms; their error is of second order.
 constexpr double kStep = 1e-4;
 // Initial bending stiffness of an arm without one, in squares of its actuators' offset.
 constexpr double kLikelyBending = 0.2;
 
 int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
 
-// Change of the pieces' twists, all in one column.
-Eigen::VectorXd changeOf(const statics::Solution& above, const statics::Solution& below) {
-  const model::Shape::Pieces change = (above.shape.pieces() - below.shape.pieces()) / (2 * kStep);
-  return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
+// Of the stiffness of an actuator, as ActuatorChange counts them.
+int componentOf(StiffnessEntry entry) {
+  return entry == StiffnessEntry::kGamma ? 0 : entry == StiffnessEntry::kTau ? 1 : 2;
 }
 
-// Whether its shapes are solved, not linear in the lengths.
-bool hasPieces(const ArmCaptures& arm) { return arm.isLoaded() || !arm.arm.isLinear(); }
+// Change of the pieces' twists, all in one column.
+Eigen::VectorXd changeOf(const model::Shape& above, const model::Shape& below) {
+  const model::Shape::Pieces change = (above.pieces() - below.pieces()) / (2 * kStep);
+  return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
+}
 
 bool isAlike(const model::Arm& arm) {
   const model::Stiffness& first = arm.actuator(0).stiffness;
@@ -56,9 +56,20 @@ double& entryOf(Elasticity& elasticity, StiffnessEntry entry) {
   return elasticity.ratios.tau;
 }
 
+std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms) {
+  std::vector<ArmCaptures> out;
+  for (const ArmCaptures& arm : arms) out.push_back(arm.under(std::nullopt));
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      if (capture.hung) out.push_back(arm.under(capture.hung));
+    }
+  }
+  return out;
+}
+
 ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
                        const std::vector<StiffnessEntry>& fitted)
-    : arms_(arms), fitted_(fitted), loaded_(arms.size()) {
+    : arms_(arms), fitted_(fitted), there_(arms.size()) {
   const ArmCaptures& first = arms.front();
   initial_.ratios = first.arm.actuator(0).stiffness;
   const auto loaded =
@@ -86,108 +97,73 @@ Elasticity ShapeModel::elasticityAt(const double* logs, Elasticity elasticity) c
 ShapeThere ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales,
                           bool derivatives) {
   update(logs, derivatives);
-  return hasPieces(arms_[a]) ? loaded(a, lengths, scales, derivatives)
-                             : unloaded(a, lengths, scales, derivatives);
-}
-
-ShapeThere ShapeModel::unloaded(int a, const Eigen::VectorXd& lengths, int scales,
-                                bool derivatives) const {
-  const model::Arm& arm = arms_[a].arm;
+  const There& arm = there_[a];
+  const statics::Solution solution = arm.at->model.solveLengths(lengths);
   ShapeThere out;
-  model::Twists twists(6, arm.sectionCount());
-  if (derivatives) {
-    out.by_stiffness.resize(6 * arm.sectionCount(), size());
-    out.by_scale.setZero(6 * arm.sectionCount(), scales);
+  out.shape = solution.shape;
+  out.found = solution.converged() && !arm.at->too_steep;
+  if (!derivatives) return out;
+  out.by_stiffness.setZero(out.shape.pieces().size(), size());
+  out.by_scale.setZero(out.shape.pieces().size(), scales);
+  if (arms_[a].isLoaded()) {
+    takeDifferences(arm, lengths, out);
+  } else {
+    differentiate(arm.at->model.arm(), lengths, out);
   }
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const auto l = lengths.segment(arm.firstActuator(k), count(arm, k));
-    twists.col(k) = maps_[a][k].map * l;
-    for (int e = 0; derivatives && e < size(); ++e) {
-      out.by_stiffness.block<6, 1>(6 * k, e) = changes_[a][k][e] * l;
-    }
-    for (int j = 0; derivatives && scales > 0 && j < l.size(); ++j) {
-      out.by_scale.block<6, 1>(6 * k, scales == 1 ? 0 : arm.firstActuator(k) + j) +=
-          maps_[a][k].map.col(j) * l[j];
-    }
-  }
-  out.shape = model::shapeOf(arm, twists);
   return out;
 }
 
-ShapeThere ShapeModel::loaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives) {
-  Loaded& arm = loaded_[a];
-  if (arm.lengths.size() > 0 && arm.lengths == lengths && (arm.has_changes || !derivatives)) {
-    return arm.last;
-  }
-  ShapeThere out;
+void ShapeModel::takeDifferences(const There& arm, const Eigen::VectorXd& lengths,
+                                 ShapeThere& out) const {
   const auto found = [&out](const Statics& statics, const Eigen::VectorXd& l) {
-    statics::Solution solution = statics(l);
-    out.found &= solution.converged();
-    return solution;
+    const statics::Solution solution = statics.model.solveLengths(l);
+    out.found &= solution.converged() && !statics.too_steep;
+    return solution.shape;
   };
-  out.shape = found(arm.there, lengths).shape;
-  if (derivatives) {
-    out.by_stiffness.resize(out.shape.pieces().size(), size());
-    out.by_scale.resize(out.shape.pieces().size(), scales);
-    for (int e = 0; e < size(); ++e) {
-      out.by_stiffness.col(e) =
-          changeOf(found(arm.above[e], lengths), found(arm.below[e], lengths));
-    }
-    for (int i = 0; i < scales; ++i) {
-      const auto scaled = [&](double log) {
-        Eigen::VectorXd l = lengths;
-        if (scales == 1) {
-          l *= std::exp(log);
-        } else {
-          l[i] *= std::exp(log);
-        }
-        return l;
-      };
-      out.by_scale.col(i) =
-          changeOf(found(arm.there, scaled(kStep)), found(arm.there, scaled(-kStep)));
-    }
+  for (int e = 0; e < size(); ++e) {
+    out.by_stiffness.col(e) = changeOf(found(arm.above[e], lengths), found(arm.below[e], lengths));
   }
-  arm.lengths = lengths;
-  arm.has_changes = derivatives;
-  arm.last = out;
-  return out;
+  const Eigen::Index scales = out.by_scale.cols();
+  for (Eigen::Index i = 0; i < scales; ++i) {
+    const auto scaled = [&](double log) {
+      Eigen::VectorXd l = lengths;
+      l.segment(i, scales == 1 ? l.size() : 1) *= std::exp(log);
+      return l;
+    };
+    out.by_scale.col(i) = changeOf(found(*arm.at, scaled(kStep)), found(*arm.at, scaled(-kStep)));
+  }
 }
 
-std::vector<model::Strand<lie::SE3>> ShapeModel::strandsAt(int a, int k,
-                                                           const Eigen::VectorXd& logs) const {
-  const model::Arm& arm = arms_[a].arm;
-  std::vector<model::Strand<lie::SE3>> strands;
-  for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-    const model::Actuator& actuator = arm.actuator(i);
-    strands.push_back(
-        {actuator.X_O,
-         elasticityAt(logs.data(), {actuator.stiffness, 0}).ratios.diagonal<lie::SE3>()});
-  }
-  return strands;
-}
-
-ShapeModel::Changes ShapeModel::changesAt(int a, int k) const {
-  // A map = D, and D does not depend on the stiffness. Neither does the null space of A, since no
-  // entry vanishes.
-  const model::Arm& arm = arms_[a].arm;
-  const model::Equilibrium<lie::SE3>& equilibrium = maps_[a][k];
-  std::vector<lie::Matrix6> A(fitted_.size(), lie::Matrix6::Zero());
-  for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-    const lie::Matrix6 Ad = arm.actuator(i).X_O.inverse().adjoint();
-    const Elasticity now = elasticityAt(at_.data(), {arm.actuator(i).stiffness, 0});
-    for (std::size_t e = 0; e < fitted_.size(); ++e) {
-      Elasticity without = now;
-      entryOf(without, fitted_[e]) = 0;
-      const lie::Vector6 change =
-          now.ratios.diagonal<lie::SE3>() - without.ratios.diagonal<lie::SE3>();
-      A[e] += Ad.transpose() * change.asDiagonal() * Ad;
+void ShapeModel::differentiate(const model::Arm& arm, const Eigen::VectorXd& lengths,
+                               ShapeThere& out) const {
+  using Change = statics::ActuatorChange<lie::SE3>;
+  const Change change(arm, nullptr, lengths, Change::By::kLengthsAndStiffness);
+  const int pieces = arm.piecesPerSection();
+  const auto scales = static_cast<int>(out.by_scale.cols());
+  for (int piece = 0; piece < pieces * arm.sectionCount(); ++piece) {
+    const int k = piece / pieces, first = arm.firstActuator(k);
+    const double from = static_cast<double>(piece % pieces) / pieces, to = from + 1.0 / pieces;
+    Change::Motion by;
+    if (arm.taper(k)) {
+      const model::TaperTwist<lie::SE3> profile(*arm.taper(k),
+                                                lengths.segment(first, count(arm, k)));
+      by = statics::taperStep(profile, change, k, from, to).by;
+    } else {
+      by = change.twist(k, from) / pieces;
+    }
+    for (int i = first; i < arm.firstActuator(k + 1); ++i) {
+      if (scales > 0) {
+        out.by_scale.block<6, 1>(6 * piece, scales == 1 ? 0 : i) += lengths[i] * by.col(i - first);
+      }
+      Elasticity stiffness{arm.actuator(i).stiffness, 0};
+      for (int e = 0; e < size(); ++e) {
+        if (fitted_[e] == StiffnessEntry::kEps) continue;  // which acts under load alone
+        const int column = change.stiffnessColumn(k, i, componentOf(fitted_[e])) - change.first(k);
+        out.by_stiffness.block<6, 1>(6 * piece, e) +=
+            entryOf(stiffness, fitted_[e]) * by.col(column);
+      }
     }
   }
-  Changes changes;
-  for (const lie::Matrix6& by_log : A) {
-    changes.emplace_back(-equilibrium.compliance * by_log * equilibrium.map);
-  }
-  return changes;
 }
 
 ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
@@ -201,16 +177,13 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     return elasticityAt(logs.data(), {own, 0}).ratios;
   };
   model::Arm arm = data.arm;
+  bool too_steep = false;
   if (fits_ratios) {
     try {
       arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
                               : arm.scaledStiffness(factors.ratios);
-    } catch (const std::invalid_argument&) {  // a taper that is too steep for this stiffness
-      return [model = statics::ArmModel(data.arm)](const Eigen::VectorXd& lengths) {
-        statics::Solution none = model.solveLengths(lengths);
-        none.status = statics::SolveStatus::kUnsupported;
-        return none;
-      };
+    } catch (const std::invalid_argument&) {
+      too_steep = true;
     }
   }
   std::optional<statics::Load> load = data.load;
@@ -218,44 +191,26 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     for (double& K_eps : load->K_eps) K_eps *= factors.K_eps;
   }
   // Tags and cameras are in space, so the arm is, too.
-  const statics::TierSetting setting = data.tier.tier == statics::Tier::kPlanar
-                                           ? statics::TierSetting{statics::Tier::kLinear, 0}
-                                           : data.tier;
-  return [model = statics::ArmModel(std::move(arm), std::nullopt, std::move(load), setting)](
-             const Eigen::VectorXd& lengths) { return model.solveLengths(lengths); };
+  const statics::TierSetting setting =
+      data.isLoaded() ? data.tier : statics::TierSetting{statics::Tier::kLinear, 0};
+  return {{std::move(arm), std::nullopt, std::move(load), setting}, too_steep};
 }
 
 void ShapeModel::update(const double* logs, bool derivatives) {
   const Eigen::VectorXd at = Eigen::Map<const Eigen::VectorXd>(logs, size());
-  const bool known = !maps_.empty() && at_ == at;
+  const bool known = there_.front().at && at_ == at;
   if (known && (has_changes_ || !derivatives)) return;
-  if (!known) {
-    maps_.assign(arms_.size(), {});
-    for (std::size_t a = 0; a < arms_.size(); ++a) {
-      for (int k = 0; k < arms_[a].arm.sectionCount(); ++k) {
-        maps_[a].push_back(model::solveEquilibrium(strandsAt(static_cast<int>(a), k, at)));
-      }
-      if (hasPieces(arms_[a])) loaded_[a].there = staticsAt(arms_[a], at);
-      loaded_[a].lengths.resize(0);
-    }
-  }
   at_ = at;
   has_changes_ = derivatives;
-  if (!derivatives) return;
-  changes_.assign(arms_.size(), {});
   for (std::size_t a = 0; a < arms_.size(); ++a) {
-    if (!hasPieces(arms_[a])) {
-      for (int k = 0; k < arms_[a].arm.sectionCount(); ++k) {
-        changes_[a].push_back(changesAt(static_cast<int>(a), k));
-      }
-      continue;
-    }
-    loaded_[a].above.clear();
-    loaded_[a].below.clear();
-    for (int e = 0; e < size(); ++e) {
+    There& arm = there_[a];
+    if (!known) arm.at.emplace(staticsAt(arms_[a], at));
+    arm.above.clear();
+    arm.below.clear();
+    for (int e = 0; derivatives && arms_[a].isLoaded() && e < size(); ++e) {
       const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(size(), e);
-      loaded_[a].above.push_back(staticsAt(arms_[a], at + step));
-      loaded_[a].below.push_back(staticsAt(arms_[a], at - step));
+      arm.above.push_back(staticsAt(arms_[a], at + step));
+      arm.below.push_back(staticsAt(arms_[a], at - step));
     }
   }
 }

@@ -1,12 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
+#include <optional>
 #include <vector>
 
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/model/taper.hpp"
-#include "helix_arm/statics/solution.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 
 /// Shapes of arms as a function of the stiffness, for calibration.
 namespace helix_arm::estimation {
@@ -18,6 +17,9 @@ struct Elasticity {
 };
 double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
 
+/// The arms without captures, then each of them under what hangs on it in one of its captures.
+std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms);
+
 /// A shape and the derivatives of its pieces with respect to the parameters.
 struct ShapeThere {
   model::Shape shape;
@@ -27,9 +29,8 @@ struct ShapeThere {
   bool found = true;  ///< false: no shape balances the load
 };
 
-/// Shapes of all arms at a given stiffness, and their derivatives with respect to it. Without load,
-/// these are linear maps of the lengths, with analytic derivatives; for arms with pieces, solutions
-/// and central differences.
+/// Shapes of all arms at a given stiffness, and their derivatives with respect to it: analytic
+/// without load, central differences of solutions under load.
 class ShapeModel {
  public:
   ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted);
@@ -50,37 +51,30 @@ class ShapeModel {
                 bool derivatives = false);
 
  private:
-  using Maps = std::vector<std::vector<model::Equilibrium<lie::SE3>>>;  // [arm][section]
-  using Changes = std::vector<Eigen::MatrixXd>;  // [entry] of a section's map by the logs
-  using Statics = std::function<statics::Solution(const Eigen::VectorXd& lengths)>;
-  // A loaded arm at the logs and one step to either side of them.
-  struct Loaded {
-    Statics there;
+  struct Statics {
+    statics::ArmModel model;
+    bool too_steep;  // a taper, for this stiffness
+  };
+  // An arm at the logs and, under load, one step to either side of them.
+  struct There {
+    std::optional<Statics> at;
     std::vector<Statics> above, below;  // [entry]
-    // Cache of the last result, since all tags of a capture request the same shape.
-    Eigen::VectorXd lengths;
-    bool has_changes = false;
-    ShapeThere last;
   };
 
   int size() const { return static_cast<int>(fitted_.size()); }
 
-  std::vector<model::Strand<lie::SE3>> strandsAt(int a, int k, const Eigen::VectorXd& logs) const;
-  Changes changesAt(int a, int k) const;
   Statics staticsAt(const ArmCaptures& data, const Eigen::VectorXd& logs) const;
-
   void update(const double* logs, bool derivatives);
-  ShapeThere unloaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives) const;
-  ShapeThere loaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives);
+  // Fill the derivatives of a shape, whose sizes are set, without load and under load.
+  void differentiate(const model::Arm& arm, const Eigen::VectorXd& lengths, ShapeThere& out) const;
+  void takeDifferences(const There& arm, const Eigen::VectorXd& lengths, ShapeThere& out) const;
 
   const std::vector<ArmCaptures>& arms_;
   const std::vector<StiffnessEntry> fitted_;
   Elasticity initial_, reference_;
   Eigen::VectorXd at_;
   bool has_changes_ = false;
-  Maps maps_;
-  std::vector<std::vector<Changes>> changes_;  // [arm][section]
-  std::vector<Loaded> loaded_;                 // [arm]
+  std::vector<There> there_;  // [arm]
 };
 
 // Cholesky factors of symmetric matrices of some hundred columns, in the vector instructions of

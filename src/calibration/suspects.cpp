@@ -38,10 +38,15 @@ constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
 constexpr double kMostTurn = 2.0;  // of what was knocked; beyond it, it was put up otherwise [rad]
 // Of captures whose pressures are outside the limits as they are.
 constexpr double kLoweredInside = 1.1;
-// Least share of what is beyond the noise that a suspect explains.
-constexpr double kLeastShare = 0.3;
+// Least share of what is beyond the noise that a suspect explains; the second of such captures,
+// which are wrong in any case.
+constexpr double kLeastShare = 0.3, kLeastShareInside = 0.2;
 constexpr double kLeastGain = 12.0;
 constexpr std::size_t kMostNamed = 5;
+// All mistakes are tried with so many captures of corners, beyond one per actuator, and the best of
+// them with all.
+constexpr std::size_t kFewCaptures = 6, kFinalists = 12;
+constexpr int kMostIterations = 30;
 // A number that is fitted has to pay for itself: of two suspects that explain as much, the simpler
 // one comes first.
 constexpr double kPriceOfNumber = 0.03;
@@ -105,11 +110,24 @@ double clampPressures(std::vector<ArmCaptures>& arms) {
   return farthest;
 }
 
+// Some captures of each arm, evenly spaced.
+std::vector<ArmCaptures> fewOf(std::vector<ArmCaptures> arms) {
+  for (ArmCaptures& arm : arms) {
+    const std::size_t count = arm.captures.size();
+    const std::size_t few =
+        std::min(count, kFewCaptures + static_cast<std::size_t>(arm.arm.actuatorCount()));
+    for (std::size_t k = 0; k < few; ++k) arm.captures[k] = arm.captures[k * count / few];
+    arm.captures.resize(few, arm.captures.front());
+  }
+  return arms;
+}
+
 // Fits the requested parameters; nothing if no fit is possible.
 class Misfit {
  public:
-  Misfit(const CalibrationOptions& options, const std::function<bool()>& stop)
-      : options_(options), stop_(stop) {
+  // @param rough  ends each fit once its noise is known.
+  Misfit(const CalibrationOptions& options, const std::function<bool()>& stop, bool rough)
+      : options_(options), stop_(stop), rough_(rough) {
     options_.errors = options_.held_out = false;
   }
 
@@ -124,10 +142,8 @@ class Misfit {
     if (unsound(read)) return std::nullopt;
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, one.options, kind)) return std::nullopt;
-    // What a base takes up that is off by as much as a tape measure is nobody's mistake. Shapes in
-    // pieces take too long for a second fit.
-    const bool quick = read.front().arm.isLinear() && !read.front().isLoaded();
-    if (!one.options.base && read.size() == 1 && quick &&
+    // What a base takes up that is off by as much as a tape measure is nobody's mistake.
+    if (!rough_ && !one.options.base && read.size() == 1 &&
         (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
       CalibrationOptions near = one.options;
       near.base = true;
@@ -142,10 +158,12 @@ class Misfit {
   const CalibrationOptions& options() const { return options_; }
 
  private:
-  static std::optional<Square> fitted(const std::vector<ArmCaptures>& read,
-                                      const CalibrationOptions& options, bool usual) {
+  std::optional<Square> fitted(const std::vector<ArmCaptures>& read, CalibrationOptions options,
+                               bool usual) const {
+    // What takes more is no good fit.
+    options.max_iterations = std::min(options.max_iterations, kMostIterations);
     CalibrationProblem problem(read, options, selectionOf(options));
-    if (!solveWithNoise(problem, 0).converged) return std::nullopt;
+    if (!solveWithNoise(problem, 0, rough_).determined) return std::nullopt;
     std::vector<double> squares;
     int residuals = 0;
     for (const Comparison& reading : problem.compare(1.0, false)) {
@@ -156,6 +174,7 @@ class Misfit {
     squares.resize(squares.size() - static_cast<std::size_t>(kWrong * squares.size()));
     const double mean =
         std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
+    if (!std::isfinite(mean)) return std::nullopt;
     const lie::SE3 base = problem.base();
     const double far = base.translation.norm() / kFarBase;
     const double turned = turnOf(base) / kFarBaseTurn;
@@ -167,6 +186,7 @@ class Misfit {
 
   CalibrationOptions options_;
   std::function<bool()> stop_;
+  bool rough_;
 };
 
 void changePressures(Case& one, const std::function<void(Eigen::VectorXd&)>& change) {
@@ -544,23 +564,32 @@ std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& o
   return trials;
 }
 
-// The best size of a trial, and its misfit.
+// A trial of some size, and its misfit.
 struct Found {
   double size = 0, misfit = 0, price = 1;
   const Trial* trial = nullptr;
 };
 
+// Nothing if it cannot be fitted.
+std::optional<Found> tried(const Trial& trial, double size, const std::vector<ArmCaptures>& arms,
+                           const Misfit& misfit) {
+  Case one{arms, misfit.options()};
+  trial.correct(size, one);
+  const std::optional<Square> square = misfit.of(one, trial.sizes.size() > 1);
+  if (!square) return std::nullopt;
+  return Found{size, square->mean, 1 + kPriceOfNumber * (trial.numbers + square->moved), &trial};
+}
+
+// At its best size.
 std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& arms,
                           const Misfit& misfit) {
-  std::map<double, Square> known;
+  std::map<double, Found> known;
   const auto at = [&](double size) {
-    Case one{arms, misfit.options()};
-    trial.correct(size, one);
-    if (const auto found = misfit.of(one, trial.sizes.size() > 1)) known.emplace(size, *found);
+    if (const auto found = tried(trial, size, arms, misfit)) known.emplace(size, *found);
   };
   const auto least = [&] {
     return std::min_element(known.begin(), known.end(), [](const auto& a, const auto& b) {
-      return a.second.mean < b.second.mean;
+      return a.second.misfit < b.second.misfit;
     });
   };
   for (const double size : trial.sizes) at(size);
@@ -572,8 +601,30 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
     if (here != known.begin()) at(0.5 * (here->first + std::prev(here)->first));
     if (std::next(here) != known.end()) at(0.5 * (here->first + std::next(here)->first));
   }
-  const auto& [size, square] = *least();
-  return Found{size, square.mean, 1 + kPriceOfNumber * (trial.numbers + square.moved), &trial};
+  return least()->second;
+}
+
+// The best trials, the best one first: all with some captures, then these with all.
+std::vector<Found> bestOf(const std::vector<Trial>& trials, const std::vector<ArmCaptures>& read,
+                          const Misfit& rough, const Misfit& misfit) {
+  std::vector<Found> found, out;
+  const auto sort = [](std::vector<Found>& all) {
+    std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) {
+      return a.price * a.misfit < b.price * b.misfit;
+    });
+  };
+  const bool corners = kindOf(firstReading(read)) == ReadingKind::kCorners;
+  const std::vector<ArmCaptures> few = corners ? fewOf(read) : read;
+  for (const Trial& trial : trials) {
+    if (const std::optional<Found> one = best(trial, few, rough)) found.push_back(*one);
+  }
+  sort(found);
+  for (const Found& one : found) {
+    if (out.size() == kFinalists) break;
+    if (const auto all = tried(*one.trial, one.size, read, misfit)) out.push_back(*all);
+  }
+  sort(out);
+  return out;
 }
 
 // Whether a pressure is far beyond its limits; nothing if captures and arm do not belong together.
@@ -609,7 +660,7 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   if (lowered > most || (evidence.inside && gain < kLeastGain)) return std::nullopt;
   const double beyond = before.mean - std::min(1.0, one.misfit);
   const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
-  if (explains < kLeastShare) return std::nullopt;
+  if (explains < (evidence.inside ? kLeastShare : kLeastShareInside)) return std::nullopt;
   Case corrected{evidence.read, misfit.options()};
   trial.correct(one.size, corrected);
   clampPressures(corrected.arms);
@@ -659,7 +710,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   if (read.empty() || read.front().captures.empty()) return {};
   const std::optional<bool> outside = isOutside(read);
   if (!outside) return {};
-  Misfit misfit(options, stop);
+  Misfit misfit(options, stop, false);
   Case given{read, misfit.options()};
   const std::optional<Square> fitted = misfit.of(given, true, true);
   // What cannot be fitted for another reason than its pressures has no suspects.
@@ -669,18 +720,13 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   // A wrong tag size is taken up by the bleeding, as far as it is fitted.
   if (std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
     given.options.bleed = false;
-    misfit = Misfit(given.options, stop);
-    evidence.before = misfit.of(given, true).value_or(evidence.before);
+    misfit = Misfit(given.options, stop, false);
+    evidence.before = misfit.of(given, true, true).value_or(evidence.before);
   }
   if (evidence.inside && evidence.before.mean < kAsNoise) return {};
   const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
-  std::vector<Found> found;
-  for (const Trial& trial : trials) {
-    if (std::optional<Found> one = best(trial, read, misfit)) found.push_back(*one);
-  }
-  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
-    return a.price * a.misfit < b.price * b.misfit;
-  });
+  const std::vector<Found> found =
+      bestOf(trials, read, Misfit(misfit.options(), stop, true), misfit);
   return namedOf(found, evidence, misfit);
 }
 

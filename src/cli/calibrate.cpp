@@ -394,15 +394,18 @@ Subcommand addCalibrate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
   const auto options = std::make_shared<CalibrateOptions>();
   addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "DATA", options->data,
-            "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
-            ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
-            "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
-            "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
-            "z_m, optionally qx .. qw; for a mode without pressures, too); or rosbags with "
-            "tag_detections, pressure_measured and pressure_command: each time the arm is at rest "
-            "is one capture",
-            kRequired);
+  addOption(
+      *command, "DATA", options->data,
+      "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
+      ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
+      "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
+      "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+      "z_m, optionally qx .. qw; for a mode without pressures, too); captures with columns of "
+      "a load that hangs on the arm (load_mass_kg or load_force_x_n .. load_force_z_n, world "
+      "frame; load_s: sections from the base, default the tip); or rosbags with "
+      "tag_detections, pressure_measured and pressure_command: each time the arm is at rest "
+      "is one capture",
+      kRequired);
   addOption(*command, "--fit", options->fit,
             "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
                 estimation::wordOf(estimation::kDefaultFitGroup));

@@ -142,10 +142,16 @@ class Locator {
                    "no tag of family " + scene_.vision.detector.family + " is in sight");
   }
 
-  // The corners that were seen, for suspects.
+  // The corners that were seen, for suspects: of a long video, those of evenly spaced pictures.
   void keep(const std::vector<TagDetection>& detections) {
-    io::TagCornerCapture seen{
-        static_cast<int>(seen_.size()), Eigen::VectorXd::Zero(scene_.arm.actuatorCount()), {}};
+    constexpr std::size_t kMost = 64;
+    if (seen_.size() == kMost) {
+      for (std::size_t k = 0; k < kMost / 2; ++k) seen_[k] = std::move(seen_[2 * k + 1]);
+      seen_.resize(kMost / 2);
+      spacing_ *= 2;
+    }
+    if (++pictures_ % spacing_ != 0) return;
+    io::TagCornerCapture seen{pictures_, Eigen::VectorXd::Zero(scene_.arm.actuatorCount()), {}};
     for (const TagDetection& tag : detections) seen.tags.push_back({tag.id, tag.corners});
     seen_.push_back(std::move(seen));
   }
@@ -213,6 +219,7 @@ class Locator {
   // A picture whose tags are further off, in expected deviations, has suspects.
   static constexpr double kFar = 3.0;
   std::vector<io::TagCornerCapture> seen_;
+  int pictures_ = 0, spacing_ = 1;
   bool odd_ = false;  // a picture whose tags do not fit
   std::optional<vision::ArmLocalizer> localizer_;
   std::optional<vision::TagDetector> detector_;

@@ -112,6 +112,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   }
   requirePressureDriven(scene);
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  const std::map<int, statics::PointLoad> hung = procedures::hungOf(scene, data);
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
@@ -127,7 +128,10 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
       }
     }
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
-    capture.model = scene.model.solve(pressure);
+    const auto load = hung.find(measured.number);
+    capture.model = procedures::modelUnder(
+                        scene, load == hung.end() ? std::nullopt : std::optional(load->second))
+                        .solve(pressure);
     const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
     take(scene, fitter.fitCold(capture.seen, start), capture);
   }
@@ -147,7 +151,7 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
     capture.number = measured.number;
     capture.pressure = measured.pressure;
     capture.unknown_tags = read.unknownIds();
-    capture.model = scene.model.solve(measured.pressure);
+    capture.model = procedures::modelUnder(scene, measured.hung).solve(measured.pressure);
     const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
     const estimation::TwistFit& fit =
         fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
@@ -604,7 +608,7 @@ Subcommand addEvaluate(CLI::App& app) {
       "tag "
       "corners that simulate writes, or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
       "z_m, optionally qx .. qw, trial; "
-      "without time_s the arm rests at each row)",
+      "without time_s the arm rests at each row); columns of a load as for calibrate",
       kRequired);
   addOption(*command, "--png", options->png,
             "picture of a series: model and measurement over the time");

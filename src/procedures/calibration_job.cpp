@@ -793,7 +793,7 @@ std::optional<double> medianTipError(const io::Scene& scene,
     const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
                       (poses != nullptr && !poses->empty());
     if (!seen) continue;
-    const statics::Solution model = scene.model.solve(capture.pressure);
+    const statics::Solution model = modelUnder(scene, capture.hung).solve(capture.pressure);
     if (!model.converged()) continue;
     const estimation::TwistFit& fit = fitTags(scene, capture.reading, model.shape, fitter);
     if (fit.status != estimation::FitStatus::kConverged) continue;

@@ -234,6 +234,90 @@ Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm&
   return pressures;
 }
 
+namespace {
+
+// By the columns of a row; of no effect without them. @return a fault, if there is one.
+std::optional<std::string> readHung(const io::Scene& scene, const io::DataSet& data,
+                                    Eigen::Index row, statics::PointLoad& out) {
+  const auto cell = [&](const char* column, double absent) {
+    const int at = data.find(column);
+    return at < 0 ? absent : data.values(row, at);
+  };
+  const int sections = scene.arm.sectionCount();
+  const double s = cell("load_s", sections);
+  if (s < 0 || s > sections) {
+    return "load_s is not on the arm; expected 0, at its base, to " + std::to_string(sections) +
+           ", at its tip";
+  }
+  out.section = std::min(static_cast<int>(s), sections - 1);
+  out.s = s - out.section;
+  if (s == sections) out.offset = scene.arm.link(out.section).translation;
+  out.mass = cell("load_mass_kg", 0.0);
+  if (out.mass < 0) return "load_mass_kg is negative; expected a mass >= 0";
+  if (out.mass > 0 && scene.model.load()->gravity.isZero(0)) {
+    return "load_mass_kg has no weight, since the scene's load has no gravity; expected a scene "
+           "with its section load, or load_force_x_n .. load_force_z_n";
+  }
+  const Eigen::Vector3d force(cell("load_force_x_n", 0), cell("load_force_y_n", 0),
+                              cell("load_force_z_n", 0));
+  out.force = scene.X_WB.rotation.transpose() * force;
+  for (const statics::PointLoad& own : scene.model.load()->points) {
+    const bool here = own.section == out.section && std::abs(own.s - out.s) < 1e-9;
+    if (!here || (own.mass == 0 && own.force.isZero(0))) continue;
+    if (own.mass != out.mass || !own.force.isApprox(out.force, 1e-9)) {
+      return "hangs another load than the scene's load has at this place; leave it out of the "
+             "scene";
+    }
+    out.mass = 0;
+    out.force.setZero();
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data) {
+  static const std::vector<std::string> kColumns{"load_mass_kg", "load_force_x_n", "load_force_y_n",
+                                                 "load_force_z_n", "load_s"};
+  bool any = false;
+  for (const std::string& name : data.columns) {
+    if (name.rfind("load_", 0) != 0) continue;
+    any = true;
+    if (std::find(kColumns.begin(), kColumns.end(), name) != kColumns.end()) continue;
+    refuse(data.path, "has a column " + name + "; of a load, expected " + basics::joined(kColumns));
+  }
+  if (!any) return {};
+  if (!scene.model.load()) {
+    refuse(data.path, "hangs loads on the arm, but scene " + scene.name +
+                          " has no K_eps; expected arm.stiffness.K_eps_n");
+  }
+  io::FaultList faults(data.path);
+  std::map<int, statics::PointLoad> out;
+  const int column = data.find("capture");
+  for (Eigen::Index row = 0; row < data.values.rows(); ++row) {
+    statics::PointLoad point;
+    if (const auto fault = readHung(scene, data, row, point)) faults.add(data.lines[row], *fault);
+    const auto number = static_cast<int>(column < 0 ? row + 1 : data.values(row, column));
+    const statics::PointLoad& first = out.emplace(number, point).first->second;
+    if (first.mass != point.mass || first.force != point.force || first.s != point.s) {
+      faults.add(data.lines[row], "hangs another load than the first row of its capture");
+    }
+  }
+  faults.throwIfAny();
+  for (auto one = out.begin(); one != out.end();) {
+    const bool none = one->second.mass == 0 && one->second.force.isZero(0);
+    one = none ? out.erase(one) : std::next(one);
+  }
+  return out;
+}
+
+statics::ArmModel modelUnder(const io::Scene& scene,
+                             const std::optional<statics::PointLoad>& hung) {
+  if (!hung) return scene.model;
+  const estimation::ArmCaptures arm = makeArmCaptures(scene, {}).under(hung);
+  return {arm.arm, std::nullopt, arm.load, arm.tier};
+}
+
 LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
                             OutsideLimits outside) {
   const DataKind kind = kindOf(data);
@@ -246,12 +330,18 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
   const Eigen::MatrixXd pressures = outside == OutsideLimits::kFault
                                         ? pressuresWithinLimits(data, scene.arm)
                                         : pressuresOf(data, scene.arm);
-  if (kind == DataKind::kCurvatures) {
-    return withNearPressures(curvaturesOf(scene, data, pressures), scene.arm);
+  const int actuators = scene.arm.actuatorCount();
+  LoadedCaptures loaded =
+      kind == DataKind::kCurvatures ? curvaturesOf(scene, data, pressures)
+      : kind == DataKind::kTagPoses
+          ? posesOf(scene, data)
+          : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path, outside);
+  const std::map<int, statics::PointLoad> hung = hungOf(scene, data);
+  for (estimation::Capture& capture : loaded.captures) {
+    const auto found = hung.find(capture.number);
+    if (found != hung.end()) capture.hung = found->second;
   }
-  if (kind == DataKind::kTagPoses) return withNearPressures(posesOf(scene, data), scene.arm);
-  return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path,
-                      outside);
+  return withNearPressures(std::move(loaded), scene.arm);
 }
 
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
@@ -327,7 +417,7 @@ std::vector<std::string> warningsOfScatter(const io::Scene& scene,
     const auto* const poses =
         std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
     if (poses == nullptr || poses->empty()) continue;
-    const statics::Solution model = scene.model.solve(capture.pressure);
+    const statics::Solution model = modelUnder(scene, capture.hung).solve(capture.pressure);
     const estimation::TwistFit& fit =
         fitter.fitCold(*poses, statics::startingShape(scene.model, model, capture.pressure));
     if (fit.status != estimation::FitStatus::kConverged) continue;

@@ -239,6 +239,15 @@ procedures::CalibrationRequest requestOf(const std::vector<std::string>& words,
   return request;
 }
 
+py::list suspectList(const std::vector<estimation::Suspect>& suspects) {
+  py::list out;
+  for (const estimation::Suspect& one : suspects) {
+    out.append(py::dict("cause"_a = one.cause, "where"_a = one.where, "explains"_a = one.explains,
+                        "remedy"_a = one.remedy));
+  }
+  return out;
+}
+
 py::dict calibrate(const Scene& self,
                    const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
                    const std::vector<std::string>& words, const std::string& contraction,
@@ -260,20 +269,15 @@ py::dict calibrate(const Scene& self,
     outcome = procedures::runCalibration(self.path(), self.overrides(), request,
                                          recorded ? *recorded : read);
   }
-  py::list suspects;
-  for (const estimation::Suspect& one : outcome.suspects) {
-    suspects.append(py::dict("cause"_a = one.cause, "where"_a = one.where,
-                             "explains"_a = one.explains, "remedy"_a = one.remedy));
-  }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
                "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),
                "combinations"_a = py::list(), "error_unit"_a = "", "rms"_a = py::none(),
                "held_out_error"_a = py::none(), "next_pressures_pa"_a = py::none(),
                "contractions"_a = curvesOf(outcome),
                "tip_error_before_m"_a = outcome.tip_error_before,
-               "tip_error_after_m"_a = outcome.tip_error_after, "suspects"_a = suspects,
-               "warnings"_a = outcome.warnings, "scene_text"_a = outcome.scene_text,
-               "response_rms_m"_a = py::none());
+               "tip_error_after_m"_a = outcome.tip_error_after,
+               "suspects"_a = suspectList(outcome.suspects), "warnings"_a = outcome.warnings,
+               "scene_text"_a = outcome.scene_text, "response_rms_m"_a = py::none());
   if (outcome.response) out["response_rms_m"] = outcome.response->fit.rms;
   if (outcome.series) {
     std::vector<std::string> warnings = outcome.warnings;
@@ -385,7 +389,7 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
                "last_turn_rms_m"_a = figures.last_turn_rms, "steady_rms_m"_a = figures.steady_rms,
                "settle_s"_a = figures.settle, "pictures"_a = result.pictures,
                "vented"_a = result.vented, "reason"_a = failureOf(plan, result),
-               "budget"_a = budgetOf(result.budget)));
+               "budget"_a = budgetOf(result.budget), "suspects"_a = suspectList(result.suspects)));
 }
 
 // @return rows of a time [s], a position [m] and a velocity [m/s].

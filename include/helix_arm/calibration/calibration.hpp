@@ -39,6 +39,7 @@ struct Capture {
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
   Reading reading;
   std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
+  std::optional<statics::PointLoad> hung = std::nullopt;  ///< on the arm, beside its own load
 };
 
 /// A contraction curve that is fitted together with the arm.
@@ -63,8 +64,10 @@ struct ArmCaptures {
   /// The same spline for all arms that have one; required of the first if contraction is fitted.
   std::optional<FreeCurve> free_curve = std::nullopt;
 
-  /// Whether the tier accounts for a load on the arm.
+  /// Whether the tier accounts for a load on the arm, or more hangs on it in any capture.
   bool isLoaded() const;
+  /// The arm without captures, under its own load and what hangs on it; requires a load.
+  ArmCaptures under(const std::optional<statics::PointLoad>& hung) const;
 };
 
 /// What can be fitted, in the order of fitParameters(), which is that of messages and help.

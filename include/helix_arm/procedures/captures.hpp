@@ -46,6 +46,16 @@ struct LoadedCaptures {
 /// which names what usually explains them.
 enum class OutsideLimits { kFault, kKept };
 
+/// What hangs on the arm in each capture, by its number: columns load_mass_kg or load_force_x_n ..
+/// load_force_z_n (world frame), at load_s: 0 at the base, the number of sections at the tip, which
+/// is the default. Nothing where they are 0, or say what the scene's load has there.
+/// @throws DocumentError with all faults: an arm without K_eps, a mass without gravity, a place off
+/// the arm, another load than the scene has there, a load that changes within a capture.
+std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data);
+
+/// The scene's model, under what hangs on the arm as well.
+statics::ArmModel modelUnder(const io::Scene& scene, const std::optional<statics::PointLoad>& hung);
+
 /// Loads the curvatures, tag poses or tag corners of a data set of a scene's arm. Poses are seen
 /// from its base; corners are undistorted with its camera. Rows of curvatures are numbered from 1.
 /// @throws DocumentError with all faults: those of the file, pressures that are not of the arm's
