@@ -255,9 +255,9 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
 
 /// Draws over a picture what was seen in it.
 ///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where they are not the
-/// arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines of text
-/// are in the upper left corner.
+/// Tags are outlined, with their ids: light blue, red where they do not fit, grey where they are
+/// not the arm's or seen twice. The measured curve is solid, the model's dashed. The report's lines
+/// of text are below the picture.
 /// @return (CV_8UC3), BGR.
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 
