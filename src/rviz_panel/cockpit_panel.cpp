@@ -69,6 +69,7 @@ class Page : public QScrollArea {
 };
 
 constexpr int kMargin = 4;  // around the content of a page, and between its parts [px]
+constexpr int kFrame = 20;  // beside a text in a button or title [px]
 
 /// The layout of the content of a page, which keeps to its top.
 QGridLayout* makeGrid(QWidget* content) {
@@ -79,19 +80,33 @@ QGridLayout* makeGrid(QWidget* content) {
   return grid;
 }
 
+/// The first row of a page: what may run, or in its place how far the run is, and narrow buttons.
+void addRunRow(QGridLayout* grid, QComboBox* choice, QProgressBar* progress,
+               std::initializer_list<QPushButton*> buttons) {
+  choice->setFocusPolicy(Qt::ClickFocus);
+  choice->setSizeAdjustPolicy(QComboBox::AdjustToMinimumContentsLengthWithIcon);
+  progress->setFixedHeight(choice->sizeHint().height());  // nothing moves when the run begins
+  grid->setColumnStretch(0, 1);
+  grid->addWidget(choice, 0, 0);
+  grid->addWidget(progress, 0, 0);
+  int column = 1;
+  for (QPushButton* const button : buttons) {
+    button->setFixedWidth(button->fontMetrics().horizontalAdvance(button->text()) + kFrame);
+    grid->addWidget(button, 0, column++);
+  }
+}
+
 /// Start, progress, end and result of a calibration.
 class CalibrationBox : public QWidget {
  public:
   explicit CalibrationBox(const Run& run) {
     auto* const grid = makeGrid(this);
-    grid->setColumnStretch(0, 1);
     fit_ = new QComboBox(this);
     fit_->setObjectName("fit");
     // The first one is usual: what a built arm and the places of its tags differ in from a scene.
     fit_->addItems({"stiffness length_scale placement", "stiffness", "stiffness length_scale",
                     "response stiffness length_scale", kWalk});
     fit_->setToolTip("What is fitted; walk: one muscle at a time, is all where the scene says?");
-    fit_->setFocusPolicy(Qt::ClickFocus);
     start_ = makeButton(this, "calibration_start", "Start", [this, run] {
       std::vector<std::string> words;
       for (const QString& word : fit_->currentText().split(' '))
@@ -104,16 +119,11 @@ class CalibrationBox : public QWidget {
                       [run] { run([](CockpitLink& link) { link.useCalibration(); }); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("calibration_progress");
-    // In the place of what is fitted, which cannot be changed meanwhile: nothing moves.
-    progress_->setFixedHeight(fit_->sizeHint().height());
     text_ = makeText(this, "calibration");
     warnings_ = makeText(this, "calibration_warnings");
-    grid->addWidget(fit_, 0, 0, 1, 4);
-    grid->addWidget(progress_, 0, 0, 1, 4);
-    int column = 1;
-    for (QPushButton* button : {start_, cancel_, use_}) grid->addWidget(button, 1, column++);
-    grid->addWidget(warnings_, 2, 0, 1, 4);
-    grid->addWidget(text_, 3, 0, 1, 4);
+    addRunRow(grid, fit_, progress_, {start_, cancel_, use_});
+    grid->addWidget(warnings_, 1, 0, 1, -1);
+    grid->addWidget(text_, 2, 0, 1, -1);
   }
 
   void display(const CockpitView& view) {
@@ -145,12 +155,10 @@ class ExperimentBox : public QWidget {
  public:
   explicit ExperimentBox(const Run& run) {
     auto* const grid = makeGrid(this);
-    grid->setColumnStretch(0, 1);
     name_ = new QComboBox(this);
     name_->setObjectName("experiment_name");
     name_->addItems({"step", "hysteresis", "bode", "repeatability", "creep", "workspace", "all"});
     name_->setToolTip("What is measured: docs/experiments.md");
-    name_->setFocusPolicy(Qt::ClickFocus);
     start_ = makeButton(this, "experiment_start", "Start", [this, run] {
       const std::string name = name_->currentText().toStdString();
       run([&](CockpitLink& link) { link.startExperiment(name); });
@@ -159,13 +167,9 @@ class ExperimentBox : public QWidget {
                        [run] { run([](CockpitLink& link) { link.stopExperiment(); }); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("experiment_progress");
-    progress_->setFixedHeight(name_->sizeHint().height());
     text_ = makeText(this, "experiment");
-    grid->addWidget(name_, 0, 0);
-    grid->addWidget(progress_, 0, 0);
-    grid->addWidget(start_, 0, 1);
-    grid->addWidget(stop_, 0, 2);
-    grid->addWidget(text_, 1, 0, 1, 3);
+    addRunRow(grid, name_, progress_, {start_, stop_});
+    grid->addWidget(text_, 1, 0, 1, -1);
   }
 
   void display(const CockpitView& view) {
@@ -188,7 +192,7 @@ class ExperimentBox : public QWidget {
 constexpr double kStep = 100;            // of a slider [Pa]
 constexpr int kKeyed = 10, kPage = 100;  // of its arrow and page keys [kStep]
 constexpr double kKilo = 1e3;            // Pa per kPa
-constexpr int kLeastSlider = 40;         // [px]
+constexpr int kLeastSlider = 30;         // [px]
 
 /// The first line of a page: what it is, or why nothing can be commanded there.
 void showHeading(QLabel* label, const char* what, const std::string& why_not) {
@@ -308,9 +312,8 @@ class PressureBox : public QWidget {
   std::vector<Row> rows_;
 };
 
-constexpr int kStopHeight = 60;         // [px]
+constexpr int kStopHeight = 54;         // [px]
 constexpr int kStopWidth = 190;         // at least: its first line [px]
-constexpr int kFrame = 24;              // beside a text in a button or title [px]
 constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
 constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
 
@@ -327,7 +330,8 @@ class SafetyBox : public QGroupBox {
  public:
   SafetyBox(QWidget* parent, const Run& run) : QGroupBox("Arm", parent) {
     auto* const column = new QVBoxLayout(this);
-    column->setSpacing(kMargin);
+    column->setSpacing(kMargin / 2);
+    column->setContentsMargins(2 * kMargin, kMargin, 2 * kMargin, kMargin);
     auto* const stop_row = new QHBoxLayout;
     stop_ = makeButton(this, "stop", "EMERGENCY STOP", [this, run] {
       if (run([](CockpitLink& link) { link.emergencyStop(true); })) return;
@@ -362,7 +366,7 @@ class SafetyBox : public QGroupBox {
 
     state_ = new FixedText(this, "state", 1);
     QFont large = state_->font();
-    large.setPointSizeF(1.6 * large.pointSizeF());
+    large.setPointSizeF(1.4 * large.pointSizeF());
     large.setBold(true);
     state_->setFont(large);
     cause_ = new FixedText(this, "cause", 2);
@@ -536,6 +540,7 @@ class CockpitPanel : public rviz::Panel {
   explicit CockpitPanel(QWidget* parent = nullptr) : rviz::Panel(parent) {
     auto* const column = new QVBoxLayout(this);
     column->setContentsMargins(kMargin, kMargin, kMargin, kMargin);
+    column->setSpacing(kMargin);
     auto* const row = new QHBoxLayout;
     namespace_ = new QLineEdit(this);
     namespace_->setObjectName("namespace");
@@ -557,6 +562,7 @@ class CockpitPanel : public rviz::Panel {
     // At 768 lines of a screen, state, a page and the chart are in sight together.
     auto* const tabs = new QTabWidget(this);
     tabs->setObjectName("tabs");
+    tabs->setDocumentMode(true);  // without a frame
     tabs->tabBar()->setFocusPolicy(Qt::NoFocus);
     pressures_ = new PressureBox(run);
     tip_ = new TipBox(run);
@@ -567,7 +573,7 @@ class CockpitPanel : public rviz::Panel {
     experiment_ = new ExperimentBox(run);
     new Page(tabs, "Experiment", experiment_);
     chart_ = new StripChart(this);
-    column->addWidget(tabs, 2);
+    column->addWidget(tabs, 3);
     column->addWidget(chart_, 1);
 
     timer_ = new QTimer(this);

@@ -24,7 +24,7 @@ namespace {
 constexpr char kArm[] = "left";
 
 constexpr QSize kWindow(460, 1100);
-constexpr QSize kLaptop(380, 652);  // of the panel, in a window of rviz of 1366 x 768
+constexpr QSize kLaptop(418, 654);  // of the panel, in a window of rviz of 1366 x 768
 
 double seconds() { return ros::SteadyTime::now().toSec(); }
 
