@@ -13,7 +13,7 @@ from sensor_msgs.msg import Joy
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, SafetyState, TargetStatus, TipTarget  # noqa: E402
-from ros_case import RosCase, wait_for  # noqa: E402
+from ros_case import Inbox, RosCase, wait_for  # noqa: E402
 
 BUTTON, SPEED = 2, 0.05  # [m/s]
 
@@ -24,8 +24,12 @@ def place(message):
 
 
 class Teleop(RosCase):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.model, cls.safety = Inbox("model", ArmShape), Inbox("safety_state", SafetyState)  # latched: once for all
+
     def start(self, *arguments):
-        self.model, self.safety = self.inbox("model", ArmShape), self.inbox("safety_state", SafetyState)
         self.targets, self.status = self.inbox("tip_target", TipTarget), self.inbox("target_status", TargetStatus)
         self.joy, self.twist, self.measured = (rospy.Publisher(name, kind, queue_size=10) for name, kind in (
             ("joy", Joy), ("spacenav/twist", Twist), ("measured", ArmShape)))
@@ -50,7 +54,7 @@ class Teleop(RosCase):
 
     def test_the_button_and_the_axes_move_the_tip_and_without_it_nothing_stands(self):
         record = self.path("driven.csv")
-        self.start("_axes:=1 -0 2", f"_record:={record}")
+        self.start("_device:=joy", "_axes:=1 -0 2", f"_record:={record}")
         self.assert_nothing_is_asked(lambda: self.move(1, 1, 1, pressed=False))
         self.drive(lambda: self.targets and self.safety[-1].state == SafetyState.ENABLED, 0, 0, 0.05)
         self.assertLess(np.linalg.norm(place(self.targets[0]) - place(self.model[-1])), 1e-3, "it begins at the present tip")
