@@ -48,11 +48,13 @@ class ExperimentRig {
   procedures::SeenRig seen_;
 };
 
+// @param time      (rows) [s]; one that goes back begins a trial.
 // @param pressure  (rows x n) [Pa], or x 0; `position` (rows x 1 to 3) [m].
 py::dict ringingOf(const std::vector<double>& time, const Eigen::MatrixXd& pressure,
                    const Eigen::MatrixXd& position) {
-  const estimation::ModeFit fit =
-      estimation::fitMode({pressure, time, std::vector<bool>(time.size())}, position);
+  std::vector<bool> begins(time.size());
+  for (std::size_t i = 1; i < time.size(); ++i) begins[i] = time[i] < time[i - 1];
+  const estimation::ModeFit fit = estimation::fitMode({pressure, time, begins}, position);
   const auto pairOf = [](const auto& one) { return std::pair(one.value, one.standard_error); };
   return py::dict("reason"_a = fit.failure, "frequency_hz"_a = pairOf(fit.frequency),
                   "damping"_a = pairOf(fit.damping));

@@ -27,7 +27,7 @@ def lines_of(period_s: float, rate_hz: float) -> np.ndarray:
     """Harmonics of the period that are excited: odd ones, evenly spread on a logarithmic scale, up to a third of the rate."""
     highest = min(HIGHEST_HZ, rate_hz / 3) * period_s
     wanted = np.geomspace(1, highest, LINES)
-    return np.unique(2 * np.floor(wanted / 2).astype(int) + 1)
+    return np.unique(2 * np.floor((wanted - 1) / 2).astype(int) + 1)
 
 
 def multisine(time_s: np.ndarray, lines: np.ndarray, period_s: float) -> np.ndarray:
@@ -68,12 +68,12 @@ class Period:
     tip: np.ndarray
 
 
-def _amplitudes(time: np.ndarray, values: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def _amplitudes(time: np.ndarray, values: np.ndarray, frequencies: np.ndarray, drifts: bool = True) -> np.ndarray:
     """(L, k) of values (m, k), NaN where not seen, by least squares beside a mean and a drift."""
     seen = np.isfinite(values).all(axis=1)
     angle = 2 * np.pi * np.outer(time[seen], frequencies)
-    columns = np.column_stack([np.ones(seen.sum()), time[seen] - time[seen].mean(), np.cos(angle), np.sin(angle)])
-    found = np.linalg.lstsq(columns, values[seen], rcond=None)[0][2:]
+    columns = np.column_stack([np.cos(angle), np.sin(angle), np.ones(seen.sum()), *([time[seen] - time[seen].mean()] * drifts)])
+    found = np.linalg.lstsq(columns, values[seen], rcond=None)[0][:2 * len(frequencies)]
     return found[:len(frequencies)] - 1j * found[len(frequencies):]
 
 
@@ -95,7 +95,7 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
         raise ValueError("there are fewer than two whole periods after the first one")
     harmonics = np.arange(1, int(min(HIGHEST_HZ, rate / 3) * period) + 1)
     last = (time > end - period) & (time <= end)
-    amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period)[:, 0])
+    amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period, False)[:, 0])
     frequencies = harmonics[amplitude > LEAST_LINE * amplitude.max()] / period
     periods = []
     for i in range(count, 0, -1):

@@ -23,11 +23,12 @@ FASTEST_S = 0.1  # for a whole range of pressure, where the scene limits no rate
 class Inputs:
     """What is commanded: straight lines between points.
 
-    time_s: (k,) ascending from 0. pressure_pa: (k, n) gauge [Pa], in the scene's order of actuators.
+    time_s: (k,) ascending from 0. pressure_pa: (k, n) gauge [Pa], in the scene's order of actuators. name: of the trial.
     """
 
     time_s: np.ndarray
     pressure_pa: np.ndarray
+    name: str = ""
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """(m, n) [Pa] at times (m,); before the first point and after the last one, the pressures there."""
@@ -91,8 +92,8 @@ class SimulatedRig:
     """The simulated rig of a scene: regulators with lag and noise, the true arm with its motion, and a camera that sees tags.
 
     rig: scene of the true arm, if it is another one. plant: command of a program that is the true arm (docs/closed_loop.md).
-    seed: of the readings' and the camera's noise. Each record() is of an arm that has rested for long, and the same inputs get
-    the same noise.
+    seed: of the readings' and the camera's noise, together with the name of the inputs. Each record() is of an arm that has rested
+    for long.
     Raises ValueError where a scene has no camera or no tags; record() raises RuntimeError naming a plant that fails.
     """
 
@@ -116,7 +117,7 @@ class SimulatedRig:
         self._force = np.asarray(force_n, float)
 
     def record(self, inputs: Inputs, stop: Callable[[], str], sink: RowSink) -> Recording:
-        rig = _core.ExperimentRig(*self._parts, (self._seed + zlib.crc32(inputs.pressure_pa.tobytes())) % 2**32)
+        rig = _core.ExperimentRig(*self._parts, (self._seed + zlib.crc32(inputs.name.encode())) % 2**32)
         rig.hang(self._force)
         times = STEP_S * np.arange(1, round(inputs.time_s[-1] / STEP_S) + 1)
         looks = np.diff(np.floor(np.append(0, times) / PICTURE_S + 1e-9)) > 0  # a picture in the step in which its time comes

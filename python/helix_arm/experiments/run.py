@@ -9,7 +9,7 @@ import os
 import re
 import signal
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -24,6 +24,7 @@ from helix_arm.experiments.rig import Rig, SimulatedRig, columns, lines_of, read
 from helix_arm.scene import Scene
 
 ALL, ANALYSE = "all", "analyse"
+TELL_S = 120.0  # of the rig, between two lines on stderr
 SETTLE = 1.5  # times the longest 98 % time of `step`
 DONE, NOT_POSSIBLE, CALLER_ERRED, INTERRUPTED = 0, 1, 2, 130
 HELP = """measure an arm by a fixed protocol: figures with standard errors, data sheet
@@ -138,7 +139,7 @@ def record(name: str, trials: Sequence[Trial], scene: Scene, rig: Rig, out: Path
 
                 if rig.hangs:
                     rig.hang(np.zeros(3) if trial.force_n is None else trial.force_n)
-                recording = rig.record(trial.inputs, stop, sink)
+                recording = rig.record(replace(trial.inputs, name=f"{name} {trial.name}"), stop, sink)
             if recording.ended:
                 return recordings, f"{trial.name}: {recording.ended}"
             os.replace(part, path)
@@ -271,14 +272,14 @@ def _measure(given: argparse.Namespace, stop: Callable[[], str]) -> List[Result]
         if one not in scene.actuators:
             raise ValueError(f"--actuators has {one}; expected some of {', '.join(scene.actuators)}")
     options = Options([scene.actuators.index(one) for one in names], given.repeats, given.hold_s)
-    shown = [""]
+    told = ["", -TELL_S]  # experiment, and when
 
     def tell(progress: Progress) -> None:
-        text = f"{progress.experiment} {progress.trial}"
-        if text != shown[0]:
-            shown[0] = text
-            left = (progress.total_s - progress.done_s) / 60
-            print(f"{text}: {left:.1f} min of {progress.experiment} left on a rig in real time", file=sys.stderr, flush=True)
+        if progress.experiment == told[0] and progress.done_s < told[1] + TELL_S:
+            return
+        told[:] = [progress.experiment, progress.done_s]
+        left = (progress.total_s - progress.done_s) / 60
+        print(f"{progress.experiment}: {progress.trial}, {left:.1f} min left on a rig in real time", file=sys.stderr, flush=True)
 
     if name == ALL:
         print(f"all: {estimate_s([*EXPERIMENTS], scene, rig, options) / 60:.0f} min on a rig in real time", file=sys.stderr)

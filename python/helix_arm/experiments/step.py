@@ -140,31 +140,29 @@ def overshoot(parts: Sequence[Response]) -> Tuple[float, float]:
     return of_repeats(found)
 
 
-def _groups(recordings: Recordings, names: Sequence[str]) -> Dict[str, List[Tuple[Recording, int, Step, int]]]:
-    """Steps by what they have in common, in their order: recording, actuator, step, row of the step before."""
-    found: Dict[Tuple[int, str], List[Tuple[Recording, int, Step, int]]] = {}
+Group = List[Tuple[Recording, int, Step, int]]  # recording, actuator, step, row of the step before
+
+
+def _groups(recordings: Recordings, names: Sequence[str]) -> Dict[str, Group]:
+    """Steps by what they have in common, in their order; those that are made but once are left out."""
+    found: Dict[Tuple[int, int, int], Group] = {}
+    moved = [(recording, *driven(recording)) for recording in recordings.values() if recording.measured_pa.size]
     widths: Dict[int, float] = {}
-    for recording in recordings.values():
-        actuator, pressure = driven(recording)
+    for _, actuator, pressure in moved:
         widths[actuator] = max(widths.get(actuator, 0.0), float(np.ptp(pressure)))
-    for recording in recordings.values():
-        actuator, pressure = driven(recording)
+    for recording, actuator, pressure in moved:
         earlier = 0
-        # The last one vents, at a trial's end.
         for step in steps_of(recording.time_s, pressure):
-            ends = [round(level / (0.05 * widths[actuator])) for level in (step.before, step.after)]
-            found.setdefault((actuator, *ends), []).append((recording, actuator, step, earlier))
+            low, high = (round(level / (0.05 * widths[actuator])) for level in (step.before, step.after))
+            found.setdefault((actuator, low, high), []).append((recording, actuator, step, earlier))
             earlier = step.begin
-    out: Dict[str, List[Tuple[Recording, int, Step, int]]] = {}
-    several = {key[0]: sum(other[0] == key[0] and len(group) > 1 for other, group in found.items()) > 2 for key in found}
-    for (actuator, low, high), group in found.items():
-        if len(group) < 2:
-            continue
+    kept = {key: group for key, group in found.items() if len(group) > 1}
+    out: Dict[str, Group] = {}
+    for (actuator, low, high), group in kept.items():
         name = f"{names[actuator]} {'up' if high > low else 'down'}"
-        step = group[-1][2]
-        if several[actuator]:
-            name += f" {1e-3 * step.before:.0f} to {1e-3 * step.after:.0f} kPa"
-        out[name] = group[1:] if len(group) > 3 else group
+        if sum(key[0] == actuator for key in kept) > 2:
+            name += f" {1e-3 * group[-1][2].before:.0f} to {1e-3 * group[-1][2].after:.0f} kPa"
+        out[name] = group
     return out
 
 
@@ -177,21 +175,26 @@ def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
                           "mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, jackknife."))
     value, error = overshoot(parts)
     out.append(Figure(f"{name} overshoot, {what}", "o", value, error, "%",
-                      f"Largest excess of the {what} over that mean, in parts of the way; scatter of repeats."))
+                      f"Largest excess of the {what} over that mean, in parts of the way; scatter of the repeats."))
     return out
 
 
+def _responses(group: Group, what: str) -> List[Response]:
+    """The first of more than three repeats conditions the arm."""
+    found = []
+    for recording, actuator, step, earlier in group[len(group) > 3:]:
+        values = recording.tip_m if what == "tip" else recording.measured_pa[:, actuator:actuator + 1]
+        found.append(response_of(recording.time_s, values, step, earlier))
+    return [one for one in found if one is not None]
+
+
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
-    """recordings: steps of one actuator at a time, each size at least twice. The first of more than three conditions the arm."""
+    """recordings: steps of one actuator at a time, each size at least twice; or releases without a pressure."""
     out = Analysis()
     for name, group in _groups(recordings, names).items():
         curves = []
         for what in ("pressure", "tip"):
-            parts = []
-            for recording, actuator, step, earlier in group:
-                values = recording.tip_m if what == "tip" else recording.measured_pa[:, actuator:actuator + 1]
-                parts.append(response_of(recording.time_s, values, step, earlier))
-            parts = [one for one in parts if one is not None]
+            parts = _responses(group, what)
             if len(parts) < 2:
                 out.figures.append(Figure.unknown(f"{name}, {what}", "t63", "s", "start and end are seen in fewer than two repeats."))
                 continue
@@ -200,12 +203,16 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         out.plots.append(Plot(f"{name}: response", "time since the command [s]", "part of the step", curves))
         if " up" in name:
             out.figures.append(_drift(name, group))
-    for trial, recording in recordings.items():
-        out.figures += _ringing(names[driven(recording)[0]] if len(recordings) <= len(names) else trial, recording)
+    moved: Dict[str, List[Recording]] = {}
+    for recording in recordings.values():
+        name = names[driven(recording)[0]] if recording.measured_pa.size else "arm"
+        moved.setdefault(name, []).append(recording)
+    for name, some in moved.items():
+        out.figures += _ringing(name, some)
     return out
 
 
-def _drift(name: str, group: List[Tuple[Recording, int, Step, int]]) -> Figure:
+def _drift(name: str, group: Group) -> Figure:
     """Of the tip before the first and before the last step."""
     means, errors = [], []
     for recording, _, step, earlier in (group[0], group[-1]):
@@ -220,20 +227,19 @@ def _drift(name: str, group: List[Tuple[Recording, int, Step, int]]) -> Figure:
     length = float(np.linalg.norm(way))
     error = 1e3 * np.sqrt(np.sum((way / max(length, 1e-12)) ** 2 * np.sum(np.square(errors), axis=0)))
     return Figure(f"{name} drift of the start", "d0", length, float(error), "mm",
-                  f"Distance of the tip before the last step from that before the first, over {len(group) - 1} cycles; readings "
-                  "correlated in time count as fewer.")
+                  f"Distance of the tip before the last of {len(group)} steps from that before the first; readings correlated in "
+                  "time count as fewer.")
 
 
-def _ringing(name: str, recording: Recording) -> List[Figure]:
-    """Of all releases of a trial, as helix_arm calibrate --fit mode."""
-    seen = recording.seen()
-    rows = [recording.time_s[seen], recording.measured_pa[seen] - recording.measured_pa[seen].min(axis=0), recording.tip_m[seen]]
-    found = _core._ringing(*rows)
+def _ringing(name: str, recordings: List[Recording]) -> List[Figure]:
+    """Of all releases and steps, as helix_arm calibrate --fit mode."""
+    seen = [(one.time_s[one.seen()], one.measured_pa[one.seen()], one.tip_m[one.seen()]) for one in recordings]
+    found = _core._ringing(*(np.concatenate(parts) for parts in zip(*seen)))
     out = []
     for key, symbol, words, unit in (("frequency_hz", "f", "frequency", "Hz"), ("damping", "zeta", "damping ratio", "1")):
         if found["reason"]:
             out.append(Figure.unknown(f"{name} {words}", symbol, unit, found["reason"] + "."))
         else:
-            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after the steps, "
-                              "common to all of them; a decaying sine beside an exponential, errors with correlated residuals."))
+            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after steps or "
+                              "releases, common to all; a decaying sine beside an exponential, residuals correlated in time."))
     return out
