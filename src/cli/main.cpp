@@ -111,8 +111,8 @@ int run(int argc, char** argv) {
   const Subcommand subcommands[] = {
       addForward(app),  addInverse(app),  addEvaluate(app), addFit(app),        addCalibrate(app),
       addLocalize(app), addSimulate(app), addTrade(app),    addWorkspace(app),  addPath(app),
-      addFollow(app),   addTags(app),     addCamera(app),   addCommission(app), addCheck(app),
-      addNew(app),      addRegulator(app)};
+      addFollow(app),   addTags(app),     addCamera(app),   addCommission(app), addExperiment(app),
+      addCheck(app),    addNew(app),      addRegulator(app)};
   if (argc == 3 && argv[1] == kNamesOption) {
     printNames(argv[2]);
     return kDone;
