@@ -4,14 +4,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Any, Callable, List
+from typing import Callable, List, Optional
 
 import numpy as np
 import rospy
 from std_srvs.srv import Trigger
 
 from helix_arm.arguments import require
-from helix_arm.experiments.rig import Inputs, Recording, RowSink
+from helix_arm.experiments.rig import FASTEST_S, Inputs, Recording, RowSink
 from helix_arm.file_access import quoted
 from helix_arm.msg import ArmShape, ExternalLoad, PressureArray, SafetyState, TargetStatus, VisionStatus
 from helix_arm.node import LONGEST_MESSAGE, end, listen, log
@@ -30,17 +30,21 @@ class LiveRig:
     """A Rig whose commands go through pressure_command: its limits, its enabling and its stops hold. turn() has to be called
     often, by another thread than record(): where that thread ends, no target is sent, and the safety core vents.
 
-    The rest of a fault is for the user: this enables nothing.
+    It enables nothing: what ends in a fault waits for the user.
+
+    rate_hz: of the pictures.
     """
 
     hangs = False
 
-    def __init__(self, scene: Scene) -> None:
-        self.limits_pa, self.slew_pa_s, self.rate_hz = scene.limits_pa, scene._slew_pa_s, 30.0
-        self.ignore_contacts = False
-        self._scene, self._lock = scene, threading.Lock()
-        self._trace, self._inputs, self._zero = CommandTrace(), None, 0.0  # `_zero`: ROS time at which the inputs begin
-        self._target = self._command = None  # (n) [Pa]: to hold; in force
+    def __init__(self, scene: Scene, rate_hz: float) -> None:
+        self.rate_hz, self.ignore_contacts = rate_hz, False
+        self.adopt(scene)
+        self._lock = threading.Lock()
+        self._trace, self._zero = CommandTrace(), 0.0  # ROS time at which the inputs begin [s]
+        self._inputs: Optional[Inputs] = None
+        self._target: Optional[np.ndarray] = None  # (n) sent, or held between recordings [Pa]
+        self._command: Optional[np.ndarray] = None  # (n) in force [Pa]
         self._gap_since = -math.inf
         self._rows: List[np.ndarray] = []
         self._refusal = self._unseen = self._touched = ""
@@ -53,8 +57,13 @@ class LiveRig:
             ("external_load", ExternalLoad, 10, self._on_load), ("safety_state", SafetyState, 10, self._on_safety),
             ("target_status", TargetStatus, 100, self._on_status))]
 
+    def adopt(self, scene: Scene) -> None:
+        """Another scene of the same arm."""
+        self._scene, self.origin, self.limits_pa = scene, f"arm of {scene.name}", scene.limits_pa
+        self.slew_pa_s = min(*scene._slew_pa_s, float(np.ptp(scene.limits_pa, axis=1).max()) / FASTEST_S)
+
     def hang(self, force_n: np.ndarray) -> None:
-        raise RuntimeError("a live rig hangs no weight by itself; leave out stiffness and payload")
+        raise RuntimeError("this rig hangs no weight by itself")
 
     def turn(self) -> None:
         """Sends the target of this moment, while there is one."""
@@ -85,7 +94,8 @@ class LiveRig:
             ended = "" if over else stop() or self.fault()
             over = over or bool(ended)
             parts.append(self._take(math.inf if over else now - LATE))
-            sink(parts[-1])
+            if len(parts[-1]):
+                sink(parts[-1])
         with self._lock:
             self._inputs, self._gap_since = None, time.monotonic()
         if ended:
