@@ -433,6 +433,28 @@ TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
   EXPECT_EQ(text("calibration").find("step 1 of 12, 0 samples"), 0U) << text("calibration");
 }
 
+TEST_F(CockpitCalibration, AnExperimentTellsItsProgressAndStopsAtAClick) {
+  EXPECT_NE(tip("experiment_start").find("no experiment node"), std::string::npos);
+  const auto experiment = start(
+      HELIX_ARM_EXPERIMENT, {"_out_folder:=" + folder_.path(), "_scene_folder:=" + folder_.path()});
+  enable();
+  awaitOffer("experiment_start");
+  await([this] {
+    if (isOffered("experiment_start")) click("experiment_start");
+    return until([this] { return says("experiment", " left"); }, 2);
+  });
+  EXPECT_EQ(text("experiment").find("step muscle_1, "), 0U) << text("experiment");
+  for (const char* name : {"slider_0", "calibration_start", "experiment_start"}) {
+    EXPECT_NE(tip(name).find("an experiment"), std::string::npos) << name << ": " << tip(name);
+  }
+  await([this] { return find<QProgressBar>("experiment_progress")->value() > 1; });
+  click("experiment_stop");
+  awaitSaid("experiment", "stopped: muscle_1: cancelled; what was recorded is in ");
+  EXPECT_TRUE(says("experiment", folder_.path().c_str())) << text("experiment");
+  await([this] { return state() == SafetyState::VENTED; });
+  EXPECT_FALSE(isOffered("experiment_stop"));
+}
+
 TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   find<QComboBox>("fit")->setCurrentText("stiffness length_scale");
   begin();
