@@ -105,29 +105,20 @@ class Experiment(Node):
             return FileAccess({"~out_folder": self._out}).folder("out", goal.out)
         start = os.path.join(self._out, f"experiment_{goal.name}_{scene._sha256[:8]}_")
         last = max(glob.glob(glob.escape(start) + "*"), default="")
-        goes_on = last and not _is_complete(os.path.join(last, f"{goal.name}.json"))
+        document = Path(last, f"{goal.name}.json")
+        goes_on = last and not (document.exists() and not json.loads(document.read_text())["ended"])
         return last if goes_on else start + time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
 
 
-def _is_complete(document: str) -> bool:
-    if not os.path.exists(document):
-        return False
-    with open(document, encoding="utf-8") as file:
-        return not json.load(file)["ended"]
-
-
 def _fill(out: RunExperimentResult, results: List[Result], name: str) -> None:
-    sheet = os.path.join(out.out, f"{name}.pdf")
-    out.sheet, ended = sheet if os.path.exists(sheet) else "", results[-1].ended
-    for result in results:
-        for one in result.figures:
-            out.names.append(one.name if name != ALL else f"{result.experiment} {one.name}")
-            out.symbols.append(one.symbol)
-            out.units.append(one.unit)
-            out.values.append(math.nan if one.value is None else one.value)
-            out.standard_errors.append(math.nan if one.standard_error is None else one.standard_error)
+    figures = [(result.experiment, one) for result in results for one in result.figures]
+    out.names = [one.name if name != ALL else f"{experiment} {one.name}" for experiment, one in figures]
+    out.symbols, out.units = [one.symbol for _, one in figures], [one.unit for _, one in figures]
+    out.values = [math.nan if one.value is None else one.value for _, one in figures]
+    out.standard_errors = [math.nan if one.standard_error is None else one.standard_error for _, one in figures]
+    out.sheet, ended = os.path.join(out.out, f"{name}.pdf"), results[-1].ended
     out.success = not ended
-    out.message = f"{ended}; what was recorded is in {out.out}" if ended else f"{len(out.names)} figures of {name}"
+    out.message = f"{ended}; what was recorded is in {out.out}" if ended else f"{len(figures)} figures of {name}"
 
 
 def main() -> None:

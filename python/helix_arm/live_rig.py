@@ -1,10 +1,11 @@
 """The arm of a running pressure_command as a rig of experiments: drives it as any commander, and records it."""
 from __future__ import annotations
 
+import functools
 import math
 import threading
 import time
-from typing import Callable, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -18,21 +19,21 @@ from helix_arm.node import LONGEST_MESSAGE, end, listen, log
 from helix_arm.rest_request import CommandTrace, request_rest
 from helix_arm.scene import Scene
 
+TOPICS = {"pressure_command": PressureArray, "pressure_measured": PressureArray, "measured": ArmShape, "vision_status": VisionStatus,
+          "external_load": ExternalLoad, "safety_state": SafetyState, "target_status": TargetStatus}
 SILENCE = 1.0  # longest one of the readings [s]
 UNSEEN = 2.0  # longest time without a picture in which the tip is seen [s]
 PATIENCE = 3.0  # longest wait until the arm follows [s]
 LATE = 0.5  # a picture that comes later than this after its stamp is lost [s]
 LONGEST_GAP = 60.0  # between two recordings, in which the pressures are held [s]
-LOOK = 0.05  # between two looks at what may stop a recording [s]
+LOOK = 0.05  # between two looks at what may stop a recording; and most between a picture and its reading [s]
 
 
 class LiveRig:
-    """A Rig whose commands go through pressure_command: its limits, its enabling and its stops hold. turn() has to be called
-    often, by another thread than record(): where that thread ends, no target is sent, and the safety core vents.
+    """A Rig whose commands go through pressure_command: its limits, its enabling and its stops hold. turn() is called often, by
+    another thread than record(): where the process ends, no target is sent, and the safety core vents.
 
-    It enables nothing: what ends in a fault waits for the user.
-
-    rate_hz: of the pictures.
+    It enables nothing: what ends in a fault waits for the user. rate_hz: of the pictures.
     """
 
     hangs = False
@@ -40,22 +41,15 @@ class LiveRig:
     def __init__(self, scene: Scene, rate_hz: float) -> None:
         self.rate_hz, self.ignore_contacts = rate_hz, False
         self.adopt(scene)
-        self._lock = threading.Lock()
-        self._trace, self._zero = CommandTrace(), 0.0  # ROS time at which the inputs begin [s]
+        self._lock, self._trace = threading.RLock(), CommandTrace()
+        self._last: Dict[str, Tuple[float, Any]] = {}  # messages by topic, with the time at which they came
         self._inputs: Optional[Inputs] = None
+        self._zero = 0.0  # ROS time at which the inputs begin; 0 while the arm does not follow yet [s]
         self._target: Optional[np.ndarray] = None  # (n) sent, or held between recordings [Pa]
-        self._command: Optional[np.ndarray] = None  # (n) in force [Pa]
-        self._gap_since = -math.inf
+        self._gap_since, self._refusal = -math.inf, ""
         self._rows: List[np.ndarray] = []
-        self._refusal = self._unseen = self._touched = ""
-        self._read = self._seen = -math.inf
-        self._safety = SafetyState()
         self._publisher = rospy.Publisher("pressure_target", PressureArray, queue_size=10, tcp_nodelay=True)
-        self._subscribers = [listen(*one) for one in (
-            ("pressure_command", PressureArray, 100, self._on_command), ("pressure_measured", PressureArray, 100, self._on_reading),
-            ("measured", ArmShape, 100, self._on_shape), ("vision_status", VisionStatus, 10, self._on_vision),
-            ("external_load", ExternalLoad, 10, self._on_load), ("safety_state", SafetyState, 10, self._on_safety),
-            ("target_status", TargetStatus, 100, self._on_status))]
+        self._subscribers = [listen(topic, kind, 100, functools.partial(self._hear, topic)) for topic, kind in TOPICS.items()]
 
     def adopt(self, scene: Scene) -> None:
         """Another scene of the same arm."""
@@ -75,25 +69,35 @@ class LiveRig:
             now = rospy.get_rostime()
             if self._inputs is not None and self._zero:
                 self._target = self._inputs.at(np.array([now.to_sec() - self._zero]))[0]
-            lower, upper = self.limits_pa.T
-            target = PressureArray(name=self._scene.actuators, pressure=np.clip(self._target, lower, upper).tolist())
+            pressure = np.clip(self._target, *self.limits_pa.T).tolist()
+            target = PressureArray(name=self._scene.actuators, pressure=pressure)
             target.header.stamp = now
             self._trace.sent(now)
             self._publisher.publish(target)
 
     def record(self, inputs: Inputs, stop: Callable[[], str], sink: RowSink) -> Recording:
         """As Rig.record. Raises ValueError where the arm cannot be driven or is not measured."""
-        self._begin(inputs)
-        parts, ended = [np.zeros((0, 4 + 2 * len(self.limits_pa)))], self._wait(stop)
-        over = bool(ended)
-        while not over:
+        require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
+        with self._lock:
+            self._refusal = "" if self._target is None else self._refusal
+            fault = self.fault()
+            require(not fault, fault)
+            if self._target is None:
+                require("pressure_command" in self._last, "no pressure_command has come; is its node running?")
+                command = self._last["pressure_command"][1]
+                self._target, self._trace = self._scene._reading(command.name, command.pressure), CommandTrace()
+            self._inputs, self._zero, self._rows = inputs, 0.0, []
+        parts, begun, over, ended = [np.zeros((0, 4 + 2 * len(self.limits_pa)))], time.monotonic(), False, ""
+        while not (over or ended):
             time.sleep(LOOK)
             with self._lock:
-                now = rospy.get_time() - self._zero
+                if not self._zero and self._trace.commands():
+                    self._zero = rospy.get_time()
+                now = rospy.get_time() - self._zero if self._zero else 0.0
                 over = now > inputs.time_s[-1] + LATE
-            ended = "" if over else stop() or self.fault()
-            over = over or bool(ended)
-            parts.append(self._take(math.inf if over else now - LATE))
+            late = not self._zero and time.monotonic() - begun > PATIENCE
+            ended = "" if over else stop() or self.fault() or ("pressure_command does not answer" if late else "")
+            parts.append(self._take(math.inf if over or ended else now - LATE))
             if len(parts[-1]):
                 sink(parts[-1])
         with self._lock:
@@ -114,51 +118,36 @@ class LiveRig:
     def vent(self, why: str) -> None:
         """Sends nothing from now on, and vents."""
         with self._lock:
-            self._target = self._inputs = None
+            self._target = None
         log.warning(f"the experiment stops and vents the arm: {why}")
-        if not end.is_urgent():
-            try:
-                rospy.ServiceProxy("pressure_command/vent", Trigger)()
-            except rospy.ServiceException as fault:
-                log.warning(f"pressure_command/vent: {fault}; without targets the arm vents by itself")
+        if end.is_urgent():
+            return  # without a master, the call would block
+        try:
+            rospy.ServiceProxy("pressure_command/vent", Trigger)()
+        except rospy.ServiceException as fault:
+            log.warning(f"pressure_command/vent: {fault}; without targets the arm vents by itself")
 
     def fault(self) -> str:
         """Why the arm cannot be driven or measured any more; empty where it can."""
-        now = time.monotonic()
+        def said(topic: str, field: str) -> str:
+            return quoted(getattr(self._last[topic][1], field), LONGEST_MESSAGE) if topic in self._last else f"no {topic} has come"
+
+        def is_silent(topic: str, longest: float) -> bool:
+            return time.monotonic() - self._last.get(topic, (-math.inf,))[0] > longest
+
         with self._lock:
             if end.made():
                 return "the node is shutting down"
-            if now - self._read > SILENCE:
+            if is_silent("pressure_measured", SILENCE):
                 return f"no pressure_measured for {SILENCE:g} s; is the regulator's node running?"
-            if self._safety.state != SafetyState.ENABLED:
-                return quoted(self._safety.reason, LONGEST_MESSAGE) or "no safety_state has come; is pressure_command running?"
+            if "safety_state" not in self._last or self._last["safety_state"][1].state != SafetyState.ENABLED:
+                return said("safety_state", "reason")
             if self._refusal:
                 return self._refusal
-            if now - self._seen > UNSEEN:
-                return f"the arm was not seen for {UNSEEN:g} s: {self._unseen or 'no vision_status; is vision running?'}"
-            return "" if self.ignore_contacts else self._touched
-
-    def _begin(self, inputs: Inputs) -> None:
-        require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
-        fault = self.fault()
-        require(not fault, fault)
-        with self._lock:
-            require(self._command is not None, "no pressure_command has come; is its node running?")
-            if self._target is None:
-                self._target, self._trace = self._command, CommandTrace()
-            self._inputs, self._zero, self._rows, self._refusal = inputs, 0.0, [], ""
-
-    def _wait(self, stop: Callable[[], str]) -> str:
-        """Until the arm follows; why it does not. The inputs begin then."""
-        due, why = time.monotonic() + PATIENCE, ""
-        while not why:
-            with self._lock:
-                if self._trace.commands():
-                    self._zero = rospy.get_time()
-                    return ""
-            time.sleep(LOOK)
-            why = stop() or self.fault() or ("pressure_command does not answer" if time.monotonic() > due else "")
-        return why
+            if is_silent("measured", UNSEEN):
+                return f"the arm was not seen for {UNSEEN:g} s: " + said("vision_status", "message")
+            touched = "external_load" in self._last and self._last["external_load"][1].state == ExternalLoad.CONTACT
+            return said("external_load", "message") if touched and not self.ignore_contacts else ""
 
     def _take(self, end_s: float) -> np.ndarray:
         """The rows before this time, which pictures no longer change; they are given once."""
@@ -167,44 +156,20 @@ class LiveRig:
             taken, self._rows = self._rows[:count], self._rows[count:]
         return np.array(taken).reshape(count, 4 + 2 * len(self.limits_pa))
 
-    def _on_command(self, message: PressureArray) -> None:
+    def _hear(self, topic: str, message: Any) -> None:
         with self._lock:
-            self._command = self._scene._reading(message.name, message.pressure)
-
-    def _on_reading(self, message: PressureArray) -> None:
-        with self._lock:
-            reading = self._scene._reading(message.name, message.pressure)
-            self._read, moment = time.monotonic(), message.header.stamp.to_sec() - self._zero
-            if self._inputs is not None and self._zero and 0 <= moment <= self._inputs.time_s[-1]:
-                target = self._inputs.at(np.array([moment]))[0]
-                self._rows.append(np.concatenate([[moment], target, reading, 3 * [math.nan]]))
-
-    def _on_shape(self, shape: ArmShape) -> None:
-        tip = shape.tip.position
-        with self._lock:
-            self._seen, moment = time.monotonic(), shape.header.stamp.to_sec() - self._zero
-            # In the row of the reading next to the picture.
-            row = min(self._rows, key=lambda row: abs(row[0] - moment), default=None)
-            if row is not None and abs(row[0] - moment) < LOOK:
-                row[-3:] = tip.x, tip.y, tip.z
-
-    def _on_vision(self, status: VisionStatus) -> None:
-        with self._lock:
-            self._unseen = quoted(status.message, LONGEST_MESSAGE)
-
-    def _on_load(self, load: ExternalLoad) -> None:
-        with self._lock:
-            self._touched = quoted(load.message, LONGEST_MESSAGE) if load.state == ExternalLoad.CONTACT else ""
-
-    def _on_safety(self, state: SafetyState) -> None:
-        with self._lock:
-            self._safety = state
-
-    def _on_status(self, status: TargetStatus) -> None:
-        if status.topic != "pressure_target":
-            return
-        with self._lock:
-            self._trace.answered(status)
-            mine, dropped = status.commander == rospy.get_name(), status.outcome == TargetStatus.DROPPED
-            if mine and dropped and status.fault != "stale":
-                self._refusal = quoted(status.message, LONGEST_MESSAGE)
+            self._last[topic] = time.monotonic(), message
+            moment = message.header.stamp.to_sec() - self._zero
+            if topic == "target_status" and message.topic == "pressure_target":
+                self._trace.answered(message)
+                mine = message.commander == rospy.get_name() and message.outcome == TargetStatus.DROPPED
+                if mine and message.fault != "stale":
+                    self._refusal = quoted(message.message, LONGEST_MESSAGE)
+            elif topic == "pressure_measured" and self._inputs is not None and self._zero and 0 <= moment <= self._inputs.time_s[-1]:
+                reading = self._scene._reading(message.name, message.pressure)
+                self._rows.append(np.concatenate([[moment], self._inputs.at(np.array([moment]))[0], reading, 3 * [math.nan]]))
+            elif topic == "measured":
+                # In the row of the reading next to the picture.
+                row = min(self._rows, key=lambda row: abs(row[0] - moment), default=None)
+                if row is not None and abs(row[0] - moment) < LOOK:
+                    row[-3:] = message.tip.position.x, message.tip.position.y, message.tip.position.z

@@ -9,7 +9,7 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Point, Twist
 from sensor_msgs.msg import Joy
 
 from helix_arm.arguments import require
@@ -28,17 +28,16 @@ OUT_OF_REACH = 1e-4  # of the closest tip [m]
 
 
 class Drive:
-    """The wanted tip, base frame. It begins at the present tip when the button is pressed, moves with the axes, and comes no
-    farther out of reach. Without ROS; time is an argument [s].
+    """The wanted tip, base frame: begins at the present one when the button is pressed, moves with the axes, and comes no farther
+    out of reach. Without ROS; time is an argument [s].
 
-    speed: at full deflection [m/s]. dead_zone: of an axis, in parts of its range. patience: longest silence of the device; after
-    it the button must be released before it counts again [s].
+    speed: at full deflection [m/s]. dead_zone: of an axis, in parts of its range. patience: longest silence of the device [s];
+    after it the button must be released before it counts again.
     """
 
     def __init__(self, scene: Scene, speed: float, dead_zone: float, patience: float) -> None:
         self._scene, self._speed, self._dead_zone, self._patience = scene, speed, dead_zone, patience
-        self._axes = np.zeros(3)
-        self._pressed, self._armed = False, True
+        self._axes, self._pressed, self._armed = np.zeros(3), False, True
         self._heard = self._turned = -math.inf
         self.wanted: Optional[np.ndarray] = None  # None: the next target begins at the present tip
 
@@ -53,62 +52,52 @@ class Drive:
         self._heard, self._axes = now, axes / max(1.0, float(np.linalg.norm(axes)))
 
     def advance(self, now: float, tip: Optional[np.ndarray]) -> Optional[np.ndarray]:
-        """The target (3,) [m]; None where there is none: the button is released, the device is silent, or no tip is known.
+        """The target (3,) [m]; None where the button is released, the device is silent, or no tip is known.
 
         tip: (3,) the present one [m], where it is known.
         """
-        step, self._turned = min(now - self._turned, LONGEST_STEP), now
+        most, self._turned = self._speed * min(now - self._turned, LONGEST_STEP), now
         if self._pressed and now - self._heard > self._patience:
             log.warning(f"no message of the device for {self._patience:g} s (~patience_s): release the button, and press it again")
             self._pressed = self._armed = False
         if not self._pressed or self.wanted is None:
             self.wanted = tip if self._pressed else None
         elif self._axes.any():
-            most = self._speed * step
-            aim = self.wanted + most * self._axes
-            found = self._scene.inverse(aim)
+            found = self._scene.inverse(self.wanted + most * self._axes)
+            move = most * self._axes
             if found.position_error_m > OUT_OF_REACH:
-                aim = self._scene.tips(found.pressures_pa)
-            self.wanted = self.wanted + (aim - self.wanted) * min(1.0, most / max(float(np.linalg.norm(aim - self.wanted)), most))
+                move = self._scene.tips(found.pressures_pa) - self.wanted
+            self.wanted = self.wanted + move * min(1.0, most / max(float(np.linalg.norm(move)), most))
         return self.wanted
 
 
-def axes_of(text: str) -> Tuple[np.ndarray, np.ndarray]:
-    """Indices (3,) and signs (3,) of the axes of a joy message that move the tip along x, y and z, such as "1 -0 4"."""
-    words = text.split()
-    require(len(words) == 3 and all(re.fullmatch(r"-?\d{1,2}", word) for word in words),
-            f"~axes is '{quoted(text)}'; expected three numbers of axes, for x, y and z, with - to turn one round: 1 -0 4")
-    return np.array([int(word.lstrip("-")) for word in words]), np.array([-1 if word[0] == "-" else 1 for word in words])
-
-
 class Teleop(Node):
-    """Sends tip_target, as any commander, while the button is held. Else it sends nothing: after safety.target_timeout_s
-    the arm vents. Where the node ends, it asks for rest."""
+    """Sends tip_target, as any commander, while the button is held. Else it sends nothing: after safety.target_timeout_s the arm
+    vents. Where the node ends, it asks for rest."""
 
     period = 0.02
 
     def __init__(self) -> None:
         reader = Parameters()
-        path = reader.file("scene", SCENES, ".yaml")  # as pressure_command's
-        device = reader.text("device", "joy")  # what moves the tip: axes of joy, or spacenav/twist
-        axes = reader.text("axes", "1 0 4")  # of joy
-        self._button = reader.count("button", 4, 0, 31)  # of joy
+        path, device = reader.file("scene", SCENES, ".yaml"), reader.text("device", "joy")  # scene: as pressure_command's
+        axes, self._button = reader.text("axes", "1 0 4"), reader.count("button", 4, 0, 31)  # of joy
         speed = 1e-3 * reader.number("speed_mm_s", 20.0, 0.1, 500.0)
         dead_zone, patience = reader.number("dead_zone", 0.1, 0.0, 0.9), reader.number("patience_s", 0.5, 0.05, 5.0)
         record = reader.file_to_write("record", ".csv")
         reader.finish()
         require(device in ("joy", "spacenav"), f"~device is '{quoted(device)}'; expected joy or spacenav")
-        self._by_joy, (self._axes, self._signs) = device == "joy", axes_of(axes)
-        self._drive = Drive(Scene.load(path), speed, dead_zone, patience)
-        self._lock = threading.RLock()
+        require(bool(re.fullmatch(r"(-?\d{1,2} ){2}-?\d{1,2}", axes)),
+                f"~axes is '{quoted(axes)}'; expected three numbers of axes, for x, y and z, with - to turn one round: 1 -0 4")
+        self._signs = np.array([-1 if word[0] == "-" else 1 for word in axes.split()])
+        self._axes = np.array([abs(int(word)) for word in axes.split()]) if device == "joy" else None
+        self._drive, self._lock = Drive(Scene.load(path), speed, dead_zone, patience), threading.RLock()
         self._trace, self._refused, self._sent = CommandTrace(), FaultCount(), TimeSeries()
-        # By topic, with the time at which it came.
+        # By topic, with the time at which it came: of the loop, else that of the model.
         self._tips: Dict[str, Tuple[float, Optional[np.ndarray]]] = {"estimate": (-math.inf, None), "model": (-math.inf, None)}
-        self._started = rospy.get_time()
         self._recorder = RunRecorder(record, "", "teleop", math.inf, self._lock) if record else None
         self._publisher = rospy.Publisher("tip_target", TipTarget, queue_size=10, tcp_nodelay=True)
         self._subscribers = [listen("joy", Joy, 10, self._on_joy), listen("target_status", TargetStatus, 100, self._on_status)]
-        if not self._by_joy:
+        if device == "spacenav":
             self._subscribers.append(listen("spacenav/twist", Twist, 10, self._on_twist))
         for topic in (*self._tips, "measured"):
             self._subscribers.append(listen(topic, ArmShape, 10, lambda shape, topic=topic: self._on_shape(topic, shape)))
@@ -125,69 +114,56 @@ class Teleop(Node):
         return DONE
 
     def turn(self) -> None:
-        if end.made():
-            return self._rest()
         now = time.monotonic()
         with self._lock:
-            # The loop's, else that of the model.
-            wanted = self._drive.advance(now, next((tip for came, tip in self._tips.values() if now - came < FRESH_TIP), None))
-            if wanted is None:
-                return
-            target = TipTarget(mode=TipTarget.POSITION)
-            target.header.stamp = rospy.get_rostime()
-            target.pose.position.x, target.pose.position.y, target.pose.position.z = wanted.tolist()
-            self._trace.sent(target.header.stamp)
-            self._sent.add(target.header.stamp.to_sec(), wanted)
-        self._publisher.publish(target)
-
-    def _rest(self) -> None:
-        with self._lock:
-            due = self._trace.commands() and not self._trace.awaits_answer()
-            if due:
+            rests = end.made() and self._trace.commands() and not self._trace.awaits_answer()
+            tip = next((tip for came, tip in self._tips.values() if now - came < FRESH_TIP), None)
+            wanted = None if end.made() else self._drive.advance(now, tip)
+            if rests:
                 self._trace = CommandTrace()
-        if due and not end.is_urgent():  # without a master, the call would block
+            if wanted is not None:
+                target = TipTarget(mode=TipTarget.POSITION)
+                target.header.stamp, target.pose.position = rospy.get_rostime(), Point(*wanted)
+                self._trace.sent(target.header.stamp)
+                self._sent.add(target.header.stamp.to_sec(), wanted)
+                self._publisher.publish(target)
+        if rests and not end.is_urgent():  # without a master, the call would block
             request_rest()
 
     def _on_joy(self, joy: Joy) -> None:
-        highest = self._axes.max() if self._by_joy else -1
-        require(self._button < len(joy.buttons) and highest < len(joy.axes),
-                f"it has {len(joy.buttons)} buttons and {len(joy.axes)} axes; expected button {self._button} (~button)" +
-                (f" and axis {highest} (~axes)" if self._by_joy else ""))
-        now = time.monotonic()
+        highest = -1 if self._axes is None else self._axes.max()
+        require(self._button < len(joy.buttons) and highest < len(joy.axes), f"it has {len(joy.buttons)} buttons and {len(joy.axes)} "
+                f"axes; expected button {self._button} (~button) and, of a joystick, the axes of ~axes")
         with self._lock:
-            self._drive.hear_button(now, bool(joy.buttons[self._button]))
-            if self._by_joy:
-                self._drive.hear_axes(now, self._signs * np.array(joy.axes, float)[self._axes])
+            self._drive.hear_button(time.monotonic(), bool(joy.buttons[self._button]))
+            if self._axes is not None:
+                self._drive.hear_axes(time.monotonic(), self._signs * np.array(joy.axes, float)[self._axes])
 
     def _on_twist(self, twist: Twist) -> None:
         with self._lock:
             self._drive.hear_axes(time.monotonic(), np.array([twist.linear.x, twist.linear.y, twist.linear.z]))
 
     def _on_status(self, status: TargetStatus) -> None:
-        if status.topic != "tip_target":
-            return
         with self._lock:
-            self._trace.answered(status)
-            if status.commander != rospy.get_name() or status.outcome != TargetStatus.DROPPED:
-                return
-            self._drive.wanted = None
-            if self._refused.add():
-                log.warning(f"the arm does not follow: {quoted(status.message, LONGEST_MESSAGE)}")
+            if status.topic == "tip_target":
+                self._trace.answered(status)
+            if status.commander == rospy.get_name() and status.outcome == TargetStatus.DROPPED:
+                self._drive.wanted = None
+                if self._refused.add():
+                    log.warning(f"the arm does not follow: {quoted(status.message, LONGEST_MESSAGE)}")
 
     def _on_shape(self, topic: str, shape: ArmShape) -> None:
-        place, stamp = shape.tip.position, shape.header.stamp.to_sec()
-        tip = np.array([place.x, place.y, place.z])
+        tip, stamp = np.array([shape.tip.position.x, shape.tip.position.y, shape.tip.position.z]), shape.header.stamp.to_sec()
         require(bool(np.isfinite(tip).all()), "its tip is not finite")
         with self._lock:
-            if topic != "measured":
+            if topic in self._tips:
                 self._tips[topic] = time.monotonic(), tip
-            wanted = self._sent.in_force(stamp) if topic == "measured" and self._recorder is not None else None
-            if wanted is None:
                 return
-            row = FollowTipPathFeedback(header=shape.header, measured=shape.tip, state="driven")
-            row.desired.position.x, row.desired.position.y, row.desired.position.z = wanted.tolist()
-            row.time_from_start = rospy.Duration.from_sec(stamp - self._started)
-            self._recorder.add(row)
+            wanted = self._sent.in_force(stamp)
+            if wanted is not None and self._recorder is not None:
+                row = FollowTipPathFeedback(header=shape.header, measured=shape.tip, state="driven")
+                row.desired.position, row.time_from_start = Point(*wanted), rospy.Duration.from_sec(stamp)
+                self._recorder.add(row)
 
 
 def main() -> None:
